@@ -1,0 +1,169 @@
+"""What the application asks of a rotation stage and of a camera, and the records that they hand back.
+
+Real and simulated devices keep the same promises; the suites in ``tests/contracts`` hold them to these.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceIdentity:
+    """Which device this is. It goes into every frame; a configured serial number is checked against it."""
+
+    model: str
+    serial_number: str
+    firmware: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class StagePosition:
+    """Where a stage is by its own encoder: the mechanical angle, and the counts it was computed from."""
+
+    angle_deg: float
+    counts: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """A finished move, as it went.
+
+    Attributes
+    ----------
+    target_deg : float
+        The angle that was asked for.
+    position : StagePosition
+        The readback after the move: this, and not the target, is where the stage stands.
+    tries : int
+        How many times the move was commanded until the readback was within tolerance.
+    duration_s : float
+        From the first command to the readback that was accepted.
+    remarks : tuple of str
+        What else the device said meanwhile, such as a button of its handset being pressed.
+    """
+
+    target_deg: float
+    position: StagePosition
+    tries: int
+    duration_s: float
+    remarks: tuple[str, ...] = ()
+
+
+class RotationStage(Protocol):
+    """A stage that turns the polarizer. A context manager: leaving it closes the port."""
+
+    def __enter__(self) -> "RotationStage": ...
+
+    def __exit__(self, *exc_info: object) -> None: ...
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the device says of itself."""
+
+    def home(self) -> StagePosition:
+        """Search the reference mark; return the readback."""
+
+    def move_to(self, angle_deg: float) -> Move:
+        """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
+
+        Raises
+        ------
+        DeviceFaultError
+            The device reports a fault, such as a stall.
+        DeviceTimeoutError
+            The device is silent or slower than its deadline.
+        LimitError
+            The readback stays further from the target than the tolerance.
+        """
+
+    def position(self) -> StagePosition:
+        """Read the encoder."""
+
+    def stop(self) -> None:
+        """Stop any motion that the device is able to stop."""
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSettings:
+    """What a camera is set to, as read back from it.
+
+    Attributes
+    ----------
+    exposure_s : float
+        Integration time.
+    gain_db : float
+        The camera's own gain setting; it is not a calibrated gain in DN per electron.
+    width, height : int
+        Size of a frame in pixels.
+    bit_depth : int
+        Bits per sample; the largest possible count is ``2**bit_depth - 1``, right-justified.
+    """
+
+    exposure_s: float
+    gain_db: float
+    width: int
+    height: int
+    bit_depth: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """One picture, with what is needed to interpret it.
+
+    Attributes
+    ----------
+    counts : (H, W) array of uint16
+        Samples in DN as the camera gave them; the first row is the top of the scene.
+    settings : CameraSettings
+        What the camera was set to while it took this picture.
+    sequence : int
+        The camera's own frame counter.
+    start_utc_ns, end_utc_ns : int
+        Start and end of the exposure, in nanoseconds since 1970 (UTC).
+    start_monotonic_ns : int
+        Start of the exposure on the host's monotonic clock.
+    """
+
+    counts: NDArray[np.uint16]
+    settings: CameraSettings
+    sequence: int
+    start_utc_ns: int
+    end_utc_ns: int
+    start_monotonic_ns: int
+
+
+class Camera(Protocol):
+    """A camera that takes a picture when asked. A context manager: leaving it stops the camera."""
+
+    def __enter__(self) -> "Camera": ...
+
+    def __exit__(self, *exc_info: object) -> None: ...
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the device says of itself."""
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        """Set exposure and gain; return what the camera says that it took.
+
+        Raises
+        ------
+        LimitError
+            A value is outside of what the camera allows.
+        """
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        """Return a picture whose exposure began after this call.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            No picture came in time.
+        """
+
+    def close(self) -> None:
+        """Release the camera. May be called twice."""
