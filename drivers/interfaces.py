@@ -75,7 +75,8 @@ class RotationStage(Protocol):
         DeviceTimeoutError
             The device is silent or slower than its deadline.
         LimitError
-            The readback stays further from the target than the tolerance.
+            The readback stays further from the target than the tolerance, the angle is not finite, or the
+            stage is not known to have found its reference mark: `home` it first.
         """
 
     def position(self) -> StagePosition:

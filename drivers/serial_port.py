@@ -1,0 +1,119 @@
+"""A stream of bytes to a device, and its form over a serial port. The only file that imports pyserial."""
+
+import errno
+import termios
+from typing import NoReturn, Protocol
+
+import serial
+
+from drivers.errors import DeviceTimeoutError, NotConnectedError
+
+_WRITE_TIMEOUT_S = 1.0
+
+
+class BytePort(Protocol):
+    """What a device driver needs of a link. A read that waits, waits on the link's own time."""
+
+    @property
+    def name(self) -> str:
+        """The name that messages to people use."""
+
+    def read_some(self, *, timeout_s: float) -> bytes:
+        """Return what has come in, waiting at most this long [s] for the first byte; empty when nothing came."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of it."""
+
+    def close(self) -> None:
+        """Release the link. May be called twice."""
+
+
+class SerialPort:
+    """A serial port, or a pseudo-terminal, held by this program alone."""
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port = port
+
+    @property
+    def name(self) -> str:
+        """The path that was opened."""
+        return str(self._port.port)
+
+    def read_some(self, *, timeout_s: float) -> bytes:
+        """Return what has come in, waiting at most this long [s] for the first byte; empty when nothing came.
+
+        Raises
+        ------
+        NotConnectedError
+            The port has gone away, or was closed.
+        """
+        try:
+            self._port.timeout = timeout_s
+            first = self._port.read(1)
+            return first + self._port.read(self._port.in_waiting) if first else b""
+        except (OSError, termios.error) as error:
+            self._gone(error)
+
+    def write(self, data: bytes) -> None:
+        """Send all of it.
+
+        Raises
+        ------
+        NotConnectedError
+            The port has gone away, or was closed.
+        DeviceTimeoutError
+            The port did not take the bytes within a second.
+        """
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            message = f"{self.name}: the port did not take {data!r} within {_WRITE_TIMEOUT_S:g} s"
+            raise DeviceTimeoutError(message) from error
+        except (OSError, termios.error) as error:
+            self._gone(error)
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+        self._port.close()
+
+    def _gone(self, error: Exception) -> NoReturn:
+        if not self._port.is_open:
+            raise NotConnectedError(f"{self.name}: this connection was closed; open it again") from error
+        raise NotConnectedError(
+            f"{self.name}: the port has gone away ({error}). Check the cable and the supply, then open it again"
+        ) from error
+
+
+def open_serial_port(path: str, *, baud: int) -> SerialPort:
+    """Return the port at ``path``, opened for this program alone: 8 data bits, no parity, 1 stop bit.
+
+    Parameters
+    ----------
+    path : str
+        A device file, best one of ``/dev/serial/by-id``, which keeps its name when devices are replugged.
+    baud : int
+        Bits per second.
+
+    Raises
+    ------
+    NotConnectedError
+        There is no such port, or it may not be opened, or another program holds it.
+    """
+    try:
+        return SerialPort(serial.Serial(path, baud, exclusive=True, write_timeout=_WRITE_TIMEOUT_S))
+    except (OSError, termios.error, ValueError) as error:
+        raise NotConnectedError(_why_not_opened(path, error)) from error
+
+
+def _why_not_opened(path: str, error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        return f"{path}: there is no such port. `ls -l /dev/serial/by-id` shows those that are plugged in"
+    if number in (errno.EACCES, errno.EPERM):
+        return (
+            f"{path}: no permission to open it. Serial ports belong to the group dialout: "
+            "`sudo usermod -aG dialout $USER`, then log in again"
+        )
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return f"{path}: another program is using it. `fuser -v {path}` names that program"
+    return f"{path}: cannot be opened as a serial port ({error})"

@@ -1,0 +1,252 @@
+"""A Thorlabs Elliptec (ELLx) rotation stage: ELL14, ELL16, ELL18, ELL21."""
+
+import time
+from collections.abc import Callable
+
+from drivers.errors import DeviceTimeoutError, LimitError, ProtocolError
+from drivers.interfaces import DeviceIdentity, Move, StagePosition
+from drivers.serial_port import BytePort, open_serial_port
+from drivers.stages import elliptec_protocol as protocol
+from drivers.stages.elliptec_link import EllxLink
+
+_TRIES = 3
+_SLOWEST_DEG_PER_S = 10.0  # an ELL14 does about 430; slower than this, something is wrong
+_START_S = 2.0
+_FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
+
+
+class EllxStage:
+    """The stage behind a link. `open_elliptec` and `connect_elliptec` make one.
+
+    Notes
+    -----
+    Moves are refused until `home` has been called on this connection, and again after the stage was seen to
+    restart: the protocol does not tell whether the
+    stage has found its reference mark since power-up, and without it every angle is off by an unknown amount.
+
+    What a person did with the handset shows up in the remarks of the next `Move`, and in `position`.
+    """
+
+    def __init__(self, link: EllxLink, information: protocol.Information, *, tolerance_deg: float) -> None:
+        self._link = link
+        self._information = information
+        self._pulses = _plausible_pulses(link.name, information)
+        self._tolerance_deg = _reachable_tolerance_deg(tolerance_deg, pulses=self._pulses)
+        self._homed = False
+        self._last_counts: int | None = None
+
+    def __enter__(self) -> "EllxStage":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the stage said of itself when the connection was made."""
+        return DeviceIdentity(
+            model=protocol.ROTATION_STAGES[self._information.stage_type],
+            serial_number=self._information.serial_number,
+            firmware=self._information.firmware,
+        )
+
+    def home(self) -> StagePosition:
+        """Search the reference mark; return the readback.
+
+        Raises
+        ------
+        DeviceFaultError
+            The stage reports a fault, such as a stall.
+        DeviceTimeoutError
+            The stage is silent, or does not get home within 38 s.
+        """
+        self._homed = False
+        for _ in range(_TRIES):
+            if self._link.run_motion(protocol.home(self._link.address), timeout_s=_FULL_TURN_S):
+                self._homed = True
+                self._link.restarted = False
+                return self.position()
+        raise DeviceTimeoutError(
+            f"{self._link.name}: homing was commanded {_TRIES} times and not confirmed. Last seen: "
+            + "; ".join(self._link.take_notes())
+        )
+
+    def move_to(self, angle_deg: float) -> Move:
+        """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
+
+        The stage is commanded anew, at most three times in all, until a readback taken after the move lies
+        within the tolerance of the target.
+
+        Raises
+        ------
+        DeviceFaultError
+            The stage reports a fault, such as a stall (code 2).
+        DeviceTimeoutError
+            The stage is silent, or slower than its deadline: 2 s, and 1 s for each 10 degrees of the way; at most
+            38 s.
+        ProtocolError
+            Its answers are damaged, three times in a row.
+        LimitError
+            The stage was not homed on this connection, or was seen to restart since; or the angle is not finite;
+            or the readback stays further from the target than the tolerance.
+        """
+        counts = protocol.counts_from_angle(angle_deg, pulses=self._pulses)
+        command = protocol.move_absolute(self._link.address, counts=counts)
+        start_s = self._link.now_s()
+        self._require_homed()
+        for tries in range(1, _TRIES + 1):
+            self._link.run_motion(command, timeout_s=self._deadline_s(counts))
+            position = self._read_encoder()
+            self._require_homed()
+            if _distance_deg(position.angle_deg, angle_deg) <= self._tolerance_deg:
+                return Move(
+                    target_deg=angle_deg,
+                    position=position,
+                    tries=tries,
+                    duration_s=self._link.now_s() - start_s,
+                    remarks=self._link.take_notes(),
+                )
+        raise LimitError(
+            f"{self._link.name}: sent to {angle_deg:g} deg {_TRIES} times, it stays at {position.angle_deg:.4f} deg, "
+            f"further off than the tolerance of {self._tolerance_deg:g} deg. Clean the stage's track or allow more"
+        )
+
+    def position(self) -> StagePosition:
+        """Return the encoder's reading, once two in a row agree: a single reply carries no checksum.
+
+        Raises
+        ------
+        ProtocolError
+            Readings keep differing by more than the tolerance: the line is bad, or something turns the stage.
+        """
+        reading = self._read_encoder()
+        for _ in range(_TRIES):
+            before, reading = reading, self._read_encoder()
+            if _distance_deg(before.angle_deg, reading.angle_deg) <= self._tolerance_deg:
+                return reading
+        raise ProtocolError(
+            f"{self._link.name}: readings of the position differ, at last {before.counts} and {reading.counts} "
+            "counts. Check the cable, and that nothing turns the stage"
+        )
+
+    def stop(self) -> None:
+        """Stop a continuous motion. A move to a target cannot be broken off: the stage has no such command."""
+        command = protocol.stop(self._link.address)
+        code = self._link.ask(command, protocol.Status).code
+        if code not in (protocol.OK, protocol.BUSY):
+            raise self._link.fault(code, command)
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+        self._link.close()
+
+    def _require_homed(self) -> None:
+        if not self._homed or self._link.restarted:
+            since = "it was restarted" if self._link.restarted else "the connection was made"
+            raise LimitError(
+                f"{self._link.name}: it was not homed since {since}, so its angles mean nothing yet. Home it first"
+            )
+
+    def _read_encoder(self) -> StagePosition:
+        counts = self._link.ask(protocol.position(self._link.address), protocol.Position).counts
+        angle_deg = protocol.angle_from_counts(counts, pulses=self._pulses)
+        self._last_counts = counts
+        return StagePosition(angle_deg=angle_deg, counts=counts)
+
+    def _deadline_s(self, counts: int) -> float:
+        """Return how long the way to a reading may take [s]; the stage does not take the short way round zero."""
+        if self._last_counts is None:
+            return _FULL_TURN_S
+        way_deg = abs(counts - self._last_counts) * 360.0 / self._pulses
+        # A last reading that was damaged on its way must not make the wait any longer than a full turn.
+        return min(_FULL_TURN_S, _START_S + way_deg / _SLOWEST_DEG_PER_S)
+
+
+def connect_elliptec(
+    port: BytePort,
+    *,
+    address: str = protocol.FIRST_ADDRESS,
+    tolerance_deg: float = 0.02,
+    now_s: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> EllxStage:
+    """Return the stage on an open link, once it has told twice over the same what it is.
+
+    Parameters
+    ----------
+    port : BytePort
+        A link at 9600 bits/s; the stage closes it.
+    address : str
+        One character, 0-9 or A-F.
+    tolerance_deg : float
+        How far a readback may lie from its target [deg], above half an encoder count.
+    now_s, sleep : callables
+        A clock that never goes back [s], and a pause [s].
+
+    Raises
+    ------
+    DeviceTimeoutError
+        Nothing answers at this address.
+    ProtocolError
+        What answers is no rotation stage of a known type, or cannot be understood.
+    LimitError
+        The address or the tolerance is outside of its range.
+    """
+    link = EllxLink(port, address=address, busy_timeout_s=_FULL_TURN_S, now_s=now_s, sleep=sleep)
+    link.begin()
+    return EllxStage(link, _ask_information(link), tolerance_deg=tolerance_deg)
+
+
+def open_elliptec(
+    port: str,
+    *,
+    address: str = protocol.FIRST_ADDRESS,
+    tolerance_deg: float = 0.02,
+    now_s: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> EllxStage:
+    """Return the stage on a serial port; see `connect_elliptec`.
+
+    Raises
+    ------
+    NotConnectedError
+        There is no such port, or it may not be opened, or another program holds it.
+    """
+    link = open_serial_port(port, baud=protocol.BAUD)
+    try:
+        return connect_elliptec(link, address=address, tolerance_deg=tolerance_deg, now_s=now_s, sleep=sleep)
+    except BaseException:
+        link.close()
+        raise
+
+
+def _ask_information(link: EllxLink) -> protocol.Information:
+    """Return what the stage says of itself, twice in a row alike: one damaged digit would bend every angle."""
+    command = protocol.identify(link.address)
+    information = link.ask(command, protocol.Information)
+    for _ in range(_TRIES):
+        before, information = information, link.ask(command, protocol.Information)
+        if before == information:
+            return information
+    raise ProtocolError(f"{link.name}: it says something else of itself each time: {before}, {information}")
+
+
+def _plausible_pulses(name: str, information: protocol.Information) -> int:
+    try:
+        return protocol.pulses_per_revolution(information)
+    except ProtocolError as error:
+        raise ProtocolError(f"{name}: {error}. It is not used, since its angles could not be trusted") from error
+
+
+def _reachable_tolerance_deg(tolerance_deg: float, *, pulses: int) -> float:
+    half_count_deg = 180.0 / pulses
+    if not half_count_deg < tolerance_deg < 180.0:
+        raise LimitError(
+            f"tolerance {tolerance_deg:g} deg: must be above half an encoder count, {half_count_deg:.3g} deg, "
+            "and below 180 deg"
+        )
+    return tolerance_deg
+
+
+def _distance_deg(a_deg: float, b_deg: float) -> float:
+    """Return the angle between two directions [deg], in [0, 180]."""
+    return abs((a_deg - b_deg + 180.0) % 360.0 - 180.0)

@@ -1,0 +1,212 @@
+"""A simulated camera that looks at a simulated world."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+from sim_devices.detector import Detector, Lens, draw_fixed_pattern
+from sim_devices.exposure import counts_of, exposure_effects
+from sim_devices.world import World
+
+CameraFault = Literal["lost", "repeated", "black"]
+
+_MODEL = "simulated GC780-like camera"
+_EXPOSURE_RANGE_S = (1e-6, 60.0)
+_GAIN_RANGE_DB = (0.0, 24.0)
+_POWER_ON_EXPOSURE_S = 0.01
+
+# First number of the spawn key, so that no two uses of a seed share a stream.
+_PATTERN_STREAM, _NOISE_STREAM = 0, 1
+
+
+class SimCamera:
+    """A camera that exposes at once, without waiting, and whose every frame can be had again.
+
+    Parameters
+    ----------
+    world
+        What it looks at; of the same size as the detector.
+    lens, detector
+        The truth about it.
+    pattern_seed
+        Which camera of its kind this is, >= 0: fixed pattern and serial number come from it.
+    noise_seed
+        With the sequence number it decides the noise of a frame, whatever was taken before, >= 0. Frames of
+        equal seed and number have the same noise: give each session its own seed or range of numbers.
+    first_sequence
+        Number of the first frame, >= 0, such as where an earlier session ended.
+    faults
+        What goes wrong, by sequence number: "lost" (the frame never comes, its number is used up), "repeated"
+        (the counts of the frame before, under a new number and time) or "black" (all counts 0).
+    utc_ns, monotonic_ns
+        The clocks of the host [ns], for the time stamps.
+
+    Raises
+    ------
+    ValueError
+        If world and detector differ in size, or a number is negative.
+
+    Notes
+    -----
+    The polarizer stands during the whole exposure where it stood at its start. No frame starts before the end
+    of the one before: if the clocks have not gone on for as long as the exposure, stamps run ahead of them.
+    Exposures are whole microseconds. The ranges of exposure and gain are assumed.
+    """
+
+    def __init__(
+        self,
+        *,
+        world: World,
+        lens: Lens,
+        detector: Detector,
+        pattern_seed: int,
+        noise_seed: int,
+        first_sequence: int = 0,
+        faults: Mapping[int, CameraFault] | None = None,
+        utc_ns: Callable[[], int] = time.time_ns,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        _refuse_mismatch(world, detector)
+        _refuse_negative(pattern_seed=pattern_seed, noise_seed=noise_seed, first_sequence=first_sequence)
+        self._world, self._lens, self._detector = world, lens, detector
+        self._pattern_seed, self._noise_seed = pattern_seed, noise_seed
+        self._pattern = draw_fixed_pattern(detector, generator=_generator(pattern_seed, _PATTERN_STREAM))
+        self._utc_ns, self._monotonic_ns = utc_ns, monotonic_ns
+        self._next_sequence = first_sequence
+        self._faults = dict(faults or {})
+        self._last_counts = np.zeros(world.shape, dtype=np.uint16)
+        self._free_at_monotonic_ns = monotonic_ns()
+        self._open = True
+        self.configure(exposure_s=_POWER_ON_EXPOSURE_S, gain_db=0.0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return a model name that says that this is a simulation; the serial number is the pattern seed."""
+        self._refuse_closed()
+        return DeviceIdentity(model=_MODEL, serial_number=f"sim-{self._pattern_seed}", firmware="none")
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        """Set exposure and gain; return what was taken: the exposure rounded to whole microseconds.
+
+        Raises
+        ------
+        LimitError
+            A value is outside of what the camera allows; then nothing is changed.
+        NotConnectedError
+            The camera was closed.
+        """
+        self._refuse_closed()
+        _refuse_outside("exposure_s", exposure_s, unit="s", limits=_EXPOSURE_RANGE_S)
+        _refuse_outside("gain_db", gain_db, unit="dB", limits=_GAIN_RANGE_DB)
+        self._exposure_us = round(exposure_s * 1e6)
+        self._settings = CameraSettings(
+            exposure_s=self._exposure_us / 1e6,
+            gain_db=gain_db,
+            width=self._detector.width,
+            height=self._detector.height,
+            bit_depth=self._detector.bit_depth,
+        )
+        self._effects = exposure_effects(
+            lens=self._lens,
+            detector=self._detector,
+            pattern=self._pattern,
+            exposure_s=self._settings.exposure_s,
+            gain_db=gain_db,
+        )
+        return self._settings
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        """Return a picture of the world as it is now.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            The exposure is longer than `timeout_s` (then no number is used up), or the frame was to be lost.
+        NotConnectedError
+            The camera was closed.
+        """
+        self._refuse_closed()
+        self._refuse_late(timeout_s)
+        sequence = self._next_sequence
+        self._next_sequence += 1
+        start_utc_ns, start_monotonic_ns = self._start_exposure()
+        fault = self._faults.get(sequence)
+        if fault == "lost":
+            raise DeviceTimeoutError(f"{_MODEL}: frame {sequence} did not come within {timeout_s} s; try again")
+        if fault != "repeated":
+            self._last_counts = self._picture(sequence=sequence, black=fault == "black")
+        return Frame(
+            counts=self._last_counts.copy(),
+            settings=self._settings,
+            sequence=sequence,
+            start_utc_ns=start_utc_ns,
+            end_utc_ns=start_utc_ns + self._exposure_us * 1000,
+            start_monotonic_ns=start_monotonic_ns,
+        )
+
+    def close(self) -> None:
+        """Release the camera. May be called twice."""
+        self._open = False
+
+    def _start_exposure(self) -> tuple[int, int]:
+        """Return UTC and monotonic time of the start, and note until when the detector is busy."""
+        now_ns = self._monotonic_ns()
+        start_ns = max(now_ns, self._free_at_monotonic_ns)
+        self._free_at_monotonic_ns = start_ns + self._exposure_us * 1000
+        return self._utc_ns() + start_ns - now_ns, start_ns
+
+    def _picture(self, *, sequence: int, black: bool) -> NDArray[np.uint16]:
+        if black:
+            return np.zeros(self._world.shape, dtype=np.uint16)
+        return counts_of(
+            self._world.radiance_behind_polarizer(),
+            effects=self._effects,
+            bit_depth=self._detector.bit_depth,
+            generator=_generator(self._noise_seed, _NOISE_STREAM, sequence),
+        )
+
+    def _refuse_closed(self) -> None:
+        if not self._open:
+            raise NotConnectedError(f"{_MODEL}: it was closed; open it again")
+
+    def _refuse_late(self, timeout_s: float) -> None:
+        if self._settings.exposure_s > timeout_s:
+            raise DeviceTimeoutError(
+                f"{_MODEL}: no frame within {timeout_s} s, since the exposure is "
+                f"{self._settings.exposure_s} s; allow more time or expose shorter"
+            )
+
+
+def _generator(seed: int, *key: int) -> np.random.Generator:
+    # A spawn key keeps streams apart; plain entropy does not: (5,) and (5, 0) give the same numbers.
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+def _refuse_mismatch(world: World, detector: Detector) -> None:
+    if world.shape != (detector.height, detector.width):
+        raise ValueError(
+            f"the world is {world.shape[1]} x {world.shape[0]} pixels and "
+            f"the detector {detector.width} x {detector.height}; they have to be of one size"
+        )
+
+
+def _refuse_negative(**numbers: int) -> None:
+    for name, number in numbers.items():
+        if number < 0:
+            raise ValueError(f"{name} is {number}; it has to be at least 0")
+
+
+def _refuse_outside(name: str, value: float, *, unit: str, limits: tuple[float, float]) -> None:
+    low, high = limits
+    if not low <= value <= high:
+        raise LimitError(f"{_MODEL}: {name} is {value} {unit}; it takes {low:g} to {high:g} {unit}")

@@ -1,0 +1,16 @@
+"""What a simulated device on a serial line shows to whatever carries its bytes."""
+
+from typing import Protocol
+
+
+class SerialDevice(Protocol):
+    """A simulated device on a serial line. Safe to use from several threads."""
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the host has sent."""
+
+    def transmit(self) -> bytes:
+        """Return what has reached the host by now and was not returned before."""
+
+    def next_event_s(self) -> float | None:
+        """Return when there will be something new to transmit [s], or None while nothing is under way."""

@@ -1,0 +1,263 @@
+"""What goes over the wire between the driver and a stage, byte by byte."""
+
+import pytest
+
+from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
+from drivers.stages.elliptec import EllxStage, connect_elliptec
+from tests.drivers.stages.scripted_port import ScriptedPort
+
+Script = list[tuple[bytes, list[tuple[float, bytes]]]]
+
+IN = b"0IN0E1140132620251801016800023000\r\n"
+OPENING: Script = [
+    (b"\r", []),
+    (b"0gs", [(0.01, b"0GS00\r\n")]),
+    (b"0in", [(0.05, IN)]),
+    (b"0in", [(0.05, IN)]),
+]
+HOMING: Script = [
+    (b"0ho0", [(0.01, b"0GS09\r\n"), (0.5, b"0PO00000000\r\n")]),
+    (b"0gp", [(0.02, b"0PO00000000\r\n")]),
+    (b"0gp", [(0.02, b"0PO00000000\r\n")]),
+]
+RESYNC: Script = [(b"\r", []), (b"0gs", [(0.01, b"0GS00\r\n")])]
+AT_45 = b"0PO00004600\r\n"
+
+
+def homed_stage(script: Script) -> tuple[EllxStage, ScriptedPort]:
+    port = ScriptedPort(OPENING + HOMING + script)
+    stage = connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+    stage.home()
+    return stage, port
+
+
+def test_a_move_and_its_readback() -> None:
+    stage, port = homed_stage([(b"0ma00004600", [(0.01, b"0GS09\r\n"), (0.2, AT_45)]), (b"0gp", [(0.02, AT_45)])])
+    move = stage.move_to(45.0)
+    assert (move.position.counts, move.tries, move.remarks) == (0x4600, 1, ())
+    assert port.finished
+
+
+def test_the_readback_counts_and_not_what_the_move_answered() -> None:
+    elsewhere = b"0PO00004700\r\n"
+    stage, port = homed_stage(
+        [
+            (b"0ma00004600", [(0.2, AT_45)]),
+            (b"0gp", [(0.02, elsewhere)]),
+            (b"0ma00004600", [(0.2, AT_45)]),
+            (b"0gp", [(0.02, AT_45)]),
+        ]
+    )
+    assert stage.move_to(45.0).tries == 2
+    assert port.finished
+
+
+def test_another_stage_on_the_same_line_is_not_listened_to() -> None:
+    foreign = (0.01, b"3PO00000007\r\n")
+    stage, port = homed_stage([(b"0gp", [foreign, (0.02, AT_45)]), (b"0gp", [foreign, (0.02, AT_45)])])
+    assert stage.position().counts == 0x4600
+    assert port.finished
+
+
+def test_a_fault_of_another_stage_is_not_ours() -> None:
+    stage, _ = homed_stage([(b"0gp", [(0.01, b"3GS02\r\n"), (0.02, AT_45)]), (b"0gp", [(0.02, AT_45)])])
+    assert stage.position().counts == 0x4600
+
+
+def test_a_reading_is_believed_once_two_agree() -> None:
+    readings = [b"0PO00004700\r\n", AT_45, AT_45]
+    stage, port = homed_stage([(b"0gp", [(0.02, reading)]) for reading in readings])
+    assert stage.position().counts == 0x4600
+    assert port.finished
+
+
+def test_readings_that_never_agree_are_an_error() -> None:
+    stage, _ = homed_stage([(b"0gp", [(0.02, b"0PO0000%d000\r\n" % number)]) for number in range(1, 5)])
+    with pytest.raises(ProtocolError, match="readings of the position differ"):
+        stage.position()
+
+
+def test_a_late_answer_is_not_taken_for_the_answer_of_the_next_command() -> None:
+    stale = b"0PO00000123\r\n"
+    stage, port = homed_stage(
+        [
+            (b"0gp", [(1.02, stale)]),  # too late: after the second that it may take
+            *RESYNC,  # what arrives here belongs to nobody
+            (b"0gp", [(0.02, AT_45)]),
+            (b"0gp", [(0.02, AT_45)]),
+        ]
+    )
+    assert stage.position().counts == 0x4600
+    assert port.finished
+
+
+def test_an_answer_that_waits_unread_is_not_taken_for_the_next_one() -> None:
+    old = b"0PO00000123\r\n"
+    stage, port = homed_stage(
+        [
+            (b"0gp", [(0.02, old)]),
+            (b"0gp", [(0.02, old), (0.02, old)]),
+            (b"0gp", [(0.02, AT_45)]),
+            (b"0gp", [(0.02, AT_45)]),
+        ]
+    )
+    stage.position()
+    assert stage.position().counts == 0x4600
+    assert port.finished
+
+
+def test_an_answer_that_breaks_off_does_not_spoil_the_next() -> None:
+    stage, port = homed_stage(
+        [(b"0gp", [(0.02, b"0PO0000")]), *RESYNC, (b"0gp", [(0.02, AT_45)]), (b"0gp", [(0.02, AT_45)])]
+    )
+    assert stage.position().counts == 0x4600
+    assert port.finished
+
+
+def test_a_damaged_answer_to_a_move_is_cleared_up_by_asking() -> None:
+    stage, port = homed_stage(
+        [
+            (b"0ma00004600", [(0.2, b"0PO0004600\r\n")]),
+            (b"\r", []),
+            (b"0gs", [(0.01, b"0GS09\r\n")]),
+            (b"0gs", [(0.01, b"0GS00\r\n")]),
+            (b"0gp", [(0.02, AT_45)]),
+        ]
+    )
+    move = stage.move_to(45.0)
+    assert move.position.counts == 0x4600
+    assert any("8 digits" in remark for remark in move.remarks)
+    assert port.finished
+
+
+def test_a_move_that_the_stage_did_not_understand_is_sent_again() -> None:
+    stage, port = homed_stage(
+        [
+            (b"0ma00004600", [(0.01, b"0GS03\r\n")]),
+            (b"0gs", [(0.01, b"0GS03\r\n")]),  # reading the fault clears it
+            *RESYNC,
+            (b"0gp", [(0.02, b"0PO00000000\r\n")]),
+            (b"0ma00004600", [(0.2, AT_45)]),
+            (b"0gp", [(0.02, AT_45)]),
+        ]
+    )
+    assert stage.move_to(45.0).tries == 2
+    assert port.finished
+
+
+def test_a_homing_that_was_not_confirmed_is_commanded_again() -> None:
+    script = [*OPENING, (b"0ho0", [(0.1, b"0P00000000\r\n")]), *RESYNC, *HOMING]
+    port = ScriptedPort(script)
+    connect_elliptec(port, now_s=port.now_s, sleep=port.sleep).home()
+    assert port.finished
+
+
+def test_a_fault_is_told_with_its_code_and_cleared() -> None:
+    stage, port = homed_stage(
+        [
+            (b"0ma00004600", [(1.0, b"0GS08\r\n")]),
+            (b"0gs", [(0.01, b"0GS08\r\n")]),
+        ]
+    )
+    with pytest.raises(DeviceFaultError, match="thermal") as caught:
+        stage.move_to(45.0)
+    assert (caught.value.code, caught.value.meaning) == (8, "thermal error")
+    assert port.finished
+
+
+def test_a_fault_left_from_before_does_not_hinder_opening_but_is_told() -> None:
+    opening: Script = [(b"\r", []), (b"0gs", [(0.01, b"0GS02\r\n")]), *OPENING[2:], *HOMING]
+    port = ScriptedPort([*opening, (b"0ma00004600", [(0.2, AT_45)]), (b"0gp", [(0.02, AT_45)])])
+    stage = connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+    stage.home()
+    assert any("left from before: status 2" in remark for remark in stage.move_to(45.0).remarks)
+
+
+def test_a_stage_that_restarted_must_be_homed_again() -> None:
+    stage, port = homed_stage(
+        [
+            (b"0ma00004600", [(0.1, b"0P0\r\n")]),  # what came when the supply failed
+            (b"\r", []),
+            (b"0gs", [(0.01, b"0GS07\r\n")]),
+            (b"0gs", [(0.01, b"0GS00\r\n")]),
+            (b"0gp", [(0.02, AT_45)]),
+            *HOMING,
+            (b"0ma00004600", [(0.2, AT_45)]),
+            (b"0gp", [(0.02, AT_45)]),
+        ]
+    )
+    with pytest.raises(LimitError, match="since it was restarted"):
+        stage.move_to(45.0)
+    stage.home()
+    assert stage.move_to(45.0).position.counts == 0x4600
+    assert port.finished
+
+
+def test_a_button_pressed_between_two_moves_is_told_with_the_next() -> None:
+    pressed = [(0.02, AT_45), (0.021, b"0BS09\r\n"), (0.021, b"0BO00005000\r\n")]
+    stage, _ = homed_stage(
+        [
+            (b"0ma00004600", [(0.2, AT_45)]),
+            (b"0gp", pressed),
+            (b"0ma00000000", [(0.2, b"0PO00000000\r\n")]),
+            (b"0gp", [(0.02, b"0PO00000000\r\n")]),
+        ]
+    )
+    assert stage.move_to(45.0).remarks == ()
+    remarks = stage.move_to(0.0).remarks
+    assert remarks == (
+        "a button of the handset was pressed",
+        "a button of the handset moved the stage to 20480 counts",
+    )
+
+
+def test_a_move_waits_a_tenth_of_a_second_after_the_line_was_last_used() -> None:
+    stage, port = homed_stage([(b"0ma00000000", [(0.0, b"0PO00000000\r\n")]), (b"0gp", [(0.0, b"0PO00000000\r\n")])])
+    before_s = port.now_s()
+    stage.move_to(0.0)
+    # Nothing else in this script takes time; 1e-9 is far above the rounding of a sum of seconds.
+    assert port.now_s() - before_s == pytest.approx(0.1, abs=1e-9)
+
+
+def test_a_damaged_reading_does_not_make_the_next_wait_longer_than_a_full_turn() -> None:
+    stage, port = homed_stage(
+        [
+            (b"0ma00004600", [(0.2, AT_45)]),
+            (b"0gp", [(0.02, b"0PO40004600\r\n")]),
+            (b"0ma00004600", []),
+            *[(b"\r", []), (b"0gs", [])] * 3,
+        ]
+    )
+    with pytest.raises(DeviceTimeoutError):
+        stage.move_to(45.0)
+    # The deadline of a full turn is 38 s; homing, the first try and asking for the status take less than 5 s.
+    assert port.now_s() < 38.0 + 5.0
+
+
+def test_a_silent_address_is_a_timeout_within_its_deadline() -> None:
+    port = ScriptedPort([(b"\r", []), (b"5gs", [])] * 3)
+    with pytest.raises(DeviceTimeoutError, match="stage 5 on scripted port: no answer to b'5gs'"):
+        connect_elliptec(port, address="5", now_s=port.now_s, sleep=port.sleep)
+    assert port.now_s() < 4.0  # three tries of a second, and three times 0.05 s of listening
+
+
+@pytest.mark.parametrize(
+    ("reply", "reason"),
+    [
+        (b"0IN111140132620251801001C00002000\r\n", "ELL17"),
+        (b"0IN0E1140132620251801016800000000\r\n", "0 pulses"),
+    ],
+)
+def test_what_is_no_rotation_stage_is_refused(reply: bytes, reason: str) -> None:
+    port = ScriptedPort([*OPENING[:2], (b"0in", [(0.05, reply)]), (b"0in", [(0.05, reply)])])
+    with pytest.raises(ProtocolError, match=reason):
+        connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+
+
+def test_pulses_that_were_told_once_only_are_not_believed() -> None:
+    bent = IN.replace(b"023000", b"021000")
+    answers = [bent, IN, IN]
+    port = ScriptedPort([*OPENING[:2], *[(b"0in", [(0.05, answer)]) for answer in answers], *HOMING])
+    stage = connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+    stage.home()
+    assert port.finished

@@ -1,0 +1,123 @@
+import itertools
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import ProtocolError
+from drivers.stages import elliptec_protocol as protocol
+from drivers.stages.elliptec_protocol import ButtonPosition, ButtonStatus, Event, Position, ReplyParser, Status
+
+ADDRESSES = st.sampled_from("0123456789ABCDEF")
+REPLIES = st.one_of(
+    st.builds(lambda a, v: f"{a}GS{v:02X}\r\n".encode(), ADDRESSES, st.integers(0, 255)),
+    st.builds(lambda a, v: f"{a}PO{v:08X}\r\n".encode(), ADDRESSES, st.integers(0, (1 << 32) - 1)),
+    st.builds(lambda a, v: f"{a}BO{v:08X}\r\n".encode(), ADDRESSES, st.integers(0, (1 << 32) - 1)),
+    st.just(b"0IN0E1140132620251801016800023000\r\n"),
+)
+STREAMS = st.lists(REPLIES, min_size=1, max_size=8).map(b"".join)
+
+
+def written(event: Event) -> bytes:
+    """A reply written out again, by other means than the parser's."""
+    if isinstance(event, Status | ButtonStatus):
+        letters = "GS" if isinstance(event, Status) else "BS"
+        return b"%b%b%02X\r\n" % (event.address.encode(), letters.encode(), event.code)
+    if isinstance(event, Position | ButtonPosition):
+        letters = "PO" if isinstance(event, Position) else "BO"
+        digits = event.counts.to_bytes(4, "big", signed=True).hex().upper()
+        return f"{event.address}{letters}{digits}\r\n".encode()
+    head = f"{event.address}IN{event.stage_type:02X}{event.serial_number}{event.year}{event.firmware}"
+    return head.encode()  # the hardware's release is not kept, so that only the beginning can be compared
+
+
+def read_all(pieces: list[bytes]) -> list[Event]:
+    """Every reply in the pieces, errors left out; any exception but ProtocolError escapes."""
+    parser = ReplyParser()
+    events: list[Event] = []
+    for piece in pieces:
+        try:
+            parser.feed(piece)
+        except ProtocolError:
+            continue
+        events += read_waiting(parser)
+    return events
+
+
+def read_waiting(parser: ReplyParser) -> list[Event]:
+    events: list[Event] = []
+    while True:
+        try:
+            event = parser.next_event()
+        except ProtocolError:
+            continue
+        if event is None:
+            return events
+        events.append(event)
+
+
+def cut(data: bytes, at: list[int]) -> list[bytes]:
+    edges = [0, *sorted({place % (len(data) + 1) for place in at}), len(data)]
+    return [data[start:end] for start, end in itertools.pairwise(edges)]
+
+
+@settings(deadline=None, max_examples=200)
+@given(stream=STREAMS, at=st.lists(st.integers(0, 400), max_size=12))
+def test_the_cuts_of_a_stream_do_not_matter(stream: bytes, at: list[int]) -> None:
+    assert read_all(cut(stream, at)) == read_all([stream])
+
+
+@settings(deadline=None, max_examples=200)
+@given(stream=STREAMS)
+def test_a_sound_stream_gives_every_reply(stream: bytes) -> None:
+    assert len(read_all([stream])) == stream.count(b"\r\n")
+
+
+@st.composite
+def damaged_streams(draw: st.DrawFn) -> bytes:
+    data = bytearray(draw(STREAMS))
+    for _ in range(draw(st.integers(1, 6))):
+        place = draw(st.integers(0, max(0, len(data) - 1)))
+        kind = draw(st.sampled_from(["drop", "flip", "insert"]))
+        if kind == "insert":
+            data.insert(place, draw(st.integers(0, 255)))
+        elif data and kind == "drop":
+            del data[place]
+        elif data:
+            data[place] ^= draw(st.integers(1, 255))
+    return bytes(data)
+
+
+@settings(deadline=None, max_examples=300)
+@given(stream=damaged_streams(), at=st.lists(st.integers(0, 400), max_size=6))
+def test_only_replies_that_came_whole_are_told(stream: bytes, at: list[int]) -> None:
+    lines = stream.split(b"\n")
+    for event in read_all(cut(stream, at)):
+        assert any((line + b"\n").startswith(written(event)) for line in lines[:-1])
+
+
+@settings(deadline=None, max_examples=300)
+@given(stream=damaged_streams())
+def test_the_next_good_reply_is_read_after_damage(stream: bytes) -> None:
+    good = Position(address="0", counts=17920)
+    assert read_all([stream + b"\n", b"0PO00004600\r\n"])[-1] == good
+
+
+@settings(deadline=None, max_examples=300)
+@given(pieces=st.lists(st.binary(max_size=1500), max_size=6))
+def test_any_bytes_at_all_raise_nothing_but_protocol_errors(pieces: list[bytes]) -> None:
+    read_all(pieces)
+
+
+@settings(deadline=None, max_examples=300)
+@given(angle_deg=st.floats(-1e6, 1e6), pulses=st.integers(1 << 15, 1 << 22))
+def test_counts_lie_within_one_turn(angle_deg: float, pulses: int) -> None:
+    counts = protocol.counts_from_angle(angle_deg, pulses=pulses)
+    assert 0 <= counts < pulses
+    assert 0.0 <= protocol.angle_from_counts(counts, pulses=pulses) < 360.0
+
+
+@settings(deadline=None, max_examples=300)
+@given(counts=st.integers(-(1 << 31), (1 << 31) - 1), pulses=st.integers(1 << 15, 1 << 22))
+def test_an_angle_of_counts_leads_back_to_them(counts: int, pulses: int) -> None:
+    angle_deg = protocol.angle_from_counts(counts, pulses=pulses)
+    assert protocol.counts_from_angle(angle_deg, pulses=pulses) == counts % pulses

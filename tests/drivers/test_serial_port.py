@@ -1,0 +1,116 @@
+import errno
+import os
+import threading
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from drivers.errors import DeviceTimeoutError, NotConnectedError
+from drivers.serial_port import open_serial_port
+
+
+class Terminal:
+    """A pseudo-terminal whose far end the test holds."""
+
+    def __init__(self) -> None:
+        self.far, self._near = os.openpty()
+        tty.setraw(self._near)
+        self.path = os.ttyname(self._near)
+        self._open = True
+
+    def pull(self) -> None:
+        if self._open:
+            os.close(self.far)
+            os.close(self._near)
+            self._open = False
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    terminal = Terminal()
+    yield terminal
+    terminal.pull()
+
+
+def test_carries_bytes_both_ways(terminal: Terminal) -> None:
+    port = open_serial_port(terminal.path, baud=9600)
+    port.write(b"0in")
+    os.write(terminal.far, b"0GS00\r\n")
+    received = b""
+    while len(received) < 7:
+        received += port.read_some(timeout_s=1.0)
+    port.close()
+    assert os.read(terminal.far, 10) == b"0in"
+    assert received == b"0GS00\r\n"
+
+
+def test_a_read_ends_at_its_deadline_with_nothing(terminal: Terminal) -> None:
+    port = open_serial_port(terminal.path, baud=9600)
+    assert port.read_some(timeout_s=0.0) == b""
+    port.close()
+
+
+def test_a_port_that_does_not_exist(tmp_path: Path) -> None:
+    with pytest.raises(NotConnectedError, match="there is no such port"):
+        open_serial_port(str(tmp_path / "ttyUSB0"), baud=9600)
+
+
+def test_a_file_that_is_no_port() -> None:
+    with pytest.raises(NotConnectedError, match="cannot be opened as a serial port"):
+        open_serial_port("/dev/null", baud=9600)
+
+
+def test_a_port_that_is_in_use(terminal: Terminal) -> None:
+    holder = open_serial_port(terminal.path, baud=9600)
+    with pytest.raises(NotConnectedError, match="another program is using it"):
+        open_serial_port(terminal.path, baud=9600)
+    holder.close()
+
+
+def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise serial.SerialException(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(NotConnectedError, match="group dialout"):
+        open_serial_port("/dev/ttyUSB0", baud=9600)
+
+
+def test_reading_a_port_that_goes_away(terminal: Terminal) -> None:
+    port = open_serial_port(terminal.path, baud=9600)
+    threading.Timer(0.02, terminal.pull).start()
+    with pytest.raises(NotConnectedError, match="gone away"):
+        port.read_some(timeout_s=20.0)
+    port.close()
+
+
+def test_writing_to_a_port_that_has_gone_away(terminal: Terminal) -> None:
+    port = open_serial_port(terminal.path, baud=9600)
+    terminal.pull()
+    with pytest.raises(NotConnectedError, match="gone away"):
+        port.write(b"0in")
+    port.close()
+
+
+def test_a_port_that_takes_no_bytes(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never_ready(*args: object) -> None:
+        raise serial.SerialTimeoutException("Write timeout")
+
+    port = open_serial_port(terminal.path, baud=9600)
+    monkeypatch.setattr(serial.Serial, "write", never_ready)
+    with pytest.raises(DeviceTimeoutError, match="did not take b'0in'"):
+        port.write(b"0in")
+    port.close()
+
+
+def test_a_closed_port_says_so(terminal: Terminal) -> None:
+    port = open_serial_port(terminal.path, baud=9600)
+    port.close()
+    port.close()
+    with pytest.raises(NotConnectedError, match="was closed"):
+        port.read_some(timeout_s=0.0)
+    with pytest.raises(NotConnectedError, match="was closed"):
+        port.write(b"x")

@@ -1,0 +1,164 @@
+"""The bytes here are written out from the ELLx protocol manual and from replies of true stages."""
+
+import numpy as np
+import pytest
+
+from sim_devices.stages.ellx_address import EllxOptions, parse_address
+from sim_devices.stages.ellx_language import EllxLanguage
+from sim_devices.stages.ellx_mechanics import EllxMechanics
+
+
+class Stage:
+    """A stage without landing errors that turns by 90 degrees a second, from its mark at 45 degrees in the housing."""
+
+    def __init__(self, faults: str = "") -> None:
+        options = parse_address(f"sim:ellx?landing=0&start=45&mark=45&slow=90&{faults}")
+        self.mechanics = mechanics_of(options)
+        self._language = EllxLanguage(options, self.mechanics)
+
+    def hears(self, time_s: float, data: bytes) -> list[tuple[float, bytes]]:
+        return self._language.receive(time_s, data)
+
+    def says_by(self, time_s: float) -> list[tuple[float, bytes]]:
+        return self._language.advance(time_s)
+
+    def next_event_s(self) -> float | None:
+        return self._language.next_event_s()
+
+
+def mechanics_of(options: EllxOptions) -> EllxMechanics:
+    return EllxMechanics(
+        pulses=options.pulses,
+        landing_deg=options.landing_deg,
+        mark_deg=options.mark_deg,
+        start_deg=options.start_deg,
+        generator=np.random.default_rng(0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "reply"),
+    [
+        (b"0in", b"0IN0E1140132620251801016800023000\r\n"),
+        (b"0in\r\n", b"0IN0E1140132620251801016800023000\r\n"),
+        (b"0gs", b"0GS00\r\n"),
+        (b"0gp", b"0PO00000000\r\n"),
+        (b"0st", b"0GS00\r\n"),
+        (b"0gv", b"0GV64\r\n"),
+        (b"0sv32", b"0GS00\r\n"),
+        (b"0sv00", b"0GS04\r\n"),
+        (b"0sv65", b"0GS04\r\n"),
+        (b"0ma7FFFFFFF", b"0GS04\r\n"),
+        (b"0ma0000460z", b"0GS04\r\n"),
+        (b"0zz", b"0GS03\r\n"),
+        (b"0us", b"0GS03\r\n"),
+    ],
+)
+def test_answers_at_once(command: bytes, reply: bytes) -> None:
+    assert Stage().hears(1.0, command) == [(1.0, reply)]
+
+
+@pytest.mark.parametrize("command", [b"3gs", b"3ma00004600", b"0", b"0g", b"0ma0000460", b"\r\n", b"?!"])
+def test_has_nothing_to_say_to_what_is_not_whole_or_not_its_own(command: bytes) -> None:
+    assert Stage().hears(1.0, command) == []
+
+
+def test_a_move_is_answered_when_it_ends() -> None:
+    stage = Stage()
+    assert stage.hears(1.0, b"0ma00004600") == []
+    assert stage.next_event_s() == 1.5
+    assert stage.says_by(1.49) == []
+    assert stage.says_by(2.0) == [(1.5, b"0PO00004600\r\n")]
+    assert stage.mechanics.angle_deg(2.0) == 90.0
+
+
+def test_a_relative_move_may_end_below_zero() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0mrFFFFFFFF")
+    assert [reply for _, reply in stage.says_by(1.0)] == [b"0POFFFFFFFF\r\n"]
+
+
+def test_homing_is_answered_when_it_ends() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0ma00004600")
+    stage.says_by(1.0)
+    assert stage.hears(1.0, b"0ho0") == []
+    assert stage.says_by(2.0) == [(1.5, b"0PO00000000\r\n")]
+
+
+def test_half_the_velocity_takes_twice_the_time() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0sv32")
+    stage.hears(0.0, b"0ma00004600")
+    assert stage.next_event_s() == 1.0
+
+
+def test_while_it_moves_it_is_busy_and_takes_no_other_move() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0ma00004600")
+    assert stage.hears(0.1, b"0gs") == [(0.1, b"0GS09\r\n")]
+    assert stage.hears(0.2, b"0ma00000000") == [(0.2, b"0GS09\r\n")]
+    assert stage.says_by(1.0) == [(0.5, b"0PO00004600\r\n")]
+
+
+def test_on_request_a_move_is_first_answered_by_busy() -> None:
+    stage = Stage("busy=1")
+    assert stage.hears(0.0, b"0ma00004600") == [(0.0, b"0GS09\r\n")]
+    assert stage.says_by(1.0) == [(0.5, b"0PO00004600\r\n")]
+
+
+def test_a_command_may_come_in_pieces() -> None:
+    stage = Stage()
+    assert stage.hears(0.0, b"0g") == []
+    assert stage.hears(1.9, b"p") == [(1.9, b"0PO00000000\r\n")]
+
+
+def test_a_command_that_pauses_for_two_seconds_is_forgotten_and_remembered_as_error_1() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0ma0000")
+    assert stage.hears(2.1, b"0gs") == [(2.1, b"0GS01\r\n")]
+    assert stage.hears(2.2, b"0gs") == [(2.2, b"0GS00\r\n")]
+
+
+def test_a_carriage_return_makes_it_forget_a_command_in_part() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0ma0000")
+    assert stage.hears(0.1, b"\r0gs") == [(0.1, b"0GS00\r\n")]
+
+
+def test_an_error_stays_until_it_is_read() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0zz")
+    assert stage.hears(0.1, b"0gp0gs0gs") == [(0.1, b"0PO00000000\r\n"), (0.1, b"0GS03\r\n"), (0.1, b"0GS00\r\n")]
+
+
+def test_a_stall_stops_half_way_and_is_told_after_two_seconds() -> None:
+    stage = Stage("stall=2")
+    stage.hears(0.0, b"0ma00002300")
+    stage.says_by(1.0)
+    stage.hears(1.0, b"0ma00004600")  # from 22.5 to 45 degrees, half of it in 0.125 s
+    assert stage.says_by(5.0) == [(3.125, b"0GS02\r\n")]
+    assert stage.mechanics.angle_deg(5.0) == 78.75
+    assert stage.hears(5.0, b"0gs") == [(5.0, b"0GS02\r\n")]
+
+
+def test_a_pressed_button_is_told_unasked_and_turns_the_stage() -> None:
+    stage = Stage("button=1")
+    stage.hears(0.0, b"0ma00004600")
+    assert [reply for _, reply in stage.says_by(1.0)] == [b"0BS09\r\n", b"0BO00004DD0\r\n", b"0PO00004DD0\r\n"]
+
+
+def test_a_move_too_soon_after_another_goes_to_zero() -> None:
+    stage = Stage("gap=0.1")
+    stage.hears(0.0, b"0ma00004600")
+    stage.says_by(0.5)
+    stage.hears(0.55, b"0ma00002300")
+    assert [reply for _, reply in stage.says_by(2.0)] == [b"0PO00000000\r\n"]
+    stage.hears(2.1, b"0ma00002300")
+    assert [reply for _, reply in stage.says_by(4.0)] == [b"0PO00002300\r\n"]
+
+
+def test_falls_silent_from_the_command_on_that_was_asked_for() -> None:
+    stage = Stage("silent=2")
+    assert len(stage.hears(0.0, b"0gs")) == 1
+    assert stage.hears(0.1, b"0gs") == []

@@ -1,0 +1,100 @@
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import serial
+
+from sim_devices.clock import SimClock
+from sim_devices.stages.ellx import SimulatedEllx
+from sim_devices.stages.ellx_address import parse_address
+from sim_devices.stages.pty_server import serve_on_pty
+
+
+class Broken:
+    """A device that fails when it hears something."""
+
+    def __init__(self) -> None:
+        self.heard = threading.Event()
+
+    def receive(self, data: bytes) -> None:
+        self.heard.set()
+        raise RuntimeError("broken inside")
+
+    def transmit(self) -> bytes:
+        return b""
+
+    def next_event_s(self) -> float | None:
+        return None
+
+
+class Babbler:
+    """A device that never stops talking."""
+
+    def __init__(self, enough: Callable[[], None]) -> None:
+        self._enough = enough
+        self._sent = 0
+
+    def receive(self, data: bytes) -> None:
+        pass
+
+    def transmit(self) -> bytes:
+        self._sent += 1
+        if self._sent == 300:
+            self._enough()
+        return b"x" * 1000
+
+    def next_event_s(self) -> float | None:
+        return 0.0
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def ask(path: str, command: bytes, *, length: int) -> bytes:
+    with serial.Serial(path, 9600, timeout=10.0) as port:
+        port.write(command)
+        return port.read(length)
+
+
+def test_any_program_can_talk_to_the_stage() -> None:
+    clock = SimClock(speed=50.0)
+    machine = SimulatedEllx(parse_address("sim:ellx"), clock=clock)
+    with serve_on_pty(machine, clock=clock) as path:
+        assert ask(path, b"0in", length=35) == b"0IN0E1140132620251801016800023000\r\n"
+        assert ask(path, b"0gs\r\n", length=7) == b"0GS00\r\n"  # a second program after the first has left
+
+
+def test_an_answer_that_takes_time_comes_by_itself() -> None:
+    clock = SimClock(speed=50.0)
+    machine = SimulatedEllx(parse_address("sim:ellx?landing=0"), clock=clock)
+    with serve_on_pty(machine, clock=clock) as path:
+        assert ask(path, b"0ho0", length=13) == b"0PO00000000\r\n"
+
+
+def test_leaving_ends_the_thread_and_the_terminal() -> None:
+    clock = SimClock()
+    threads = threading.active_count()
+    machine = SimulatedEllx(parse_address("sim:ellx"), clock=clock)
+    files = open_files()
+    with serve_on_pty(machine, clock=clock):
+        assert threading.active_count() == threads + 1
+    assert threading.active_count() == threads
+    assert open_files() == files
+
+
+def test_a_fault_within_the_device_is_raised_on_leaving() -> None:
+    device = Broken()
+    server = serve_on_pty(device, clock=SimClock())
+    with serial.Serial(server.__enter__(), 9600) as port:
+        port.write(b"x")
+        assert device.heard.wait(10.0)
+    with pytest.raises(RuntimeError, match="broken inside"):
+        server.__exit__(None, None, None)
+
+
+def test_a_host_that_never_reads_does_not_hold_up_the_end() -> None:
+    enough = threading.Event()
+    with serve_on_pty(Babbler(enough.set), clock=SimClock()):
+        assert enough.wait(10.0)
