@@ -1,0 +1,33 @@
+# Each target makes what it needs: `make demo` and `make test` work on a fresh clone with Python >= 3.11 and make.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test check bench trials clean
+
+demo: $(STAMP)
+	rm -rf demo-out
+	$(BIN)/rigctl demo --out demo-out
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -n 2 tests
+
+check: $(STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(STAMP)
+	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+trials: $(STAMP)
+	$(BIN)/python -m benchmarks.trials
+
+clean:
+	rm -rf $(VENV) demo-out
+
+$(STAMP): pyproject.toml constraints.txt scripts/make-venv
+	PYTHON="$(PYTHON)" scripts/make-venv "$(VENV)"
+	touch $@

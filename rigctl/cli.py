@@ -1,0 +1,117 @@
+"""The command line: which verbs there are, and how a failure becomes a message and an exit code."""
+
+import importlib
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from calibration.errors import CalibrationError
+from drivers.errors import DeviceError
+from rigctl.errors import ConfigError, DataError
+
+# 0 (done) and 130 (interrupted) are the command line library's own.
+EXIT_USAGE = 2
+EXIT_DEVICE = 3
+EXIT_DATA = 4
+EXIT_DISAGREES = 5
+EXIT_OWN_FAULT = 70
+
+# Which exit code a failure has. The first class that fits decides.
+EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
+    (ConfigError, EXIT_USAGE),
+    (DeviceError, EXIT_DEVICE),
+    (DataError, EXIT_DATA),
+    (CalibrationError, EXIT_DATA),
+)
+
+# Verb -> (module that holds its `command` or `app`, one line of help). A module is imported when its verb is
+# called, so that `rigctl --help` starts at once.
+VERBS: dict[str, tuple[str, str]] = {
+    "demo": ("rigctl.commands.demo", "Run the whole job on a simulated rig: session, calibration, report."),
+    "acquire": ("rigctl.commands.acquire", "Take a session: durable frames at measured polarizer angles."),
+    "verify": ("rigctl.commands.verify", "Check every checksum of a run."),
+    "info": ("rigctl.commands.info", "Say what a run holds."),
+    "import": ("rigctl.commands.import_images", "Make a run out of images that exist."),
+    "stokes": ("rigctl.commands.stokes", "Stokes, DoLP and AoLP images of a run, and its regions' numbers."),
+    "calibrate": ("rigctl.commands.calibrate", "Calibrate the sensor from dark and flat frames."),
+    "predict": ("rigctl.commands.predict", "What the analytical model says that a scene will give."),
+    "compare": ("rigctl.commands.compare", "Set model and measurement side by side, with a verdict."),
+}
+
+EPILOG = "Start with `rigctl demo`. Exit codes: 0 done and agrees, 2 usage, 3 device, 4 data, 5 disagrees."
+
+
+class LazyGroup(TyperGroup):
+    """A group of commands that imports a command's module only when that command is asked for."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the verbs in the order in which a newcomer meets them."""
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return one verb's command, imported now."""
+        if cmd_name not in VERBS:
+            return None
+        module = importlib.import_module(VERBS[cmd_name][0])
+        app = getattr(module, "app", None)
+        if app is None:
+            app = typer.Typer(add_completion=False, rich_markup_mode=None)
+            app.command(cmd_name)(module.command)
+        return typer.main.get_command(app)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the list of verbs without importing any of them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(verb, text) for verb, (_, text) in VERBS.items()])
+
+
+app = typer.Typer(cls=LazyGroup, add_completion=False, no_args_is_help=True, epilog=EPILOG, rich_markup_mode=None)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from rigctl.version import VERSION
+
+        sys.stdout.write(f"rigctl {VERSION}\n")
+        raise typer.Exit()
+
+
+@app.callback()
+def rigctl(
+    version: bool = typer.Option(
+        False, "--version", help="Print the version and stop.", callback=_print_version, is_eager=True
+    ),
+) -> None:
+    """Instrument control, sensor calibration and model validation for division-of-time polarimetry."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line; return its exit code. Only this function turns an exception into words."""
+    command = typer.main.get_command(app)
+    try:
+        command.main(args=list(sys.argv[1:] if arguments is None else arguments), prog_name="rigctl")
+    except SystemExit as finished:  # typer has said what there is to say: help, a usage error, an exit code
+        return finished.code if isinstance(finished.code, int) else 0
+    except tuple(kind for kind, _ in EXIT_CODES) as error:
+        _say(str(error))
+        return next(code for kind, code in EXIT_CODES if isinstance(error, kind))
+    except Exception as error:
+        _say(f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}")
+        return EXIT_OWN_FAULT
+    return 0
+
+
+def _say(message: str) -> None:
+    sys.stderr.write(f"rigctl: {message}\n")
+
+
+def _log_traceback() -> Path:
+    with tempfile.NamedTemporaryFile("w", prefix="rigctl-", suffix=".log", delete=False, encoding="utf-8") as log:
+        traceback.print_exc(file=log)
+    return Path(log.name)
