@@ -1,0 +1,206 @@
+"""Mean and covariance of a random vector, and their way through a linear map."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+# Rounding of a covariance built as W D W' is some eps times its trace; what is beyond this is no rounding.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moments:
+    """Mean and covariance of one random vector or of many.
+
+    Parameters
+    ----------
+    mean
+        Mean, shape (..., n), finite.
+    cov
+        Covariance, shape (..., n, n), finite, symmetric and positive semi-definite up to rounding
+        (1e-12 of the trace). A singular covariance is allowed. Leading axes broadcast with those of `mean`.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a value is not finite, or `cov` is not a covariance.
+
+    Notes
+    -----
+    `cov` is stored exactly symmetric. An eigenvalue that is negative by rounding alone is kept as it is here
+    and set to zero where a factor is formed (`covariance_factor`). Both arrays are read-only.
+    """
+
+    mean: FloatArray
+    cov: FloatArray
+
+    def __post_init__(self) -> None:
+        mean, cov = checked_pair(self.mean, self.cov)
+        require_covariance(cov, name="cov")
+        object.__setattr__(self, "mean", _frozen(mean))
+        object.__setattr__(self, "cov", _frozen(0.5 * (cov + np.swapaxes(cov, -1, -2))))
+
+
+def checked_pair(mean: ArrayLike, cov: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance as float64 arrays whose shapes fit each other.
+
+    Parameters
+    ----------
+    mean
+        Shape (..., n).
+    cov
+        Shape (..., n, n).
+
+    Returns
+    -------
+    tuple of ndarray
+        Both arrays with their own leading axes (which broadcast).
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit or a value is not finite.
+    """
+    mean_array = np.asarray(mean, dtype=np.float64)
+    cov_array = np.asarray(cov, dtype=np.float64)
+    if mean_array.ndim < 1 or cov_array.shape[-2:] != (mean_array.shape[-1],) * 2:
+        raise ValueError(
+            f"mean of shape {mean_array.shape} and cov of shape {cov_array.shape} do not fit; "
+            "allowed are (..., n) and (..., n, n)"
+        )
+    _require_broadcast(mean_array.shape[:-1], cov_array.shape[:-2])
+    for name, array in (("mean", mean_array), ("cov", cov_array)):
+        if not np.all(np.isfinite(array)):
+            raise ValueError(f"{name} has {np.sum(~np.isfinite(array))} values that are not finite")
+    return mean_array, cov_array
+
+
+def require_covariance(cov: FloatArray, *, name: str) -> None:
+    """Raise unless every matrix is symmetric and positive semi-definite up to rounding.
+
+    Parameters
+    ----------
+    cov
+        Shape (..., n, n), finite.
+    name
+        What the caller calls it, for the message.
+
+    Raises
+    ------
+    ValueError
+        If asymmetric by more than 1e-12 of the trace, or with an eigenvalue below -1e-12 of the trace.
+    """
+    if cov.size == 0:
+        return
+    scale = np.sum(np.abs(np.diagonal(cov, axis1=-2, axis2=-1)), axis=-1)
+    asymmetry = np.max(np.abs(cov - np.swapaxes(cov, -1, -2)), axis=(-2, -1))
+    if np.any(asymmetry > _ROUNDING * scale):
+        raise ValueError(f"{name} is not symmetric: entries differ by up to {np.max(asymmetry):.3g}")
+    lowest = np.linalg.eigvalsh(_scaled(cov, scale))[..., 0]
+    if np.any(lowest < -_ROUNDING):
+        raise ValueError(
+            f"{name} is not positive semi-definite: smallest eigenvalue over trace is "
+            f"{np.min(lowest):.3g}; allowed is at least {-_ROUNDING:g}"
+        )
+
+
+def covariance_factor(cov: ArrayLike) -> FloatArray:
+    """Return a matrix F with F F' = cov, for singular covariances too.
+
+    Parameters
+    ----------
+    cov
+        Covariance, shape (..., n, n), positive semi-definite up to rounding.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., n, n). Columns are eigenvectors times the root of their eigenvalue; eigenvalues negative
+        by rounding count as zero.
+
+    Raises
+    ------
+    ValueError
+        If `cov` is not a covariance.
+    """
+    array = np.asarray(cov, dtype=np.float64)
+    require_covariance(array, name="cov")
+    values, vectors = np.linalg.eigh(array)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :], dtype=np.float64)
+
+
+def propagate_linear(moments: Moments, matrix: ArrayLike) -> Moments:
+    """Return the moments of A x from those of x.
+
+    Parameters
+    ----------
+    moments
+        Moments of x, n components.
+    matrix
+        A, shape (..., m, n).
+
+    Returns
+    -------
+    Moments
+        Mean A mu and covariance A Sigma A'; exact.
+
+    References
+    ----------
+    [MK14] eq. (22); definition.
+    """
+    a = np.asarray(matrix, dtype=np.float64)
+    cov = a @ moments.cov @ np.swapaxes(a, -1, -2)
+    return Moments(mean=np.einsum("...ij,...j->...i", a, moments.mean), cov=cov)
+
+
+def propagate_first_order(moments: Moments, value: ArrayLike, jacobian: ArrayLike) -> Moments:
+    """Return the first-order moments of a smooth function f(x) from those of x.
+
+    Parameters
+    ----------
+    moments
+        Moments of x, n components.
+    value
+        f at the mean of x, shape (..., m).
+    jacobian
+        df/dx at the mean of x, shape (..., m, n).
+
+    Returns
+    -------
+    Moments
+        Mean f(mu), covariance J Sigma J'.
+
+    Notes
+    -----
+    The error is of second order in the deviations of x; nothing here estimates it.
+
+    References
+    ----------
+    [MK14] eq. (24)-(25) for DoLP; definition.
+    """
+    j = np.asarray(jacobian, dtype=np.float64)
+    cov = j @ moments.cov @ np.swapaxes(j, -1, -2)
+    return Moments(mean=np.asarray(value, dtype=np.float64), cov=cov)
+
+
+def _require_broadcast(first: tuple[int, ...], second: tuple[int, ...]) -> None:
+    try:
+        np.broadcast_shapes(first, second)
+    except ValueError as error:
+        raise ValueError(f"leading axes {first} of mean and {second} of cov do not broadcast") from error
+
+
+def _scaled(cov: FloatArray, scale: FloatArray) -> FloatArray:
+    """Divide by the trace, so that units near the ends of the double range do no harm."""
+    safe: Any = np.where(scale > 0.0, scale, 1.0)
+    return np.asarray(cov / safe[..., None, None], dtype=np.float64)
+
+
+def _frozen(array: FloatArray) -> FloatArray:
+    copy = np.array(array, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy

@@ -1,0 +1,162 @@
+"""What a scenario gives: counts, Stokes parameters, DoLP and their deviations, per region."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.moments import Moments
+from model.processing import dolp
+from model.processing.reconstruction import Design, design
+from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
+from model.scenario import RegionLight, Scenario
+from model.sensor import ChannelMoments, channel_moments
+
+FloatArray = NDArray[np.float64]
+
+# quantity -> statistic -> number. Quantities: dn_ANGLE, s0, s1, s2, s1n, s2n, dolp, dolp_pixels, aolp_deg, dolp_snr.
+# Statistics: "mean"; "std" over the pixels of one frame or cycle; "std_temporal" of one pixel from repeat to repeat;
+# "std_spatial_mean" over the pixels of the mean of all repeats.
+Quantities = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionPrediction:
+    """What the model says of one region.
+
+    Parameters
+    ----------
+    channels
+        Moments of the counts behind each polarizer angle.
+    stokes_dn
+        Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level taken off.
+    dolp_method, dolp_error
+        How mean and deviation of the pixels' DoLP were found, and the larger of their relative errors as that method
+        estimates them itself.
+    quantities
+        Everything a measurement is set beside. Where moments of DoLP do not exist they are left out.
+    warnings
+        Where the model is void or poor, in words.
+    """
+
+    channels: ChannelMoments
+    stokes_dn: Moments
+    dolp_method: str
+    dolp_error: float
+    quantities: Quantities
+    warnings: tuple[str, ...]
+
+
+def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionPrediction]:
+    """Return what the model predicts for each region of a scenario.
+
+    Parameters
+    ----------
+    scenario
+        Light, sensor and readout.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    Returns
+    -------
+    dict
+        Region name to prediction, in the order of the scenario.
+
+    References
+    ----------
+    [MK14] eq. (10)-(29).
+    """
+    plan = design(scenario.readout.angles_rad, scenario.readout.extinction_ratio)
+    return {
+        region.name: predict_region(
+            _channels(region, scenario),
+            plan=plan,
+            channel_names=scenario.readout.channel_names,
+            cycles=scenario.readout.cycles,
+            tolerance=tolerance,
+        )
+        for region in scenario.regions
+    }
+
+
+def predict_region(
+    channels: ChannelMoments, *, plan: Design, channel_names: tuple[str, ...], cycles: int, tolerance: float = 1e-6
+) -> RegionPrediction:
+    """Return what follows from the moments of a region's channels.
+
+    Parameters
+    ----------
+    channels
+        From the sensor model, or with mean and scene covariance as they were measured.
+    plan
+        Polarizer angles and the inverse in use, N channels.
+    channel_names
+        N names, used as keys of the counts.
+    cycles
+        Number of repeats that a mean is taken over, >= 1.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    References
+    ----------
+    [MK14] eq. (19)-(29).
+    """
+    temporal = channels.temporal_var_dn2[:, None] * np.eye(channels.mean_dn.size)
+    spatial = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2
+    covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
+    stokes_mean = plan.inverse @ channels.mean_dn
+    stokes_covs = {name: plan.inverse @ cov @ plan.inverse.T for name, cov in covs.items()}
+    stokes = Moments(mean=stokes_mean, cov=stokes_covs["std"])
+    quantities = _linear(channel_names, channels.mean_dn, covs)
+    quantities |= _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
+    quantities |= _ratios(stokes)
+    law = dolp.moments(stokes.mean, stokes.cov, tolerance=tolerance)
+    missing: tuple[str, ...] = ()
+    if bool(law.exists):
+        quantities["dolp_pixels"] = {"mean": float(law.mean), "std": float(law.std)}
+        quantities["dolp_snr"] = {"mean": float(law.snr)} | quantities.get("dolp_snr", {})
+    else:
+        missing = (f"mean and deviation of the pixels' DoLP do not exist: {law.reason}",)
+    return RegionPrediction(
+        channels=channels,
+        stokes_dn=stokes,
+        dolp_method=str(law.method),
+        dolp_error=float(max(law.mean_error, law.std_error)),
+        quantities=quantities,
+        warnings=(*channels.warnings, *plan.warnings, *missing),
+    )
+
+
+def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
+    return channel_moments(region.aperture_moments(), angles_rad=scenario.readout.angles_rad, sensor=scenario.sensor)
+
+
+def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:
+    return {
+        name: {"mean": float(mean[k])} | {kind: float(np.sqrt(cov[k, k])) for kind, cov in covs.items()}
+        for k, name in enumerate(names)
+    }
+
+
+def _ratios(stokes: Moments) -> Quantities:
+    """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel."""
+    normalized = normalized_moments(stokes)
+    deviations = np.sqrt(np.diag(normalized.cov))
+    found = {
+        "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
+        "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},
+    }
+    return found | (_polarised_ratios(stokes) if np.any(stokes.mean[1:]) else {"dolp": {"mean": 0.0}})
+
+
+def _polarised_ratios(stokes: Moments) -> Quantities:
+    aolp = aolp_moments_rad(stokes)
+    first = dolp.first_order(stokes.mean, stokes.cov)
+    return {
+        "dolp": {"mean": float(first.mean), "std": float(first.std)},
+        "aolp_deg": {
+            "mean": float(np.rad2deg(aolp.mean[0])),
+            "std": float(np.rad2deg(np.sqrt(aolp.cov[0, 0]))),
+        },
+        "dolp_snr": {"first_order": float(first.mean / first.std)},
+    }

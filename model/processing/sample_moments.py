@@ -1,0 +1,223 @@
+"""What the pixels of a region say of a mean and of a deviation, each with its standard error.
+
+Every standard error here is taken from the scatter of the pixels themselves, not from an assumed law, and holds for
+pixels that are independent of each other: `effective_pixels` says how far they are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.moments import Moments
+
+FloatArray = NDArray[np.float64]
+
+# A correlation of neighbours is taken for one when it exceeds this many of its own standard errors.
+_CORRELATION_SIGNIFICANCE = 5.0
+# Side of the blocks whose means tell how many independent pixels there are [pixels].
+_BLOCK_SIDE = 16
+_LEAST_BLOCKS = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """A number found from a sample, with the standard error that the sample gives for it."""
+
+    value: float
+    std_error: float
+
+
+def mean_moments(values: ArrayLike) -> Moments:
+    """Return the mean of vectors over pixels, with the covariance of that mean.
+
+    Parameters
+    ----------
+    values
+        One vector a pixel, shape (n, P) with P >= 2 pixels last; any unit.
+
+    Returns
+    -------
+    Moments
+        Mean, shape (n,), and its covariance: the pixels' sample covariance over P.
+
+    References
+    ----------
+    Definition.
+    """
+    array = _checked(values, least=2)
+    cov = np.atleast_2d(np.cov(array)) / array.shape[1]
+    return Moments(mean=array.mean(axis=1), cov=cov)
+
+
+def deviation(values: ArrayLike) -> Sample:
+    """Return the standard deviation of pixels and its standard error.
+
+    Parameters
+    ----------
+    values
+        Shape (P,), P >= 4; any unit.
+
+    Returns
+    -------
+    Sample
+        Deviation (P - 1 in its denominator); its error from the fourth central moment m4 of the same pixels,
+        sqrt((m4 - m2^2) / P) / (2 sqrt(m2)), so that no law is assumed. Of equal values both are 0.
+
+    References
+    ----------
+    Definition; delta method on the sample variance.
+    """
+    array = _checked(np.atleast_2d(np.asarray(values, dtype=np.float64)), least=4)[0]
+    squared = (array - array.mean()) ** 2
+    return _root_of_mean(squared, correction=array.size / (array.size - 1))
+
+
+def temporal_deviation(repeats: ArrayLike) -> Sample:
+    """Return the deviation from frame to frame of a pixel, from the differences of consecutive repeats.
+
+    Parameters
+    ----------
+    repeats
+        Shape (R, P): R >= 2 repeats of P >= 4 pixels, in the order of time; any unit.
+
+    Returns
+    -------
+    Sample
+        Root of half the mean squared difference, the mean difference of each pair taken off: neither a pattern
+        that stands still nor a flicker common to all pixels adds to it.
+
+    Notes
+    -----
+    Differences that share a frame are correlated; the standard error is taken over pixels, from what each pixel
+    gives after all its repeats, and so needs no knowledge of that.
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, section 6.6 (pairs); definition.
+    """
+    array = _checked(repeats, least=4)
+    if array.shape[0] < 2:
+        raise ValueError(f"repeats has {array.shape[0]} repeat; a temporal deviation needs at least 2")
+    differences = np.diff(array, axis=0)
+    differences -= differences.mean(axis=1, keepdims=True)
+    per_pixel = np.mean(differences**2, axis=0) / 2.0
+    return _root_of_mean(per_pixel, correction=array.shape[1] / (array.shape[1] - 1))
+
+
+def mean_over_deviation(values: ArrayLike) -> Sample:
+    """Return mean over deviation of pixels, a signal-to-noise ratio, and its standard error.
+
+    Parameters
+    ----------
+    values
+        Shape (P,), P >= 4, not all equal.
+
+    Returns
+    -------
+    Sample
+        R = m / s with variance (1 - R g + R^2 (k - 1) / 4) / P, where g is the skewness and k the kurtosis of the
+        pixels: numerator and denominator share them.
+
+    Raises
+    ------
+    ValueError
+        All values are equal: the ratio does not exist.
+
+    References
+    ----------
+    [MK14] eq. (29); delta method.
+    """
+    array = _checked(np.atleast_2d(np.asarray(values, dtype=np.float64)), least=4)[0]
+    centred = array - array.mean()
+    spread = float(np.sqrt(np.mean(centred**2)))
+    if spread == 0.0:
+        raise ValueError("values are all equal; a ratio of mean to deviation needs values that differ")
+    ratio = float(array.mean()) / spread
+    skewness = float(np.mean(centred**3)) / spread**3
+    kurtosis = float(np.mean(centred**4)) / spread**4
+    variance = (1.0 - ratio * skewness + ratio**2 * (kurtosis - 1.0) / 4.0) / array.size
+    unbiased = ratio * np.sqrt((array.size - 1) / array.size)
+    return Sample(value=float(unbiased), std_error=float(np.sqrt(max(variance, 0.0))))
+
+
+def effective_pixels(image: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Return how many independent pixels a region is worth for a mean.
+
+    Parameters
+    ----------
+    image
+        What is averaged, shape (H, W).
+    inside
+        The region, shape (H, W), at least 4 pixels.
+
+    Returns
+    -------
+    float
+        The number of pixels where neighbours show no correlation; else the pixel variance over the variance of
+        the means of blocks of 16 x 16 pixels, times what a block holds, and at least 1.
+
+    Notes
+    -----
+    Texture, a lens's blur and interpolation make neighbours alike, and a standard error that counts each of them
+    is too small. Correlation over more than a block is not seen.
+
+    References
+    ----------
+    Batch means; definition.
+    """
+    count = int(inside.sum())
+    if not _neighbours_are_alike(image, inside):
+        return float(count)
+    means, sizes = _block_means(image, inside)
+    if means.size < _LEAST_BLOCKS:
+        return float(max(means.size, 1))
+    pixel_variance = float(np.var(image[inside]))
+    block_variance = float(np.var(means, ddof=1))
+    if block_variance == 0.0:
+        return float(count)
+    alike = max(block_variance * float(sizes.mean()) / pixel_variance, 1.0)
+    return max(count / alike, 1.0)
+
+
+def _neighbours_are_alike(image: FloatArray, inside: NDArray[np.bool_]) -> bool:
+    """Whether the correlation of neighbours along rows or columns exceeds what independent pixels would show."""
+    centred = np.where(inside, image - image[inside].mean(), 0.0)
+    variance = float(np.sum(centred**2)) / inside.sum()
+    if variance == 0.0:
+        return False
+    for along in ((slice(None), slice(1, None)), (slice(1, None), slice(None))):
+        before = tuple(slice(None, -1) if part.start == 1 else part for part in along)
+        pairs = int(np.sum(inside[along] & inside[before]))
+        product = float(np.sum(centred[along] * centred[before]))
+        if pairs > 0 and product / (pairs * variance) > _CORRELATION_SIGNIFICANCE / np.sqrt(pairs):
+            return True
+    return False
+
+
+def _block_means(image: FloatArray, inside: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Return mean and size of each block of the region that is at least half full."""
+    rows, columns = np.nonzero(inside)
+    blocks = (rows // _BLOCK_SIDE) * (image.shape[1] // _BLOCK_SIDE + 1) + columns // _BLOCK_SIDE
+    sizes = np.bincount(blocks).astype(np.float64)
+    sums = np.bincount(blocks, weights=image[rows, columns])
+    full = sizes >= _BLOCK_SIDE**2 / 2
+    return sums[full] / sizes[full], sizes[full]
+
+
+def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
+    """Return the root of the mean of per-pixel variances, its error by the delta method."""
+    root = float(np.sqrt(per_pixel.mean() * correction))
+    if root == 0.0:
+        return Sample(value=0.0, std_error=0.0)
+    error_of_mean = float(per_pixel.std(ddof=1)) / np.sqrt(per_pixel.size)
+    return Sample(value=root, std_error=float(error_of_mean / (2.0 * root)))
+
+
+def _checked(values: ArrayLike, *, least: int) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] < least:
+        raise ValueError(f"values has shape {array.shape}; needed are at least {least} pixels on the last axis")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"values holds {int(np.sum(~np.isfinite(array)))} numbers that are not finite")
+    return array

@@ -1,0 +1,79 @@
+"""What a prediction starts from: the light of each region at the aperture, the sensor, and how it is read out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.moments import Moments
+from model.sensor import Sensor
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionLight:
+    """The Stokes radiance that comes from a region to the aperture, and how it differs from pixel to pixel.
+
+    Parameters
+    ----------
+    name
+        Of the region.
+    stokes_radiance
+        Mean (S0, S1, S2), shape (3,) [W m-2 sr-1, in band].
+    texture_rms
+        Relative rms of a factor common to the whole Stokes vector of a pixel, >= 0.
+    texture_cov
+        Covariance of the pixels' Stokes radiance beyond that factor, shape (3, 3) [(W m-2 sr-1)^2].
+
+    Notes
+    -----
+    A common factor has the rank-one covariance texture_rms^2 S S'; it moves DoLP by nothing at first order,
+    where a diagonal covariance does.
+
+    References
+    ----------
+    [MK14] eq. (7), (10).
+    """
+
+    name: str
+    stokes_radiance: FloatArray
+    texture_rms: float
+    texture_cov: FloatArray
+
+    def aperture_moments(self) -> Moments:
+        """Return mean and covariance of the Stokes radiance over the region's pixels, [MK14] eq. (10)."""
+        common = self.texture_rms**2 * np.outer(self.stokes_radiance, self.stokes_radiance)
+        return Moments(mean=self.stokes_radiance, cov=common + self.texture_cov)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Readout:
+    """How frames are taken and turned into Stokes parameters.
+
+    Parameters
+    ----------
+    angles_rad
+        Angles of the polarizer's axis, one per frame of a cycle, shape (N,) [rad]; in a comparison those that the
+        stage read back.
+    channel_names
+        A name for each of them, as it stands in a report: "dn_45".
+    cycles
+        How many times all angles are gone through, >= 1.
+    extinction_ratio
+        Of the polarizer, as the processing takes it to be; infinite for ideal.
+    """
+
+    angles_rad: FloatArray
+    channel_names: tuple[str, ...]
+    cycles: int
+    extinction_ratio: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """All that a prediction needs."""
+
+    regions: tuple[RegionLight, ...]
+    sensor: Sensor
+    readout: Readout

@@ -1,0 +1,251 @@
+"""Algebra of the linear Stokes parameters (S0, S1, S2), last axis.
+
+S1 = horizontal - vertical, S2 = (+45 deg) - (-45 deg); angles counter-clockwise from horizontal
+as the camera sees the scene ([MK14] eq. 11).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def polarized_intensity(stokes: ArrayLike) -> FloatArray:
+    """Return Q = sqrt(S1^2 + S2^2), without overflow.
+
+    Parameters
+    ----------
+    stokes
+        Shape (..., 3).
+
+    Returns
+    -------
+    ndarray
+        Shape (...), in the unit of `stokes`.
+
+    References
+    ----------
+    Definition.
+    """
+    array = checked_stokes(stokes)
+    return np.asarray(np.hypot(array[..., 1], array[..., 2]))
+
+
+def dolp(stokes: ArrayLike) -> FloatArray:
+    """Return the degree of linear polarization sqrt(S1^2 + S2^2) / S0.
+
+    Parameters
+    ----------
+    stokes
+        Shape (..., 3), S0 > 0.
+
+    Returns
+    -------
+    ndarray
+        Shape (...). Not clipped: noise may take it above 1.
+
+    Raises
+    ------
+    ValueError
+        If the last axis is not 3 long or a value of S0 is not positive.
+
+    References
+    ----------
+    [MK14] eq. (5).
+    """
+    array = checked_stokes(stokes)
+    require_positive_intensity(array)
+    return np.asarray(np.hypot(array[..., 1], array[..., 2]) / array[..., 0])
+
+
+def aolp_rad(stokes: ArrayLike) -> FloatArray:
+    """Return the angle of linear polarization, half of the argument of S1 + i S2.
+
+    Parameters
+    ----------
+    stokes
+        Shape (..., 3).
+
+    Returns
+    -------
+    ndarray
+        Shape (...), [rad], in [0, pi). 0 where S1 = S2 = 0: there the angle has no meaning.
+
+    References
+    ----------
+    Definition.
+    """
+    array = checked_stokes(stokes)
+    angle = 0.5 * np.arctan2(array[..., 2], array[..., 1])
+    wrapped = np.where(angle < 0.0, angle + np.pi, angle)
+    # A tiny negative angle plus pi rounds to pi itself, which is the direction 0.
+    return np.asarray(np.where(wrapped >= np.pi, 0.0, wrapped) + 0.0)
+
+
+def from_dolp(*, intensity: ArrayLike, dolp_value: ArrayLike, aolp_rad_value: ArrayLike) -> FloatArray:
+    """Return the Stokes parameters of light of given intensity, degree and angle of polarization.
+
+    Parameters
+    ----------
+    intensity
+        S0, any unit.
+    dolp_value
+        Degree of linear polarization, 0 to 1 for light.
+    aolp_rad_value
+        Angle of linear polarization [rad].
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 3), the arguments broadcast.
+
+    References
+    ----------
+    Definition.
+    """
+    s0, degree, angle = np.broadcast_arrays(
+        np.asarray(intensity, dtype=np.float64), dolp_value, aolp_rad_value
+    )
+    return np.stack([s0, s0 * degree * np.cos(2.0 * angle), s0 * degree * np.sin(2.0 * angle)], axis=-1)
+
+
+def analyzer_row(
+    angle_rad: ArrayLike, tau_parallel: ArrayLike = 1.0, tau_perpendicular: ArrayLike = 0.0
+) -> FloatArray:
+    """Return the row of the system matrix of a linear polarizer in front of a detector.
+
+    Parameters
+    ----------
+    angle_rad
+        Angle of the transmission axis [rad], counter-clockwise from horizontal as the camera sees the scene.
+    tau_parallel
+        Power transmittance for light polarized along the axis, 0 to 1.
+    tau_perpendicular
+        Power transmittance for light polarized across the axis, 0 to `tau_parallel`.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 3): 1/2 [a + b, (a - b) cos 2 psi, (a - b) sin 2 psi]; its product with the Stokes
+        parameters is the intensity behind the polarizer.
+
+    Raises
+    ------
+    ValueError
+        If the transmittances are outside 0 <= tau_perpendicular <= tau_parallel <= 1.
+
+    References
+    ----------
+    [MK14] eq. (11)-(14).
+    """
+    along = np.asarray(tau_parallel, dtype=np.float64)
+    across = np.asarray(tau_perpendicular, dtype=np.float64)
+    _require_transmittances(along, across)
+    angle, total, difference = np.broadcast_arrays(
+        np.asarray(angle_rad, dtype=np.float64), along + across, along - across
+    )
+    return 0.5 * np.stack(
+        [total, difference * np.cos(2.0 * angle), difference * np.sin(2.0 * angle)], axis=-1
+    )
+
+
+def rotation(angle_rad: ArrayLike) -> FloatArray:
+    """Return the matrix that expresses Stokes parameters in axes turned by an angle.
+
+    Parameters
+    ----------
+    angle_rad
+        Angle [rad] by which the new horizontal axis is turned counter-clockwise from the old one.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 3, 3). Applied to Stokes parameters it lowers the angle of polarization by `angle_rad`.
+
+    References
+    ----------
+    Definition.
+    """
+    twice = 2.0 * np.asarray(angle_rad, dtype=np.float64)
+    matrix = np.zeros((*twice.shape, 3, 3))
+    matrix[..., 0, 0] = 1.0
+    matrix[..., 1, 1] = matrix[..., 2, 2] = np.cos(twice)
+    matrix[..., 1, 2] = np.sin(twice)
+    matrix[..., 2, 1] = -np.sin(twice)
+    return matrix
+
+
+def rotate_frame(stokes: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
+    """Return the same light's Stokes parameters in axes turned by an angle.
+
+    Parameters
+    ----------
+    stokes
+        Shape (..., 3).
+    angle_rad
+        Angle [rad] by which the new horizontal axis is turned counter-clockwise from the old one.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 3); the angle of polarization is lower by `angle_rad`, intensity and DoLP are unchanged.
+
+    References
+    ----------
+    Definition.
+    """
+    turned: FloatArray = np.einsum("...ij,...j->...i", rotation(angle_rad), checked_stokes(stokes))
+    return turned
+
+
+def checked_stokes(stokes: ArrayLike) -> FloatArray:
+    """Return Stokes parameters as a float64 array with a last axis of length 3.
+
+    Parameters
+    ----------
+    stokes
+        Shape (..., 3).
+
+    Returns
+    -------
+    ndarray
+        The same values.
+
+    Raises
+    ------
+    ValueError
+        If the last axis is not 3 long.
+    """
+    array = np.asarray(stokes, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f"stokes has shape {array.shape}; allowed is (..., 3), that is S0, S1, S2")
+    return array
+
+
+def require_positive_intensity(stokes: FloatArray) -> None:
+    """Raise unless S0 is positive everywhere.
+
+    Parameters
+    ----------
+    stokes
+        Shape (..., 3).
+
+    Raises
+    ------
+    ValueError
+        If a value of S0 is zero, negative or not a number.
+    """
+    bad = ~(stokes[..., 0] > 0.0)
+    if np.any(bad):
+        raise ValueError(
+            f"S0 is not positive in {np.sum(bad)} of {bad.size} places "
+            f"(lowest {np.min(stokes[..., 0]):.3g}); DoLP needs S0 > 0: mask those places"
+        )
+
+
+def _require_transmittances(along: FloatArray, across: FloatArray) -> None:
+    if np.any(~((across >= 0.0) & (across <= along) & (along <= 1.0))):
+        raise ValueError(
+            f"tau_parallel = {along} and tau_perpendicular = {across}; "
+            "allowed is 0 <= tau_perpendicular <= tau_parallel <= 1 (power transmittances)"
+        )

@@ -1,0 +1,107 @@
+"""``rigctl import``: make a run out of images that exist."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigctl.commands.option_text import OptionTexts
+from rigctl.image_import import Imported, import_images
+from rigctl.import_request import ImportRequest
+from rigctl.run_folder import FRAME_KINDS
+from rigctl.terminal import print_json, results
+
+_NO_VALUE = "none"
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: new, or imported before.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="FITS, PNG or TIFF images.")],
+    angles: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,...", help="Polarizer angle of each file [deg], as in 0,60,-60."),
+    ] = None,
+    angle_key: Annotated[str | None, typer.Option(metavar="KEY", help="Header keyword with the angle [deg].")] = None,
+    mosaic: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,C,D", help="Angles of the 2 x 2 cell at the top left, row by row [deg]."),
+    ] = None,
+    kind: Annotated[str, typer.Option(metavar="|".join(FRAME_KINDS), help="What the camera saw.")] = "scene",
+    exposure_s: Annotated[float | None, typer.Option(metavar="X", help="Exposure of every file [s].")] = None,
+    exposure_key: Annotated[
+        str | None, typer.Option(metavar="KEY", help="Header keyword with the exposure [s].")
+    ] = None,
+    same_exposure: Annotated[
+        bool, typer.Option("--same-exposure", help="One exposure for all files, not known how long.")
+    ] = False,
+    black_level_dn: Annotated[
+        float | None, typer.Option(metavar="X", help="Counts without light [DN as in the files].")
+    ] = None,
+    black_level_key: Annotated[
+        str | None, typer.Option(metavar="KEY", help="Header keyword with the black level [DN].")
+    ] = None,
+    black_level_from_darks: Annotated[
+        bool, typer.Option("--black-level-from-darks", help="Dark frames, imported too, tell the black level.")
+    ] = False,
+    bit_depth: Annotated[int | None, typer.Option(metavar="N", help="Bits of the camera, 1 to 16.")] = None,
+    justified: Annotated[
+        str | None, typer.Option(metavar="left|right", help="Where these bits stand, if the counts do not tell.")
+    ] = None,
+    saturation_dn: Annotated[
+        float | None, typer.Option(metavar="X", help="Saturated at and above this [DN as in the files].")
+    ] = None,
+    missing_dn: Annotated[
+        str | None,
+        typer.Option(metavar="X|none", help="Value of pixels not received [DN as in the files], or none."),
+    ] = None,
+    first_row: Annotated[
+        str | None,
+        typer.Option(metavar="top|bottom", help="First row in the files. FITS: bottom, unless ROWORDER says."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
+) -> None:
+    """Make a run out of images that exist, or add images of another kind to such a run.
+
+    Angles are those of the transmission axis, counter-clockwise from horizontal in the picture as shown. What
+    cannot be known from the files is asked for; what is recognised in them is said, and noted in every frame.
+
+    Examples: rigctl import runs/fruits fruits.png --mosaic 90,45,135,0 --black-level-dn 0
+
+    rigctl import runs/corona a.fits b.fits c.fits --angles 0,60,-60 --exposure-key EXPTIME
+    --black-level-key OFFSET --bit-depth 16
+    """
+    texts = OptionTexts()
+    request = ImportRequest(
+        run=run,
+        files=tuple(files),
+        kind=texts.choice("--kind", kind, FRAME_KINDS) or "scene",
+        angles_deg=texts.numbers("--angles", angles),
+        angle_key=angle_key,
+        mosaic_deg=texts.numbers("--mosaic", mosaic),
+        exposure_s=exposure_s,
+        exposure_key=exposure_key,
+        same_exposure=same_exposure,
+        black_level_dn=black_level_dn,
+        black_level_key=black_level_key,
+        black_level_from_darks=black_level_from_darks,
+        bit_depth=bit_depth,
+        justified=texts.choice("--justified", justified, ("left", "right")),
+        saturation_dn=saturation_dn,
+        missing_dn=None if missing_dn == _NO_VALUE else texts.number("--missing-dn", missing_dn),
+        none_missing=missing_dn == _NO_VALUE,
+        first_row=texts.choice("--first-row", first_row, ("top", "bottom")),
+        misread=texts.problems,
+    )
+    _report(run, import_images(request), as_json=as_json)
+
+
+def _report(run: Path, imported: Imported, *, as_json: bool) -> None:
+    if as_json:
+        files = [record.file for record in imported.frames]
+        print_json({"run": str(run), "frames": files, "remarks": list(imported.remarks)})
+        return
+    first = imported.frames[0]
+    size = f"{first.width} x {first.height} pixels, {first.bit_depth} bits"
+    results().print(f"{run}: {len(imported.frames)} {first.kind} frames of {size}", markup=False)
+    for remark in imported.remarks:
+        results().print(f"  note: {remark}", markup=False)

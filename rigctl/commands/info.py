@@ -1,0 +1,99 @@
+"""``rigctl info``: say what a run holds."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from rigctl.run_folder import read_run
+from rigctl.run_summary import FrameGroup, RunSummary, summarize_run
+from rigctl.terminal import print_json, results
+
+_UNKNOWN = "-"
+_COLUMNS = ("angle [deg]", "readback [deg]", "exposure [s]", "gain [dB]", "frames", "cycles", "saturated [%]")
+_ORIGINS = {
+    "simulated": "simulated devices",
+    "device": "real devices",
+    "import": "imported images",
+}
+
+
+def command(
+    run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")],
+    as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
+) -> None:
+    """Say what a run holds: frames, angles, exposures, devices, time span, and what was noted.
+
+    Example: rigctl info runs/2026-05-04
+    """
+    summary = summarize_run(read_run(run))
+    if as_json:
+        print_json(asdict(summary))
+    else:
+        _print(summary)
+
+
+def _print(summary: RunSummary) -> None:
+    console = results()
+    for title, text in _facts(summary):
+        console.print(f"{title:<14}{text}", markup=False)
+    console.print(_table(summary.groups))
+    for remark, frames in summary.remarks.items():
+        console.print(f"note: {remark} ({frames} frames)", markup=False)
+    for event, times in summary.events.items():
+        console.print(f"event: {event} ({times} x)", markup=False)
+
+
+def _facts(summary: RunSummary) -> Iterable[tuple[str, str]]:
+    yield "run", summary.run
+    yield "origin", _ORIGINS.get(summary.origin, summary.origin)
+    yield "made by", f"{summary.created_by}, {summary.created_utc}"
+    yield "frames", f"{summary.frames} of {_join(f'{w} x {h}' for w, h in summary.sizes)} pixels"
+    yield "bits", _join(map(str, summary.bit_depths))
+    yield "black [DN]", _join(f"{value:g}" for value in summary.black_levels_dn)
+    yield "full [DN]", _join(f"{value:g}" for value in summary.saturations_dn)
+    yield "missing [DN]", _join(f"{value:g}" for value in summary.missing_dn)
+    yield "time", f"{summary.start_utc or _UNKNOWN} to {summary.end_utc or _UNKNOWN}"
+    yield "camera", _join(summary.cameras)
+    yield "stage", _join(summary.stages)
+
+
+def _join(texts: Iterable[str]) -> str:
+    return ", ".join(texts) or _UNKNOWN
+
+
+def _table(groups: Iterable[FrameGroup]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("kind")
+    for title in _COLUMNS:
+        table.add_column(escape(title), justify="right")
+    for group in groups:
+        table.add_row(*_cells(group))
+    return table
+
+
+def _cells(group: FrameGroup) -> Iterable[str]:
+    yield group.kind
+    yield _number(group.polarizer_angle_target_deg)
+    yield _span(group.polarizer_angle_deg, digits=3)
+    yield _number(group.exposure_s)
+    yield _number(group.gain_db)
+    yield str(group.frames)
+    yield str(group.cycles)
+    low, high = group.saturated_fraction
+    yield _span((100.0 * low, 100.0 * high), digits=2)
+
+
+def _number(value: float | None) -> str:
+    return _UNKNOWN if value is None else f"{value:g}"
+
+
+def _span(values: tuple[float, float] | None, *, digits: int) -> str:
+    if values is None:
+        return _UNKNOWN
+    low, high = (f"{value:.{digits}f}" for value in values)
+    return low if low == high else f"{low} .. {high}"

@@ -1,0 +1,82 @@
+"""The whole job on a simulated rig: take the noise session, calibrate, take the scene, predict, compare, report."""
+
+import shutil
+from collections.abc import Callable
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from rigctl.calibrate_files import calibrate_run
+from rigctl.compare_run import ComparedRun, compare_run
+from rigctl.errors import ConfigError
+from rigctl.perturbation import Perturbation, perturbed
+from rigctl.rig_file import RigFile, load_rig
+from rigctl.session_file import load_session
+from rigctl.take_session import take_session
+
+EXAMPLES = ("rig-sim.toml", "session-noise.toml", "session.toml", "scene-panels.toml", "regions.toml")
+RUN, NOISE_RUN, NOISE = "run", "noise-run", "noise.json"
+
+Say = Callable[[str], None]
+
+
+def run_demo(out: Path, *, seed: int, perturbation: Perturbation | None, alpha: float, say: Say) -> ComparedRun:
+    """Run the whole job into a folder; return the comparison, which is written there too.
+
+    Parameters
+    ----------
+    out : Path
+        Folder; it must not hold anything yet. Afterwards it holds the example files, `run`, `noise-run`,
+        `noise.json`, `prediction.json`, `measurement.json`, `comparison.json` and `report.html`.
+    seed : int
+        Of all that is random in the simulated rig, >= 0.
+    perturbation : str or None
+        What changes in the rig between calibration and run.
+    alpha : float
+        Chance of any false disagreement.
+    say : callable
+        Told what is being done.
+
+    Raises
+    ------
+    ConfigError
+        The folder holds something.
+    """
+    copy_examples(out)
+    rig = seeded(load_rig(out / "rig-sim.toml"), seed)
+    say("taking dark and flat frames")
+    _take(rig, out, session="session-noise.toml", run=NOISE_RUN)
+    say("calibrating the sensor's noise from them")
+    calibrate_run(out / NOISE_RUN, out / NOISE)
+    if perturbation is not None:
+        say(f"changing the simulated rig: {perturbation}")
+        rig = perturbed(rig, perturbation)
+    say("taking the scene")
+    _take(rig, out, session="session.toml", run=RUN)
+    say("comparing with the model")
+    compared = compare_run(
+        out / RUN, scene_path=out / "scene-panels.toml", regions_path=None, noise_path=out / NOISE, alpha=alpha
+    )
+    compared.write(out)
+    return compared
+
+
+def copy_examples(out: Path) -> None:
+    """Copy the example files into a folder that holds nothing yet."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise ConfigError(f"--out: {out} holds something already; name a folder that does not exist yet")
+    out.mkdir(parents=True, exist_ok=True)
+    with as_file(files("rigctl") / "data" / "examples") as examples:
+        for name in EXAMPLES:
+            shutil.copyfile(examples / name, out / name)
+
+
+def seeded(rig: RigFile, seed: int) -> RigFile:
+    """Return a simulated rig with another seed."""
+    if rig.simulation is None or seed < 0:
+        raise ConfigError(f"--seed: is {seed}; allowed is 0 and above, for a simulated rig")
+    return rig.model_copy(update={"simulation": rig.simulation.model_copy(update={"seed": seed})})
+
+
+def _take(rig: RigFile, out: Path, *, session: str, run: str) -> None:
+    paths = {"rig": out / "rig-sim.toml", "session": out / session}
+    take_session(rig, load_session(paths["session"]), out / run, files=paths)

@@ -1,0 +1,182 @@
+"""Images that other programs wrote (FITS, PNG, TIFF), read as whole numbers of counts."""
+
+import gzip
+import io
+import warnings
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import DataError
+
+FirstRow = Literal["top", "bottom"]
+
+_GZIP = b"\x1f\x8b"
+_FITS = b"SIMPLE  ="
+_PNG = b"\x89PNG\r\n\x1a\n"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_PNG_BIT_DEPTH = 24  # where the header chunk of a PNG says how many bits a sample has
+_LARGEST = 65535
+_ROW_ORDERS: dict[str, FirstRow] = {"TOP-DOWN": "top", "BOTTOM-UP": "bottom"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageFile:
+    """An image as its file has it.
+
+    Attributes
+    ----------
+    counts : (H, W) array of uint16
+        Samples, rows in the order of the file.
+    sample_bits : {8, 16}
+        Bits that a sample takes in the file; a camera may fill fewer of them.
+    first_row : {"top", "bottom"}
+        Which row comes first, as the file says or as its format has it.
+    first_row_stated : bool
+        The file itself says so.
+    header : mapping
+        Value by keyword; empty where the format has none.
+    remarks : tuple of str
+        What else one has to know of the file.
+    """
+
+    counts: NDArray[np.uint16]
+    sample_bits: int
+    first_row: FirstRow
+    first_row_stated: bool
+    header: Mapping[str, Any]
+    remarks: tuple[str, ...] = ()
+
+
+def read_image(path: Path) -> ImageFile:
+    """Return the image of a file.
+
+    Parameters
+    ----------
+    path : Path
+        A FITS file (its first image is taken), or a PNG or TIFF file of one grey picture.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no such image, is damaged, has colours or several pictures, or samples that are
+        not whole numbers from 0 to 65535.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}") from error
+    if data.startswith(_GZIP):
+        data = _uncompressed(data)
+    if data.startswith(_FITS):
+        return _read_fits(data)
+    if data.startswith(_PNG):
+        return _read_png(data)
+    if data.startswith(_TIFF):
+        return _read_tiff(data)
+    raise DataError("is no FITS, PNG or TIFF image; other formats have to be converted without loss first")
+
+
+def _uncompressed(data: bytes) -> bytes:
+    try:
+        return gzip.decompress(data)
+    except (OSError, EOFError, zlib.error) as error:
+        raise DataError(f"is damaged: {error}") from error
+
+
+def _read_png(data: bytes) -> ImageFile:
+    if data[_PNG_BIT_DEPTH] < 8:
+        raise DataError(f"has {data[_PNG_BIT_DEPTH]} bits per sample, which is no camera's raw image")
+    return _plain_image(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+def _read_tiff(data: bytes) -> ImageFile:
+    _, pages = cv2.imdecodemulti(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if len(pages) > 1:
+        raise DataError(f"holds {len(pages)} pictures; give one file for each")
+    return _plain_image(pages[0] if pages else None)
+
+
+def _plain_image(pixels: NDArray[Any] | None) -> ImageFile:
+    if pixels is None:
+        raise DataError("is damaged, or of a kind of PNG or TIFF that cannot be read")
+    if pixels.ndim != 2:
+        raise DataError(f"is a colour image ({pixels.shape[2]} channels); one grey picture is wanted")
+    return ImageFile(
+        counts=_whole_counts(pixels),
+        sample_bits=_sample_bits(pixels),
+        first_row="top",
+        first_row_stated=False,
+        header={},
+    )
+
+
+def _read_fits(data: bytes) -> ImageFile:
+    header, pixels, images = _first_fits_image(data)
+    if pixels.ndim != 2:
+        raise DataError(f"has {pixels.ndim} axes {pixels.shape}; give one file for each picture")
+    stated = str(header.get("ROWORDER", "")).strip().upper()
+    if stated and stated not in _ROW_ORDERS:
+        raise DataError(f"ROWORDER is {stated!r}; known are {', '.join(_ROW_ORDERS)}")
+    return ImageFile(
+        counts=_whole_counts(pixels),
+        sample_bits=_sample_bits(pixels),
+        first_row=_ROW_ORDERS.get(stated, "bottom"),
+        first_row_stated=bool(stated),
+        header=header,
+        remarks=(f"the first of {images} images of its file",) if images > 1 else (),
+    )
+
+
+def _first_fits_image(data: bytes) -> tuple[dict[str, Any], NDArray[Any], int]:
+    from astropy.io import fits  # half a second, wanted for FITS only
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            with fits.open(io.BytesIO(data), memmap=False, checksum=True) as units:
+                images = [unit for unit in units if unit.is_image and unit.data is not None]
+                header = {key: images[0].header[key] for key in set(images[0].header)} if images else {}
+        except Exception as error:  # whatever astropy's own code trips over in a header that is spoilt
+            raise DataError(f"is no FITS file that can be read: {error}") from error
+    _refuse_damage([str(warning.message) for warning in caught])
+    if not images:
+        raise DataError("is a FITS file without an image")
+    return header, images[0].data, len(images)
+
+
+def _refuse_damage(messages: list[str]) -> None:
+    # Headers are often untidy, and astropy says so; what matters here is whether the samples are what was written.
+    damage = [text for text in messages if "truncated" in text or "verification failed" in text]
+    if damage:
+        raise DataError(f"is damaged: {' '.join(damage)}")
+
+
+def _sample_bits(pixels: NDArray[Any]) -> int:
+    return 8 if pixels.dtype.itemsize == 1 else 16
+
+
+def _whole_counts(pixels: NDArray[Any]) -> NDArray[np.uint16]:
+    if pixels.size == 0:
+        raise DataError("has no pixels")
+    if pixels.dtype.kind == "f":
+        _refuse_fractions(pixels)
+    low, high = pixels.min(), pixels.max()
+    if low < 0 or high > _LARGEST:
+        raise DataError(f"samples run from {low:g} to {high:g}; raw counts lie between 0 and {_LARGEST}")
+    return np.ascontiguousarray(pixels, dtype=np.uint16)
+
+
+def _refuse_fractions(pixels: NDArray[Any]) -> None:
+    unset = int(np.count_nonzero(~np.isfinite(pixels)))
+    if unset:
+        raise DataError(f"{unset} samples are NaN or infinite; give missing pixels a count and name it: --missing-dn")
+    broken = int(np.count_nonzero(pixels != np.floor(pixels)))
+    if broken:
+        raise DataError(f"{broken} samples are not whole numbers: this is no raw image, but one that was worked on")

@@ -1,0 +1,109 @@
+"""What a histogram of counts tells about a camera's bits: how they are justified, where they end, what is missing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEVELS = 65536
+# How many pixels have to share a value before it is more than chance.
+_SHARE_OF_PIXELS = 1e-3
+_PIXELS = 20
+_TIMES_ITS_NEIGHBOURS = 20
+_NEAR_THE_TOP = 0.9
+_LEVELS_OF_A_NOISY_IMAGE = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plateau:
+    """A value that suspiciously many pixels share.
+
+    Attributes
+    ----------
+    value_dn : int
+        The value.
+    fraction : float
+        Share of pixels that have it.
+    certain : bool
+        Nothing but saturation explains it.
+    """
+
+    value_dn: int
+    fraction: float
+    certain: bool
+
+
+def histogram(counts: NDArray[np.uint16]) -> NDArray[np.int64]:
+    """Return how many pixels have each count from 0 to 65535."""
+    return np.bincount(counts.ravel(), minlength=LEVELS)
+
+
+def common_zero_bits(levels: NDArray[np.int64]) -> int:
+    """Return how many of the lowest bits are zero in every count; 0 where all counts are 0.
+
+    Examples
+    --------
+    Twelve bits that a camera shifted to the top of sixteen have four of them.
+    """
+    used = int(np.bitwise_or.reduce(np.flatnonzero(levels)))
+    return (used & -used).bit_length() - 1 if used else 0
+
+
+def largest(levels: NDArray[np.int64]) -> int:
+    """Return the largest count that there is [DN]."""
+    return int(np.flatnonzero(levels)[-1])
+
+
+def saturation_plateau(levels: NDArray[np.int64], *, full_scale_dn: int) -> Plateau | None:
+    """Return the plateau of saturated pixels below full scale, or None.
+
+    Parameters
+    ----------
+    levels : (65536,) array of int
+        Pixels by count, over all images of one camera.
+    full_scale_dn : int
+        The largest count that the bits allow; a plateau there is no news.
+
+    Notes
+    -----
+    More than 0.1 % of the pixels, and 20 or more, share the largest count; that is 20 times as many as any other
+    count in the tenth below it has; and the image has noise (16 levels or more), so that nobody drew it. It is
+    certain where the largest count also lies above 90 % of full scale.
+    """
+    top = largest(levels)
+    below = levels[int(_NEAR_THE_TOP * top) : top]
+    shared = levels[top] >= _TIMES_ITS_NEIGHBOURS * below.max(initial=1)
+    noisy = np.count_nonzero(levels) >= _LEVELS_OF_A_NOISY_IMAGE
+    if top >= full_scale_dn or not (shared and noisy and _is_many(levels, top)):
+        return None
+    return Plateau(value_dn=top, fraction=_fraction(levels, top), certain=top > _NEAR_THE_TOP * full_scale_dn)
+
+
+def missing_pixels(levels: NDArray[np.int64], *, black_level_dn: float | None) -> Plateau | None:
+    """Return the plateau of pixels at 0 that cannot be dark, or None.
+
+    Parameters
+    ----------
+    levels : (65536,) array of int
+        Pixels by count, over all images of one camera.
+    black_level_dn : float or None
+        The smallest black level of these images [DN], where known.
+
+    Notes
+    -----
+    More than 0.1 % of the pixels, and 20 or more, are 0, but not all; and none lies between 0 and half of the
+    black level, or of 64 DN where that is not known. It is certain where the black level is known.
+    """
+    darkest = 64.0 if black_level_dn is None else black_level_dn
+    gap = levels[1 : int(np.ceil(darkest / 2.0))]
+    if not _is_many(levels, 0) or gap.size == 0 or gap.any() or largest(levels) == 0:
+        return None
+    return Plateau(value_dn=0, fraction=_fraction(levels, 0), certain=black_level_dn is not None)
+
+
+def _is_many(levels: NDArray[np.int64], value_dn: int) -> bool:
+    return bool(levels[value_dn] >= max(_PIXELS, _SHARE_OF_PIXELS * levels.sum()))
+
+
+def _fraction(levels: NDArray[np.int64], value_dn: int) -> float:
+    return float(levels[value_dn] / levels.sum())

@@ -1,0 +1,188 @@
+"""What the pixels of one region say: every quantity of the report, with its standard error."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.moments import Moments, propagate_linear
+from model.processing import dolp
+from model.processing.reconstruction import Design
+from model.processing.sample_moments import (
+    Sample,
+    deviation,
+    effective_pixels,
+    mean_moments,
+    mean_over_deviation,
+    temporal_deviation,
+)
+from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
+from model.stokes import dolp as degree_of_polarization
+from rigctl.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+# quantity -> statistic -> sample; the same names as in `model.prediction.Quantities`.
+MeasuredQuantities = dict[str, dict[str, Sample]]
+
+# Fewer pixels than this give no fourth moment worth the name.
+LEAST_PIXELS = 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredRegion:
+    """What the pixels of a region say.
+
+    Attributes
+    ----------
+    pixels, excluded : int
+        Pixels used, and pixels of the region left out as saturated or missing.
+    independent_pixels : float
+        How many independent ones they are worth: standard errors take this number.
+    channels_mean : Moments
+        Mean of each angle over pixels and cycles, and the covariance of that mean.
+    spatial_cov : (N, N) array
+        Covariance of the angles over the pixels of the mean of all cycles.
+    stokes_pixels, stokes_pixels_mean : (3, P) array
+        Stokes parameters of each pixel, of the first cycle and of the mean of all.
+    quantities : dict
+        Everything a prediction is set beside.
+    """
+
+    pixels: int
+    excluded: int
+    independent_pixels: float
+    channels_mean: Moments
+    spatial_cov: FloatArray
+    stokes_pixels: FloatArray
+    stokes_pixels_mean: FloatArray
+    quantities: MeasuredQuantities
+
+
+def measure_region(
+    *,
+    name: str,
+    pixels: FloatArray,
+    inside: NDArray[np.bool_],
+    excluded: int,
+    channel_names: tuple[str, ...],
+    plan: Design,
+    level_std_error: FloatArray,
+) -> MeasuredRegion:
+    """Return the numbers of a region.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    pixels : (C, N, P) array
+        Cycles, angles, pixels; dark level off.
+    inside : (H, W) array of bool
+        Where the P pixels are.
+    excluded : int
+        How many pixels of the region are left out.
+    channel_names : tuple of str
+        Of the N angles.
+    plan : Design
+        Angles and inverse.
+    level_std_error : (N,) array
+        Standard error of the dark level that was taken off, one cause for all angles.
+
+    Raises
+    ------
+    DataError
+        Fewer than 16 pixels are left.
+    """
+    if pixels.shape[2] < LEAST_PIXELS:
+        raise DataError(
+            f"region {name}: {pixels.shape[2]} pixels are left of {pixels.shape[2] + excluded} "
+            f"(the others are saturated or missing); at least {LEAST_PIXELS} are needed"
+        )
+    mean = pixels.mean(axis=0)
+    independent = _independent_pixels(mean, inside, plan)
+    inflation = pixels.shape[2] / independent
+    channels_mean = _with_level_error(mean_moments(mean), inflation, level_std_error)
+    stokes_pixels = np.asarray(plan.inverse @ pixels[0])
+    stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
+    quantities = _linear(channel_names, pixels, channels_mean, inflation)
+    stokes_mean = propagate_linear(channels_mean, plan.inverse)
+    quantities |= _linear(("s0", "s1", "s2"), stokes_cycles, stokes_mean, inflation)
+    quantities |= _of_mean_stokes(stokes_mean)
+    quantities |= _of_pixel_dolp(stokes_pixels, inflation)
+    return MeasuredRegion(
+        pixels=pixels.shape[2],
+        excluded=excluded,
+        independent_pixels=independent,
+        channels_mean=channels_mean,
+        spatial_cov=np.cov(mean),
+        stokes_pixels=stokes_pixels,
+        stokes_pixels_mean=np.asarray(plan.inverse @ mean),
+        quantities=quantities,
+    )
+
+
+def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Design) -> float:
+    image = np.zeros(inside.shape)
+    image[inside] = plan.inverse[0] @ mean
+    return effective_pixels(image, inside)
+
+
+def _with_level_error(moments: Moments, inflation: float, level_std_error: FloatArray) -> Moments:
+    common = np.outer(level_std_error, level_std_error)
+    return Moments(mean=moments.mean, cov=moments.cov * inflation + common)
+
+
+def _linear(names: tuple[str, ...], cycles: FloatArray, mean: Moments, inflation: float) -> MeasuredQuantities:
+    """Return mean and deviations of channels or Stokes parameters, cycles (C, n, P)."""
+    found: MeasuredQuantities = {}
+    for k, name in enumerate(names):
+        found[name] = {
+            "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
+            "std": _inflated(deviation(cycles[0, k]), inflation),
+            "std_spatial_mean": _inflated(deviation(cycles[:, k].mean(axis=0)), inflation),
+        }
+        if cycles.shape[0] > 1:
+            found[name]["std_temporal"] = temporal_deviation(cycles[:, k])
+    return found
+
+
+def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
+    if stokes.mean[0] <= 0.0:
+        return {}
+    normalized = normalized_moments(stokes)
+    errors = np.sqrt(np.diag(normalized.cov))
+    found = {
+        name: {"mean": Sample(value=float(normalized.mean[k]), std_error=float(errors[k]))}
+        for k, name in enumerate(("s1n", "s2n"))
+    }
+    if not np.any(stokes.mean[1:]):
+        return found
+    degree = dolp.first_order(stokes.mean, stokes.cov)
+    angle = aolp_moments_rad(stokes)
+    found["dolp"] = {"mean": Sample(value=float(degree.mean), std_error=float(degree.std))}
+    found["aolp_deg"] = {
+        "mean": Sample(value=float(np.rad2deg(angle.mean[0])), std_error=float(np.rad2deg(np.sqrt(angle.cov[0, 0]))))
+    }
+    return found
+
+
+def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuantities:
+    """Return what the DoLP of single pixels gives; nothing where a pixel has no light, since it has none then."""
+    if np.any(stokes_pixels[0] <= 0.0):
+        return {}
+    values = np.asarray(degree_of_polarization(stokes_pixels.T))
+    mean = mean_moments(values[None, :])
+    mean_error = float(np.sqrt(mean.cov[0, 0]))
+    found: MeasuredQuantities = {
+        "dolp_pixels": {
+            "mean": _inflated(Sample(value=float(mean.mean[0]), std_error=mean_error), inflation),
+            "std": _inflated(deviation(values), inflation),
+        }
+    }
+    if np.ptp(values) > 0.0:
+        found["dolp_snr"] = {"mean": _inflated(mean_over_deviation(values), inflation)}
+    return found
+
+
+def _inflated(sample: Sample, inflation: float) -> Sample:
+    return Sample(value=sample.value, std_error=sample.std_error * float(np.sqrt(inflation)))

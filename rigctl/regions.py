@@ -1,0 +1,118 @@
+"""Regions of interest: rectangles and polygons with names, and the pixels that they hold.
+
+x runs right, y down, (0, 0) is the centre of the top left pixel.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from rigctl.config import Section, load
+from rigctl.errors import ConfigError
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+
+class Rectangle(Section):
+    """A rectangle of whole pixels: its top left pixel and its size."""
+
+    x: Annotated[int, Field(ge=0)]
+    y: Annotated[int, Field(ge=0)]
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+
+
+Vertex = tuple[float, float]
+
+
+class Region(Section):
+    """A named part of the picture: exactly one of a rectangle and a polygon."""
+
+    name: Name
+    rectangle: Rectangle | None = None
+    polygon: Annotated[list[Vertex], Field(min_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> "Region":
+        if (self.rectangle is None) == (self.polygon is None):
+            raise ValueError("needs exactly one of rectangle = {x, y, width, height} and polygon = [[x, y], ...]")
+        return self
+
+    def outline(self) -> list[Vertex]:
+        """Return the corners (x, y); those of a rectangle are the outer corners of its corner pixels."""
+        if self.polygon is not None:
+            return self.polygon
+        if self.rectangle is None:
+            return []
+        r = self.rectangle
+        left, top, right, bottom = r.x - 0.5, r.y - 0.5, r.x + r.width - 0.5, r.y + r.height - 0.5
+        return [(left, top), (right, top), (right, bottom), (left, bottom)]
+
+
+class RegionsFile(Section):
+    """What a regions file holds."""
+
+    schema_version: Literal[1] = 1
+    regions: Annotated[list[Region], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _distinct_names(self) -> "RegionsFile":
+        require_distinct([region.name for region in self.regions])
+        return self
+
+
+def require_distinct(names: list[str]) -> None:
+    """Refuse names that occur twice (ValueError)."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"region names occur more than once: {', '.join(twice)}")
+
+
+def load_regions(path: Path) -> list[Region]:
+    """Return the regions of a regions file."""
+    return load(path, RegionsFile).regions
+
+
+def masks(regions: list[Region], *, width: int, height: int) -> dict[str, NDArray[np.bool_]]:
+    """Return for each region the pixels (H, W) whose centres lie in it.
+
+    Raises
+    ------
+    ConfigError
+        A region reaches beyond the picture, or holds no pixel: all of them at once.
+    """
+    problems: list[str] = []
+    found: dict[str, NDArray[np.bool_]] = {}
+    for region in regions:
+        beyond = [
+            f"({x:g}, {y:g})"
+            for x, y in region.outline()
+            if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5)
+        ]
+        if beyond:
+            problems.append(
+                f"region {region.name}: {', '.join(beyond)} lies outside of the picture of {width} x {height}"
+            )
+            continue
+        mask = _mask(region, width=width, height=height)
+        if not mask.any():
+            problems.append(f"region {region.name}: holds the centre of no pixel")
+        found[region.name] = mask
+    if problems:
+        raise ConfigError("\n  ".join(["regions do not fit the pictures:", *problems]))
+    return found
+
+
+def _mask(region: Region, *, width: int, height: int) -> NDArray[np.bool_]:
+    """Even-odd rule at pixel centres: OpenCV's filled polygon also takes each pixel that an edge touches."""
+    vertices = np.asarray(region.outline(), dtype=np.float64)
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    inside = np.zeros((height, width), dtype=np.bool_)
+    for (x1, y1), (x2, y2) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
+        crosses = (y1 > y) != (y2 > y)
+        if y1 != y2:
+            inside ^= crosses & (x < (x2 - x1) * (y - y1) / (y2 - y1) + x1)
+    return inside

@@ -1,0 +1,113 @@
+"""The rig file: which stage, which camera, how the polarizer sits, and what a simulated rig is made of."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from rigctl.config import Section, load
+
+PositiveNumber = Annotated[float, Field(gt=0)]
+NotNegativeNumber = Annotated[float, Field(ge=0)]
+FractionNumber = Annotated[float, Field(gt=0, le=1)]
+
+
+class StageSection(Section):
+    """How to reach the rotation stage."""
+
+    driver: str
+    port: str
+    address: str = "0"
+    serial_number: str | None = None
+    tolerance_deg: Annotated[float, Field(gt=0, le=5)] = 0.02
+
+
+class PolarizerSection(Section):
+    """How the polarizer sits in the stage, as calibrated: neither sense nor offset has a default.
+
+    polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene.
+    """
+
+    sense: Literal[1, -1]
+    offset_deg: float
+    extinction_ratio: Annotated[float, Field(gt=1)] | None = None
+
+
+class CameraSection(Section):
+    """How to reach the camera."""
+
+    address: str
+    serial_number: str | None = None
+    gain_db: float = 0.0
+    timeout_s: PositiveNumber = 5.0
+
+
+class SimulatedPolarizer(Section):
+    """The polarizer as it truly sits in the simulated rig."""
+
+    sense: Literal[1, -1]
+    offset_deg: float
+    transmittance_along: FractionNumber
+    extinction_ratio: Annotated[float, Field(gt=1)]
+
+
+class SimulatedCamera(Section):
+    """The camera as it truly is in the simulated rig. Its numbers are assumed, not those of a real camera."""
+
+    width: Annotated[int, Field(gt=0)] = 782
+    height: Annotated[int, Field(gt=0)] = 582
+    bit_depth: Annotated[int, Field(ge=8, le=16)] = 12
+    pixel_pitch_um: PositiveNumber
+    focal_length_mm: PositiveNumber
+    aperture_diameter_mm: PositiveNumber
+    optics_transmittance: FractionNumber
+    quantum_efficiency: FractionNumber
+    wavelength_nm: PositiveNumber
+    gain_dn_per_e: PositiveNumber
+    read_noise_e: NotNegativeNumber
+    dark_current_e_per_s: NotNegativeNumber
+    black_level_dn: NotNegativeNumber
+    prnu: NotNegativeNumber
+    dsnu_e: NotNegativeNumber
+    full_well_e: PositiveNumber
+
+
+class SimulationSection(Section):
+    """What the simulated rig looks at, and what it is made of."""
+
+    scene: Path
+    seed: Annotated[int, Field(ge=0)] = 1
+    flat_radiance: PositiveNumber
+    polarizer: SimulatedPolarizer
+    camera: SimulatedCamera
+
+
+class RigFile(Section):
+    """What a rig file holds."""
+
+    schema_version: Literal[1] = 1
+    name: str
+    stage: StageSection
+    polarizer: PolarizerSection
+    camera: CameraSection
+    simulation: SimulationSection | None = None
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether any device of the rig is simulated: then its frames are called so."""
+        return self.stage.port.startswith("sim:") or self.camera.address.startswith("sim:")
+
+    @model_validator(mode="after")
+    def _a_simulated_camera_needs_a_world(self) -> "RigFile":
+        if self.is_simulated and self.simulation is None:
+            raise ValueError("a simulated device (sim:...) needs a [simulation] table that says what it looks at")
+        return self
+
+
+def load_rig(path: Path) -> RigFile:
+    """Return the checked rig file; a scene that it names is sought beside it."""
+    rig = load(path, RigFile)
+    if rig.simulation is None:
+        return rig
+    scene = (path.parent / rig.simulation.scene).resolve()
+    return rig.model_copy(update={"simulation": rig.simulation.model_copy(update={"scene": scene})})

@@ -1,0 +1,27 @@
+"""The two consoles: results go to standard output, progress and remarks to standard error."""
+
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+
+_WIDTH_OF_FILES = 120
+
+
+def results() -> Console:
+    """Return the console for what a command was asked for."""
+    # A table in a file or a pipe need not be squeezed into the width of a terminal.
+    width = None if sys.stdout.isatty() else _WIDTH_OF_FILES
+    return Console(soft_wrap=True, highlight=False, width=width)
+
+
+def progress() -> Console:
+    """Return the console for progress bars and remarks."""
+    return Console(stderr=True, highlight=False)
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """Write a result for other programs to read: JSON on standard output."""
+    sys.stdout.write(json.dumps(content, indent=2, allow_nan=False) + "\n")

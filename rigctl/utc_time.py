@@ -1,0 +1,22 @@
+"""Points in time as text, the one way this project writes them."""
+
+from datetime import UTC, datetime
+
+NS_PER_S = 1_000_000_000
+
+
+def utc_text(unix_ns: int) -> str:
+    """Return a point in time as ISO 8601 text in UTC, with all nine digits of its nanoseconds.
+
+    Parameters
+    ----------
+    unix_ns : int
+        Nanoseconds since 1970-01-01T00:00:00Z, leap seconds not counted.
+
+    Notes
+    -----
+    The text ends in ``Z`` and sorts as the times do: ``2026-05-04T10:00:00.250000000Z``.
+    """
+    seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
+    moment = datetime.fromtimestamp(seconds, tz=UTC)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"

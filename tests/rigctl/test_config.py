@@ -1,0 +1,71 @@
+import pytest
+
+from rigctl.config import Section, Uncertain, load, sha256_of
+from rigctl.errors import ConfigError
+
+
+class Example(Section):
+    size: int
+    width: Uncertain
+
+
+def _written(tmp_path, text):
+    path = tmp_path / "example.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_plain_number_has_no_uncertainty(tmp_path):
+    assert load(_written(tmp_path, "size = 3\nwidth = 2.5"), Example).width == Uncertain(value=2.5, std=0.0)
+
+
+def test_a_number_with_its_uncertainty(tmp_path):
+    found = load(_written(tmp_path, "size = 3\nwidth = { value = 2.5, std = 0.1 }"), Example)
+    assert found.width == Uncertain(value=2.5, std=0.1)
+
+
+def test_every_problem_is_named_at_once(tmp_path):
+    path = _written(tmp_path, "size = 'big'\ncolour = 1\n[width]\nvalue = 1.0\nstd = -1.0\nfoo = 2")
+    with pytest.raises(ConfigError) as caught:
+        load(path, Example)
+    text = str(caught.value)
+    assert str(path) in text
+    assert "4 problems" in text
+    assert "size: " in text
+    assert "found 'big'" in text
+    assert "colour: is no known key" in text
+    assert "width.std: " in text
+    assert "width.foo: is no known key" in text
+
+
+def test_a_missing_key_is_named(tmp_path):
+    with pytest.raises(ConfigError, match="width: is missing"):
+        load(_written(tmp_path, "size = 3"), Example)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_numbers_that_are_not_finite_are_refused(tmp_path, number):
+    with pytest.raises(ConfigError, match="width"):
+        load(_written(tmp_path, f"size = 3\nwidth = {number}"), Example)
+
+
+def test_no_toml_is_said_with_its_place(tmp_path):
+    with pytest.raises(ConfigError, match=r"is no TOML: .*line 2"):
+        load(_written(tmp_path, "size = 3\nwidth = = 4"), Example)
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path):
+    with pytest.raises(ConfigError, match="No such file"):
+        load(tmp_path / "nowhere.toml", Example)
+
+
+def test_a_file_that_is_no_text_is_said(tmp_path):
+    path = tmp_path / "picture.toml"
+    path.write_bytes(b"\x89PNG\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="no text file"):
+        load(path, Example)
+
+
+def test_sha256_of_a_known_text(tmp_path):
+    # The digest of "abc" in FIPS 180-2, appendix B.1.
+    assert sha256_of(_written(tmp_path, "abc")) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
