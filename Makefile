@@ -28,6 +28,6 @@ trials: $(STAMP)
 clean:
 	rm -rf $(VENV) demo-out
 
-$(STAMP): pyproject.toml constraints.txt scripts/make-venv
-	PYTHON="$(PYTHON)" scripts/make-venv "$(VENV)"
+$(STAMP): pyproject.toml constraints.txt .ci/make-venv
+	PYTHON="$(PYTHON)" .ci/make-venv "$(VENV)"
 	touch $@

@@ -100,11 +100,15 @@ class _Acquisition:
         self._move, self._angle_asked_deg = move, polarizer_angle_deg
 
     def _refuse_repeated(self, frame: Frame) -> None:
-        """Refuse a picture that has the very noise of the last one: the polarizer has moved on since."""
-        if self._last_counts is not None and np.array_equal(frame.counts, self._last_counts):
+        """Refuse a picture that has the very noise of the last one: the polarizer has moved on since.
+
+        A picture of one value everywhere (all saturated) has no noise to know it by.
+        """
+        has_noise = frame.counts.min() != frame.counts.max()
+        if has_noise and self._last_counts is not None and np.array_equal(frame.counts, self._last_counts):
             raise ProtocolError(
-                f"camera: frame {frame.sequence} is identical to the one before, down to the noise: a stale buffer, "
-                "or a covered lens on a camera without noise. Restart the camera"
+                f"camera: frame {frame.sequence} is identical to the one before, down to the noise: it sent an old "
+                "picture again. Restart the camera"
             )
         self._last_counts = frame.counts
 

@@ -54,15 +54,17 @@ def compare_closed_loop(measurement: Measurement, *, noise: dict[str, Any] | Non
     Raises
     ------
     DataError
-        A region has pixels without light: they have no DoLP.
+        A calibration is given and cannot predict, or the exposure is not known.
     """
     calibrated = None if noise is None else _temporal_noise(noise)
     rows: list[Row] = []
+    remarks: list[str] = [] if calibrated is None else list(calibrated.remarks)
     predictions: dict[str, RegionPrediction] = {}
     for name, region in measurement.regions.items():
         loop = _RegionLoop(name, region, measurement, calibrated)
         predictions[name] = loop.prediction
         rows += loop.rows()
+        remarks += loop.remarks()
     decided = decide(tuple(rows), alpha=alpha)
     return Comparison(
         kind="closed loop",
@@ -70,7 +72,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: dict[str, Any] | Non
         rows=decided,
         diagnosis=diagnose(decided),
         predictions=predictions,
-        remarks=() if calibrated is None else calibrated.remarks,
+        remarks=tuple(remarks),
         not_tested=NOT_TESTED + (("temporal noise: no noise calibration was given",) if calibrated is None else ()),
     )
 
@@ -81,7 +83,14 @@ class _RegionLoop:
     def __init__(self, name: str, region: MeasuredRegion, measurement: Measurement, noise: _Noise | None) -> None:
         self._name, self._region, self._measurement, self._noise = name, region, measurement, noise
         self._cycles = measurement.grid.cycles
-        temporal = np.zeros_like(region.channels_mean.mean) if noise is None else self._temporal(noise.values)
+        if noise is None:
+            # Nothing says what is noise and what is texture: the spread of one cycle holds both.
+            temporal, self._texture = np.zeros_like(region.channels_mean.mean), region.spatial_cov_frame
+            self._texture_pixels = region.stokes_pixels
+        else:
+            temporal = self._temporal(noise.values)
+            self._texture = region.spatial_cov_mean - np.diag(temporal) / self._cycles
+            self._texture_pixels = region.stokes_pixels_mean
         self._added = self._stokes_cov(np.diag(temporal)) * (1.0 - 1.0 / self._cycles)
         self.prediction = self._predicted(temporal)
 
@@ -89,6 +98,12 @@ class _RegionLoop:
         """Return the region's rows: tests with scores, the rest without."""
         paired = list(pair(self._name, self.prediction.quantities, self._region.quantities))
         return [*self._temporal_rows(paired), *self._law_rows(), *self._fitted_rows(paired)]
+
+    def remarks(self) -> list[str]:
+        """Return why a region has no test of its DoLP, if so."""
+        if "dolp_pixels" not in self._region.quantities:
+            return [f"{self._name}: some pixels have no light, so their DoLP was not compared"]
+        return [f"{self._name}: {warning}" for warning in self.prediction.warnings]
 
     def _temporal(self, values: FloatArray) -> FloatArray:
         """Return the temporal variance of each channel [unit^2] for values of the calibration."""
@@ -109,13 +124,12 @@ class _RegionLoop:
         return np.asarray(inverse @ channel_cov @ inverse.T)
 
     def _predicted(self, temporal: FloatArray) -> RegionPrediction:
-        texture = self._region.spatial_cov - np.diag(temporal) / self._cycles
         channels = ChannelMoments(
             mean_dn=self._region.channels_mean.mean,
             dark_signal_dn=0.0,
-            scene_cov_dn2=texture,
+            scene_cov_dn2=self._texture,
             temporal_var_dn2=temporal,
-            fixed_pattern_cov_dn2=np.zeros_like(texture),
+            fixed_pattern_cov_dn2=np.zeros_like(self._texture),
             saturation_probability=np.zeros_like(temporal),
             warnings=(),
         )
@@ -140,11 +154,10 @@ class _RegionLoop:
         return np.array([deviations[row.quantity] for row in rows])
 
     def _law_rows(self) -> Iterable[Row]:
+        if not self._law_rows_exist():
+            return
         inflation = self._region.pixels / self._region.independent_pixels
-        try:
-            checks = check_dolp_law(self._region.stokes_pixels, self._region.stokes_pixels_mean, self._added)
-        except ValueError as error:
-            raise DataError(f"region {self._name}: {error}") from error
+        checks = check_dolp_law(self._region.stokes_pixels, self._texture_pixels, self._added)
         places = {"mean": ("dolp_pixels", "mean"), "std": ("dolp_pixels", "std"), "snr": ("dolp_snr", "mean")}
         for name, check in checks.items():
             quantity, statistic = places[name]
@@ -157,6 +170,9 @@ class _RegionLoop:
                 std_error=check.std_error * float(np.sqrt(inflation)),
             )
             yield scored(row, 0.0)
+
+    def _law_rows_exist(self) -> bool:
+        return "dolp_pixels" in self._region.quantities and "dolp_pixels" in self.prediction.quantities
 
     def _fitted_rows(self, paired: list[Row]) -> Iterable[Row]:
         tested_by_law = {("dolp_pixels", "mean"), ("dolp_pixels", "std"), ("dolp_snr", "mean")}

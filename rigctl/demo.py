@@ -44,14 +44,14 @@ def run_demo(out: Path, *, seed: int, perturbation: Perturbation | None, alpha: 
     copy_examples(out)
     rig = seeded(load_rig(out / "rig-sim.toml"), seed)
     say("taking dark and flat frames")
-    _take(rig, out, session="session-noise.toml", run=NOISE_RUN)
+    take(rig, out, session="session-noise.toml", run=NOISE_RUN)
     say("calibrating the sensor's noise from them")
     calibrate_run(out / NOISE_RUN, out / NOISE)
     if perturbation is not None:
         say(f"changing the simulated rig: {perturbation}")
         rig = perturbed(rig, perturbation)
     say("taking the scene")
-    _take(rig, out, session="session.toml", run=RUN)
+    take(rig, out, session="session.toml", run=RUN)
     say("comparing with the model")
     compared = compare_run(
         out / RUN, scene_path=out / "scene-panels.toml", regions_path=None, noise_path=out / NOISE, alpha=alpha
@@ -77,6 +77,7 @@ def seeded(rig: RigFile, seed: int) -> RigFile:
     return rig.model_copy(update={"simulation": rig.simulation.model_copy(update={"seed": seed})})
 
 
-def _take(rig: RigFile, out: Path, *, session: str, run: str) -> None:
+def take(rig: RigFile, out: Path, *, session: str, run: str) -> None:
+    """Take one of the example sessions of a demo folder."""
     paths = {"rig": out / "rig-sim.toml", "session": out / session}
     take_session(rig, load_session(paths["session"]), out / run, files=paths)

@@ -38,7 +38,7 @@ _SHOWN_PERCENTILES = (1.0, 99.5)
 def scene_pictures(measurement: Measurement, regions: list[Region]) -> bytes:
     """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
     stokes = reconstruct(measurement.plan, measurement.channels)
-    figure, axes = _subplots(1, 2, size=(11.0, 4.4))
+    figure, axes = _subplots(1, 2, size=_picture_size(stokes[0], columns=2))
     _picture(axes[0], stokes[0], title="S0 (panchromatic)", label=f"S0 [{measurement.grid.unit}]", cmap="gray")
     _picture(axes[1], dolp_image(measurement, stokes), title="DoLP", label="DoLP", cmap="viridis")
     for ax in axes:
@@ -48,8 +48,8 @@ def scene_pictures(measurement: Measurement, regions: list[Region]) -> bytes:
 
 def aolp_picture(measurement: Measurement) -> bytes:
     """Return the image of the angle of polarization."""
-    figure, axes = _subplots(1, 1, size=(6.2, 4.4))
     stokes = reconstruct(measurement.plan, measurement.channels)
+    figure, axes = _subplots(1, 1, size=_picture_size(stokes[0], columns=1))
     angle_deg = np.where(_unusable(measurement), np.nan, np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))))
     shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest")
     _finish_picture(figure, axes[0], shown, title="AoLP, counter-clockwise from horizontal", label="AoLP [deg]")
@@ -111,7 +111,11 @@ def scores(comparison: Comparison) -> bytes:
         axes[0].scatter(values, heights, s=18, c=colour, marker="o" if agrees else "x", label=label, zorder=3)
     axes[0].set_yticks(range(len(names)), names)
     axes[0].invert_yaxis()
+    farthest = max([5.0, *(1.3 * abs(row.z or 0.0) for row in tested)])
     axes[0].set_xscale("symlog", linthresh=5.0)
+    axes[0].set_xlim(-farthest, farthest)
+    axes[0].xaxis.set_major_formatter("{x:g}")
+    axes[0].set_ylim(-0.6, len(names) - 0.4)
     axes[0].set_xlabel("(measured - predicted) / standard error of both")
     axes[0].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return _png(figure)
@@ -120,6 +124,13 @@ def scores(comparison: Comparison) -> bytes:
 def _subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple["Figure", list["Axes"]]:
     figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
     return figure, list(axes.ravel())
+
+
+def _picture_size(image: FloatArray, *, columns: int) -> tuple[float, float]:
+    """Return the size of a figure [inch] that leaves little white around pictures of this shape."""
+    height, width = image.shape
+    each = 5.4
+    return columns * each, min(max(0.78 * each * height / width + 0.7, 2.0), 9.0)
 
 
 def _unusable(measurement: Measurement) -> NDArray[np.bool_]:

@@ -41,8 +41,8 @@ class MeasuredRegion:
         How many independent ones they are worth: standard errors take this number.
     channels_mean : Moments
         Mean of each angle over pixels and cycles, and the covariance of that mean.
-    spatial_cov : (N, N) array
-        Covariance of the angles over the pixels of the mean of all cycles.
+    spatial_cov_frame, spatial_cov_mean : (N, N) array
+        Covariance of the angles over the pixels, of the first cycle and of the mean of all.
     stokes_pixels, stokes_pixels_mean : (3, P) array
         Stokes parameters of each pixel, of the first cycle and of the mean of all.
     quantities : dict
@@ -53,7 +53,8 @@ class MeasuredRegion:
     excluded: int
     independent_pixels: float
     channels_mean: Moments
-    spatial_cov: FloatArray
+    spatial_cov_frame: FloatArray
+    spatial_cov_mean: FloatArray
     stokes_pixels: FloatArray
     stokes_pixels_mean: FloatArray
     quantities: MeasuredQuantities
@@ -114,7 +115,8 @@ def measure_region(
         excluded=excluded,
         independent_pixels=independent,
         channels_mean=channels_mean,
-        spatial_cov=np.cov(mean),
+        spatial_cov_frame=np.cov(pixels[0]),
+        spatial_cov_mean=np.cov(mean),
         stokes_pixels=stokes_pixels,
         stokes_pixels_mean=np.asarray(plan.inverse @ mean),
         quantities=quantities,
@@ -159,7 +161,7 @@ def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
         return found
     degree = dolp.first_order(stokes.mean, stokes.cov)
     angle = aolp_moments_rad(stokes)
-    found["dolp"] = {"mean": Sample(value=float(degree.mean), std_error=float(degree.std))}
+    found["dolp"] = {"mean": Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)))}
     found["aolp_deg"] = {
         "mean": Sample(value=float(np.rad2deg(angle.mean[0])), std_error=float(np.rad2deg(np.sqrt(angle.cov[0, 0]))))
     }

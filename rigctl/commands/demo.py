@@ -1,7 +1,7 @@
 """``rigctl demo``: the whole job on a simulated rig."""
 
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
@@ -9,7 +9,7 @@ from rigctl.cli import EXIT_DISAGREES
 from rigctl.commands.compare import show
 from rigctl.demo import run_demo
 from rigctl.errors import ConfigError
-from rigctl.perturbation import PERTURBATIONS, Perturbation
+from rigctl.perturbation import PERTURBATIONS
 from rigctl.terminal import print_json, progress
 
 
@@ -36,7 +36,7 @@ def command(
     compared = run_demo(
         out,
         seed=seed,
-        perturbation=cast("Perturbation | None", perturb),
+        perturbation=perturb,
         alpha=alpha,
         say=lambda text: console.print(text, markup=False),
     )

@@ -1,0 +1,31 @@
+"""Long trials, run by `make trials`: honest uncertainty over many seeds, and sessions killed at random moments.
+
+Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 20] [--processes 3]
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks.trial_honesty import run_honesty
+from benchmarks.trial_kills import run_kills
+
+
+def main() -> int:
+    """Run the trials; return 1 where one fails."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--perturbed-seeds", type=int, default=100)
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--processes", type=int, default=3)
+    parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
+    arguments = parser.parse_args()
+    sound = run_kills(arguments.kills)
+    sound &= run_honesty(
+        arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
+    )
+    return 0 if sound else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,42 @@
+"""A calibrated number, and how well it is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A value with the standard deviation of its error.
+
+    Attributes
+    ----------
+    value : float
+        In the unit that the name of the quantity ends in.
+    std_error : float
+        Standard error, same unit, > 0.
+    n : int
+        Number of frames it was made from.
+    """
+
+    value: float
+    std_error: float
+    n: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointCovariance:
+    """How the errors of several estimates go together.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The quantities, in the order of the rows.
+    matrix : (n, n) array
+        Covariance of the errors; an element has the product of the units of its two quantities. The diagonal
+        holds the squares of the standard errors.
+    """
+
+    names: tuple[str, ...]
+    matrix: NDArray[np.float64]
