@@ -7,9 +7,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from rigctl.fits_frame import decode_frame
-from rigctl.run_folder import EVENTS_FILE, FRAMES_FOLDER, MANIFEST_FILE
-from rigctl.verification import verify_run
+from rigctl.runs.fits_frame import decode_frame
+from rigctl.runs.run_folder import EVENTS_FILE, FRAMES_FOLDER, MANIFEST_FILE
+from rigctl.runs.verification import verify_run
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 _START_TIMEOUT_S = 60.0

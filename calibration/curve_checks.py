@@ -123,7 +123,7 @@ def _uncovered(flats: Sequence[LevelStatistics], transfer: PhotonTransfer, match
         return None
     return Flag(
         name="dark_exposure_missing",
-        message=f"there are no dark frames around the exposure of {len(uncovered)} flat levels: "
+        message=f"there are no dark frames around the exposure of "
         f"{level_names(uncovered)}; those of the nearest exposure were taken, and the difference in dark current "
         f"counts as signal: take dark frames at the exposures of the flats, or at the shortest and the longest",
     )

@@ -15,6 +15,9 @@ FloatArray = NDArray[np.float64]
 QUANTISATION_VAR_DN2 = 1.0 / 12.0
 # Below this temporal variance rounding is not dithered, and the variance seen says little of the noise before it.
 QUANTISATION_LIMIT_DN2 = 0.24
+# A noise that is not resolved has a variance between that of rounding alone and the limit, evenly likely.
+_UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
+_UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
 _EXPOSURE_TOLERANCE = 1e-3
 
 
@@ -90,11 +93,6 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
         ),
         quantisation_limited=limited,
     )
-
-
-# A noise that is not resolved has a variance between that of rounding alone and the limit, evenly likely.
-_UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
-_UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
 
 
 def _mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:

@@ -18,6 +18,7 @@ _OUTLIER_SIGMA = 6.0
 # Rounding alone makes differences of this size: what is smaller is never called an outlier.
 _ROUNDING_DIFFERENCE_VAR_DN2 = 0.5
 _OUTLIER_PASSES = 5
+_LEAST_PIXELS = 4
 # The coarse grid on which uneven light is told from pixel noise.
 _BLOCKS_ACROSS = 16
 
@@ -88,7 +89,7 @@ def level_statistics(
     Raises
     ------
     CalibrationError
-        Fewer than two frames, or frames of different size.
+        Fewer than two frames, frames of different size, or hardly any pixels.
 
     Notes
     -----
@@ -109,6 +110,10 @@ def level_statistics(
     first = next(sequence, None)
     if first is None:
         raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has none")
+    if first.ndim != 2 or first.size < _LEAST_PIXELS:
+        raise CalibrationError(
+            f"a frame has to be (rows, columns) with {_LEAST_PIXELS} pixels or more, not {first.shape}"
+        )
     accumulator = _Accumulator(first)
     for frame in sequence:
         accumulator.add(frame)

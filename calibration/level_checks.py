@@ -77,7 +77,7 @@ def _non_monotonic(levels: Sequence[LevelStatistics]) -> Flag | None:
 
 def _outlier_pixels(levels: Sequence[LevelStatistics]) -> Flag | None:
     # Next to saturation only few pixels still change, which is no defect.
-    levels = [level for level in levels if level.samples.max_fraction < SATURATED_FRACTION]
+    levels = [v for v in levels if v.kind == "dark" or v.samples.max_fraction < SATURATED_FRACTION]
     n_all = [level.shape[0] * level.shape[1] for level in levels]
     shares = [1.0 - level.n_pixels / n for level, n in zip(levels, n_all, strict=True)]
     touched = [level for level, share in zip(levels, shares, strict=True) if share > _OUTLIER_FRACTION]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.dark_signal import QUANTISATION_VAR_DN2, DarkMatch, DarkSignal
+from calibration.dark_signal import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2, DarkMatch, DarkSignal
 from calibration.estimate import Estimate, JointCovariance
 from calibration.flags import Flag
 from calibration.frame_statistics import LevelStatistics
@@ -136,16 +136,18 @@ def noise_figures(measured: Measured, *, has_read_noise: bool, has_dark_current:
         Whether the dark levels allow these two.
     """
     figures = [_gain(measured)]
-    if has_read_noise:
+    no_read_noise = _unseen_read_noise(measured) if has_read_noise else None
+    if has_read_noise and no_read_noise is None:
         figures.append(_read_noise(measured))
     if has_dark_current:
         figures.append(_dark_current(measured))
     figures.append(_black_level(measured))
-    flags = [_unseen(measured, FLAT_SPATIAL, "prnu"), _unseen(measured, DARK_SPATIAL, "dsnu")]
-    if flags[0] is None:
+    no_prnu, no_dsnu = _unseen(measured, FLAT_SPATIAL, "prnu"), _unseen(measured, DARK_SPATIAL, "dsnu")
+    if no_prnu is None:
         figures.append(_prnu(measured))
-    if flags[1] is None:
+    if no_dsnu is None:
         figures.append(_dsnu(measured))
+    flags = (no_read_noise, no_prnu, no_dsnu, _small_dark_current(measured) if has_dark_current else None)
     gradients = np.array([figure.gradient for figure in figures])
     matrix = gradients @ measured.covariance @ gradients.T
     errors = np.sqrt(np.diag(matrix))
@@ -236,4 +238,32 @@ def _unseen(measured: Measured, row: int, name: str) -> Flag | None:
         message=f"the variance from pixel to pixel is {variance:.3g} +- {error:.3g} DN^2 once temporal noise is taken "
         f"off, not more than {_RESOLVED_SIGMA:.0f} standard errors above 0: the {name.upper()} is below {size}; take "
         f"a stack of 16 frames or more at one level to measure it",
+    )
+
+
+def _unseen_read_noise(measured: Measured) -> Flag | None:
+    """Return a flag if the read noise is lost in what dark current adds, or in rounding."""
+    variance = float(measured.values[DARK_VARIANCE])
+    error = float(np.sqrt(measured.covariance[DARK_VARIANCE, DARK_VARIANCE]))
+    if variance - QUANTISATION_VAR_DN2 > _RESOLVED_SIGMA * error and variance > QUANTISATION_LIMIT_DN2:
+        return None
+    bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[GAIN]
+    return Flag(
+        name="read_noise_not_resolved",
+        message=f"the dark variance at no exposure is {variance:.3g} +- {error:.3g} DN^2, which is not more than its "
+        f"error and rounding explain: the read noise is below {bound_e:.3g} e-; take dark frames at exposures so "
+        f"short that dark current adds little",
+    )
+
+
+def _small_dark_current(measured: Measured) -> Flag | None:
+    """Return a flag if the dark current given is not different from none."""
+    slope, error = float(measured.values[DARK_SLOPE]), float(np.sqrt(measured.covariance[DARK_SLOPE, DARK_SLOPE]))
+    if abs(slope) > _RESOLVED_SIGMA * error:
+        return None
+    bound_e_per_s = (max(slope, 0.0) + _RESOLVED_SIGMA * error) / measured.values[GAIN]
+    return Flag(
+        name="dark_current_not_resolved",
+        message=f"the dark mean grows by {slope:.3g} +- {error:.3g} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
+        f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; longer dark exposures measure it",
     )

@@ -150,7 +150,8 @@ def fit_photon_transfer(points: TransferPoints, *, full_signal_dn: float) -> Pho
     No sensor is quite linear, and in some the charge of a bright pixel spreads: both bend the curve by a few
     per cent towards the bright end, so that a straight line finds a gain that depends on its range. From 5
     levels on a quadratic term is fitted with the slope, always: choosing it by its significance would make the
-    error bar wrong. It costs a factor of two in standard error. The gain is the slope at no signal. What is
+    error bar wrong. It costs more than a factor of two in
+    standard error. The gain is the slope at no signal. What is
     left is a bias where the bend is not quadratic: 1.1 % for a response that is cubic and 2 % low at
     saturation, where a straight line is 2.1 % off.
 

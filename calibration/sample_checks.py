@@ -32,6 +32,7 @@ def sample_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[
         _clipped_black(levels),
         _repeated_frames(levels),
         _saturated_levels(levels, bit_depth),
+        _saturated_dark(levels, bit_depth),
         _no_noise(levels, bit_depth),
     )
     return tuple(flag for flag in found if flag is not None)
@@ -122,13 +123,26 @@ def _is_saturated(level: LevelStatistics, bit_depth: int) -> bool:
 
 
 def _saturated_levels(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
-    saturated = [level for level in levels if _is_saturated(level, bit_depth)]
+    saturated = [level for level in levels if level.kind == "flat" and _is_saturated(level, bit_depth)]
     if not saturated:
         return None
     return Flag(
         name="saturated_levels",
         message=f"more than {SATURATED_FRACTION:.1%} of the samples are at full scale ({2**bit_depth - 1} DN) in "
         f"{level_names(saturated)}; left out of the gain, they show where saturation is",
+    )
+
+
+def _saturated_dark(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
+    saturated = [level for level in levels if level.kind == "dark" and _is_saturated(level, bit_depth)]
+    if not saturated:
+        return None
+    return Flag(
+        name="saturated_dark",
+        message=f"more than {SATURATED_FRACTION:.1%} of the samples of dark frames are at full scale "
+        f"({2**bit_depth - 1} DN) in {level_names(saturated)}: light got in, or dark current fills the pixels; "
+        f"cover the lens, or take shorter dark exposures",
+        refuses=True,
     )
 
 
@@ -139,7 +153,7 @@ def _no_noise(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
         level
         for level in levels
         if level.temporal_variance_dn2 == 0.0
-        and not _is_saturated(level, bit_depth)
+        and not (level.kind == "flat" and _is_saturated(level, bit_depth))
         and not (level.kind == "dark" and rounding_hides_dark_noise)
     ]
     if not silent:

@@ -5,13 +5,13 @@ from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from rigctl.calibrate_files import calibrate_run
-from rigctl.compare_run import ComparedRun, compare_run
 from rigctl.errors import ConfigError
-from rigctl.perturbation import Perturbation, perturbed
-from rigctl.rig_file import RigFile, load_rig
-from rigctl.session_file import load_session
-from rigctl.take_session import take_session
+from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.session_file import load_session
+from rigctl.noise.calibrate_files import calibrate_run
+from rigctl.reports.compare_run import ComparedRun, compare_run
+from rigctl.sessions.perturbation import Perturbation, perturbed
+from rigctl.sessions.take_session import take_session
 
 EXAMPLES = ("rig-sim.toml", "session-noise.toml", "session.toml", "scene-panels.toml", "regions.toml")
 RUN, NOISE_RUN, NOISE = "run", "noise-run", "noise.json"

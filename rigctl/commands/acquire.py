@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from rigctl.plan import Need, Step, estimate, plan_steps
-from rigctl.rig_file import load_rig
-from rigctl.session_file import load_session
-from rigctl.take_session import take_session
+from rigctl.files.rig_file import load_rig
+from rigctl.files.session_file import load_session
+from rigctl.sessions.plan import Need, Step, estimate, plan_steps
+from rigctl.sessions.take_session import take_session
 from rigctl.terminal import progress, results
 
 _SECONDS_A_MINUTE = 60

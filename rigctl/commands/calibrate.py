@@ -9,11 +9,11 @@ from rich.table import Table
 
 from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
-from rigctl.calibrate_files import FrameCalibration, calibrate_frames
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
-from rigctl.noise_file import QUANTITIES, flags_json, write_noise_file
-from rigctl.noise_frames import FrameSet, emva_frames, run_frames
+from rigctl.noise.calibrate_files import FrameCalibration, calibrate_frames
+from rigctl.noise.noise_file import QUANTITIES, flags_json, write_noise_file
+from rigctl.noise.noise_frames import FrameSet, emva_frames, run_frames
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
@@ -89,7 +89,7 @@ def _calibrate(frames: FrameSet) -> FrameCalibration:
 
 
 def _write_plot(path: Path, calibration: FrameCalibration) -> None:
-    from rigctl.noise_figure import photon_transfer_png
+    from rigctl.noise.noise_figure import photon_transfer_png
 
     try:
         write_durably(path, photon_transfer_png(calibration.noise))

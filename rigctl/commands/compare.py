@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from rigctl.cli import EXIT_DISAGREES
-from rigctl.compare_run import ComparedRun, compare_run
-from rigctl.number_table import row_table
+from rigctl.reports.compare_run import ComparedRun, compare_run
+from rigctl.reports.number_table import row_table
 from rigctl.terminal import print_json, results
 
 _SHOWN = 20

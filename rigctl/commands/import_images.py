@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from rigctl.commands.option_text import OptionTexts
-from rigctl.image_import import Imported, import_images
-from rigctl.import_request import ImportRequest
-from rigctl.run_folder import FRAME_KINDS
+from rigctl.imports.image_import import Imported, import_images
+from rigctl.imports.import_request import ImportRequest
+from rigctl.runs.run_folder import FRAME_KINDS
 from rigctl.terminal import print_json, results
 
 _NO_VALUE = "none"

@@ -9,8 +9,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from rigctl.run_folder import read_run
-from rigctl.run_summary import FrameGroup, RunSummary, summarize_run
+from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_summary import FrameGroup, RunSummary, summarize_run
 from rigctl.terminal import print_json, results
 
 _UNKNOWN = "-"

@@ -6,11 +6,11 @@ from typing import Annotated
 import typer
 
 from model.prediction import predict
-from rigctl.noise_file import read_noise_file
-from rigctl.number_table import quantity_tables
-from rigctl.scene_file import load_scene
-from rigctl.scene_inputs import build_scenario, file_readout, gather
-from rigctl.tables_json import prediction_json
+from rigctl.comparison.scene_inputs import build_scenario, file_readout, gather
+from rigctl.files.scene_file import load_scene
+from rigctl.noise.noise_file import read_noise_file
+from rigctl.reports.number_table import quantity_tables
+from rigctl.reports.tables_json import prediction_json
 from rigctl.terminal import print_json, progress, results
 
 _MS_PER_S = 1000.0

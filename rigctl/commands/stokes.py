@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from rigctl.measurement import measure
-from rigctl.number_table import quantity_tables
-from rigctl.regions import load_regions
-from rigctl.run_folder import read_run
-from rigctl.stokes_files import write_stokes
-from rigctl.tables_json import measurement_json
+from rigctl.files.regions import load_regions
+from rigctl.measurement.measurement import measure
+from rigctl.reports.number_table import quantity_tables
+from rigctl.reports.stokes_files import write_stokes
+from rigctl.reports.tables_json import measurement_json
+from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results
 
 

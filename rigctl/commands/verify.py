@@ -9,9 +9,9 @@ import typer
 from rich.progress import track
 
 from rigctl.errors import RunFolderError
-from rigctl.run_folder import FrameRecord
+from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.verification import Finding, Verification, verify_run
 from rigctl.terminal import print_json, progress, results
-from rigctl.verification import Finding, Verification, verify_run
 
 
 def command(

@@ -154,3 +154,9 @@ def test_equal_frames_have_equal_digests_and_uniform_ones_none() -> None:
     samples = statistics([frame, frame.copy(), np.full(SHAPE, 4095, dtype=np.uint16)]).samples
     assert len(samples.digests) == 2
     assert len(set(samples.digests)) == 1
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (2, 2, 3)])
+def test_what_is_no_picture_is_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(CalibrationError, match=r"\(rows, columns\)"):
+        statistics([np.zeros(shape, dtype=np.uint16)] * 2)

@@ -105,6 +105,11 @@ def test_a_frame_of_another_level_is_refused() -> None:
     assert refused([*levels()[:4], stale, *levels()[5:]])["repeated_frames"].refuses
 
 
+def test_dark_frames_that_saw_light_are_refused() -> None:
+    bright = SyntheticCamera(SyntheticSensor(), 16).level(2, kind="dark", light_e=18_000.0, exposure_s=0.03)
+    assert refused([*levels(), bright])["saturated_dark"].refuses
+
+
 def test_pictures_without_noise_are_refused() -> None:
     still = levels(lambda frames: [np.full_like(f, round(frames[0].mean())) for f in frames])
     assert refused(still)["no_noise"].refuses
@@ -198,6 +203,13 @@ def test_darks_of_one_exposure_give_no_dark_current() -> None:
     assert {"single_dark_exposure", "dark_exposure_missing"} <= flag_names(calibration)
 
 
+def test_a_dark_current_within_its_error_is_flagged_and_given() -> None:
+    camera = SyntheticCamera(SyntheticSensor(dark_current_e_per_s=1.0), 15)
+    calibration = calibrate_noise(camera.sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S), bit_depth=12)
+    assert "dark_current_not_resolved" in flag_names(calibration)
+    assert calibration.dark_current_e_per_s is not None
+
+
 def test_unknown_exposures_give_no_dark_current() -> None:
     unknown = [replace(level, exposure_s=None) for level in levels()]
     calibration = calibrate_noise(unknown, bit_depth=12)
@@ -233,6 +245,15 @@ def test_noise_below_half_a_count_is_not_called_a_read_noise() -> None:
     assert "quantisation_limited" in flag_names(calibration)
     gain = calibration.gain_dn_per_e
     assert abs(gain.value - 0.04) < 5.0 * gain.std_error
+
+
+def test_a_read_noise_below_that_of_dark_current_is_not_given_a_number() -> None:
+    # 180 to 3600 e- of dark current: the variance at no exposure, 2 DN^2, is known to some 4.
+    sensor = SyntheticSensor(gain_dn_per_e=1.0, read_noise_e=1.5, dark_current_e_per_s=300_000.0, bit_depth=14)
+    sweep = SyntheticCamera(sensor, 17).sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S)
+    calibration = calibrate_noise(sweep, bit_depth=14)
+    assert calibration.read_noise_e is None
+    assert "read_noise_not_resolved" in flag_names(calibration)
 
 
 def test_a_camera_that_clamps_its_black_level_is_flagged() -> None:

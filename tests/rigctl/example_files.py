@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from rigctl.rig_file import RigFile, load_rig
-from rigctl.session_file import SessionFile
+from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.session_file import SessionFile
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

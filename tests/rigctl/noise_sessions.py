@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.run_folder import FrameKind, FrameRecord
-from rigctl.run_writer import RunWriter
+from rigctl.runs.run_folder import FrameKind, FrameRecord
+from rigctl.runs.run_writer import RunWriter
 
 GAIN_DN_PER_E = 0.25
 READ_NOISE_E = 10.0

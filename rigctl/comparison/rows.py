@@ -1,0 +1,92 @@
+"""The rows of a comparison: one number by the model and by the frames, how far apart, and whether that is too far."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from model.prediction import Quantities
+from model.processing.agreement import holm_rejections, two_sided_p_value
+from rigctl.measurement.region_numbers import MeasuredQuantities
+
+# An angle of polarization is the same after half a turn [deg].
+_AOLP_TURN_DEG = 180.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One number by the model and by the frames.
+
+    Attributes
+    ----------
+    region, quantity, statistic : str
+        Which number, for instance ("asphalt", "dn_45", "std_temporal").
+    predicted, measured : float
+        In DN, degrees or without unit, as the quantity has it.
+    std_error : float or None
+        Of the measurement.
+    std_error_inputs : float or None
+        Of the prediction, from the uncertainty of what it rests on.
+    z_measurement : float or None
+        Difference over `std_error`.
+    z : float or None
+        Difference over both errors together; the decision is taken from this one.
+    agrees : bool or None
+        By Holm's rule over all rows. None: not a test, since the prediction was made from this very number.
+    """
+
+    region: str
+    quantity: str
+    statistic: str
+    predicted: float
+    measured: float
+    std_error: float | None = None
+    std_error_inputs: float | None = None
+    z_measurement: float | None = None
+    z: float | None = None
+    agrees: bool | None = None
+
+
+def pair(region: str, predicted: Quantities, measured: MeasuredQuantities) -> Iterable[Row]:
+    """Return a row for each number that both sides have."""
+    for quantity, statistics in predicted.items():
+        for statistic, value in statistics.items():
+            sample = measured.get(quantity, {}).get(statistic)
+            if sample is not None:
+                yield Row(
+                    region=region,
+                    quantity=quantity,
+                    statistic=statistic,
+                    predicted=value,
+                    measured=sample.value,
+                    std_error=sample.std_error,
+                )
+
+
+def off_prediction(row: Row, value: float) -> float:
+    """Return how far a value of a row's quantity is above its prediction; of an AoLP, the shorter way round."""
+    plain = value - row.predicted
+    if row.quantity != "aolp_deg":
+        return plain
+    return (plain + _AOLP_TURN_DEG / 2) % _AOLP_TURN_DEG - _AOLP_TURN_DEG / 2
+
+
+def scored(row: Row, std_error_inputs: float) -> Row:
+    """Return the row with its scores; without one where neither side has an error."""
+    measured_error = row.std_error or 0.0
+    both = float(np.hypot(measured_error, std_error_inputs))
+    off = off_prediction(row, row.measured)
+    return replace(
+        row,
+        std_error_inputs=float(std_error_inputs),
+        z_measurement=off / measured_error if measured_error > 0.0 else None,
+        z=off / both if both > 0.0 else None,
+    )
+
+
+def decide(rows: tuple[Row, ...], *, alpha: float) -> tuple[Row, ...]:
+    """Return the rows with a decision each, by Holm's rule over all that are tests."""
+    tests = [k for k, row in enumerate(rows) if row.z is not None]
+    rejected = holm_rejections(two_sided_p_value([rows[k].z or 0.0 for k in tests]), alpha=alpha)
+    verdicts = dict(zip(tests, rejected.tolist(), strict=True))
+    return tuple(replace(row, agrees=not verdicts[k]) if k in verdicts else row for k, row in enumerate(rows))

@@ -1,0 +1,170 @@
+"""The numbers of a scene file and a noise calibration, with their uncertainties, and the scenario that they make."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.scenario import Readout, RegionLight, Scenario
+from model.sensor import Sensor, SensorNoise
+from rigctl.config import Uncertain
+from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion, SensorSection
+
+FloatArray = NDArray[np.float64]
+
+NOISE_NAMES = tuple(NoiseSection.model_fields)
+# Of these there may be less than nothing in an estimate, and never in a sensor.
+_NOT_NEGATIVE = frozenset({"read_noise_e", "dark_current_e_per_s", "prnu", "dsnu_e"})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inputs:
+    """Every number that a prediction rests on.
+
+    Attributes
+    ----------
+    names : tuple of str
+        As in the file, such as "regions.black_panel.stokes_radiance.0".
+    values : (k,) array
+        In the units of the file.
+    cov : (k, k) array
+        Their covariance.
+    least : (k,) array
+        Smallest value that each may take.
+    remarks : tuple of str
+        What is assumed, and what was set aside, in words.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    cov: FloatArray
+    least: FloatArray
+    remarks: tuple[str, ...]
+
+
+def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
+    """Return the numbers of a scene file; those of a noise calibration take the place of the assumed noise.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        The scene.
+    noise : dict or None
+        A noise calibration as its file holds it.
+    """
+    stated = _stated(scene)
+    remarks: list[str] = []
+    values = {name: number.value for name, number in stated.items()}
+    deviations = {name: number.std for name, number in stated.items()}
+    calibrated: dict[str, float] = {}
+    if noise is not None:
+        calibrated = {f"noise.{n}": float(noise[n]["value"]) for n in NOISE_NAMES if noise.get(n) is not None}
+        deviations |= {f"noise.{n}": float(noise[n]["std_error"]) for n in NOISE_NAMES if noise.get(n) is not None}
+    values |= {name: _physical(name, value, remarks) for name, value in calibrated.items()}
+    assumed = [name for name in values if name.startswith("noise.") and name not in calibrated]
+    if assumed:
+        remarks.append("assumed, not calibrated: " + ", ".join(f"{n} = {values[n]:g}" for n in assumed))
+    names = tuple(values)
+    return Inputs(
+        names=names,
+        values=np.array([values[name] for name in names]),
+        cov=_covariance(names, deviations, noise),
+        least=np.array([-np.inf if ".stokes_radiance." in name else 0.0 for name in names]),
+        remarks=tuple(remarks),
+    )
+
+
+def build_scenario(scene: SceneFile, values: Mapping[str, float], *, readout: Readout, exposure_s: float) -> Scenario:
+    """Return the scenario of a scene file with the given numbers in place of the file's.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        Which regions there are.
+    values : mapping
+        Every name that `gather` returns, to its number in the units of the file.
+    readout : Readout
+        Angles and cycles, of a run or of the file.
+    exposure_s : float
+        Exposure of a frame [s].
+    """
+    return Scenario(
+        regions=tuple(_light(region, values) for region in scene.regions),
+        sensor=_sensor(scene, values, exposure_s),
+        readout=readout,
+    )
+
+
+def file_readout(scene: SceneFile) -> Readout:
+    """Return angles and cycles as the scene file states them, for a prediction without a run."""
+    angles_deg = sorted(angle % 180.0 for angle in scene.acquisition.angles_deg)
+    return Readout(
+        angles_rad=np.deg2rad(angles_deg),
+        channel_names=tuple(f"dn_{angle:g}" for angle in angles_deg),
+        cycles=scene.acquisition.cycles,
+        extinction_ratio=scene.sensor.extinction_ratio.value,
+    )
+
+
+def _stated(scene: SceneFile) -> dict[str, Uncertain]:
+    found: dict[str, Uncertain] = {}
+    for name in SensorSection.model_fields:
+        if name != "bit_depth":
+            found[f"sensor.{name}"] = getattr(scene.sensor, name)
+    for name in NOISE_NAMES:
+        found[f"noise.{name}"] = getattr(scene.noise, name)
+    for region in scene.regions:
+        for k, component in enumerate(region.stokes_radiance):
+            found[f"regions.{region.name}.stokes_radiance.{k}"] = component
+        found[f"regions.{region.name}.texture_rms"] = region.texture_rms
+    return found
+
+
+def _physical(name: str, value: float, remarks: list[str]) -> float:
+    if value >= 0.0 or name.removeprefix("noise.") not in _NOT_NEGATIVE:
+        return value
+    remarks.append(f"{name}: the calibration's estimate {value:.3g} is below 0 by its error; 0 is used")
+    return 0.0
+
+
+def _covariance(names: tuple[str, ...], deviations: Mapping[str, float], noise: dict[str, Any] | None) -> FloatArray:
+    cov = np.diag([deviations[name] ** 2 for name in names])
+    joint = None if noise is None else noise.get("covariance")
+    if joint is None:
+        return cov
+    places = {name: k for k, name in enumerate(names)}
+    known = [(k, places[f"noise.{name}"]) for k, name in enumerate(joint["names"]) if f"noise.{name}" in places]
+    matrix = np.asarray(joint["matrix"], dtype=np.float64)
+    for here, there in known:
+        for also_here, also_there in known:
+            cov[there, also_there] = matrix[here, also_here]
+    return cov
+
+
+def _light(region: SceneRegion, values: Mapping[str, float]) -> RegionLight:
+    prefix = f"regions.{region.name}"
+    covariance = np.zeros((3, 3)) if region.texture_covariance is None else np.array(region.texture_covariance)
+    return RegionLight(
+        name=region.name,
+        stokes_radiance=np.array([values[f"{prefix}.stokes_radiance.{k}"] for k in range(3)]),
+        texture_rms=values[f"{prefix}.texture_rms"],
+        texture_cov=covariance,
+    )
+
+
+def _sensor(scene: SceneFile, values: Mapping[str, float], exposure_s: float) -> Sensor:
+    along = values["sensor.polarizer_transmittance"]
+    return Sensor(
+        pixel_pitch_m=values["sensor.pixel_pitch_um"] * 1e-6,
+        f_number=values["sensor.f_number"],
+        optics_transmittance=values["sensor.optics_transmittance"],
+        quantum_efficiency=values["sensor.quantum_efficiency"],
+        wavelength_m=values["sensor.wavelength_nm"] * 1e-9,
+        exposure_s=exposure_s,
+        bit_depth=scene.sensor.bit_depth,
+        tau_parallel=along,
+        tau_perpendicular=along / values["sensor.extinction_ratio"],
+        noise=SensorNoise(**{name: values[f"noise.{name}"] for name in NOISE_NAMES}),
+    )

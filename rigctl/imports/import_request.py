@@ -1,0 +1,156 @@
+"""What the user says of images that are to become a run, and what is still to be said."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Literal
+
+from rigctl.imports.image_file import FirstRow
+from rigctl.runs.run_folder import FrameKind
+
+Justified = Literal["left", "right"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportRequest:
+    """What the user says. ``None`` is "not said".
+
+    Attributes
+    ----------
+    run : Path
+        The run folder: a new one, or one that was imported before.
+    files : tuple of Path
+        The images, in the order in which they were taken.
+    kind : {"scene", "dark", "flat"}
+        What the camera looked at.
+    angles_deg : tuple of float or None
+        Transmission axis of each file [deg], counter-clockwise from horizontal in the picture as shown.
+    angle_key : str or None
+        Header keyword that holds it [deg].
+    mosaic_deg : tuple of float or None
+        Transmission axes of the cell of 2 x 2 pixels at the top left of the picture, row by row [deg].
+    exposure_s : float or None
+        Exposure of every file [s].
+    exposure_key : str or None
+        Header keyword that holds it [s].
+    same_exposure : bool
+        All files have the same exposure, whatever it was.
+    black_level_dn : float or None
+        Counts without light [DN of the files].
+    black_level_key : str or None
+        Header keyword that holds it [DN of the files].
+    black_level_from_darks : bool
+        Dark frames of the same run tell it.
+    bit_depth : int or None
+        Bits of the camera.
+    justified : {"left", "right"} or None
+        At which end of a sample these bits stand.
+    saturation_dn : float or None
+        A pixel at or above this is saturated [DN of the files].
+    missing_dn : float or None
+        The value that marks pixels that were not received [DN of the files].
+    none_missing : bool
+        No value does.
+    first_row : {"top", "bottom"} or None
+        Which row of the picture comes first in the files.
+    misread : sequence of str
+        What of the command line could not be read.
+    """
+
+    run: Path
+    files: tuple[Path, ...]
+    kind: FrameKind
+    angles_deg: tuple[float, ...] | None = None
+    angle_key: str | None = None
+    mosaic_deg: tuple[float, ...] | None = None
+    exposure_s: float | None = None
+    exposure_key: str | None = None
+    same_exposure: bool = False
+    black_level_dn: float | None = None
+    black_level_key: str | None = None
+    black_level_from_darks: bool = False
+    bit_depth: int | None = None
+    justified: Justified | None = None
+    saturation_dn: float | None = None
+    missing_dn: float | None = None
+    none_missing: bool = False
+    first_row: FirstRow | None = None
+    misread: Sequence[str] = ()
+
+
+def request_problems(request: ImportRequest, *, darks_are_there: bool) -> list[str]:
+    """Return what is contradictory, out of range or not said, each with the option that would say it.
+
+    Parameters
+    ----------
+    request : ImportRequest
+        What the user says.
+    darks_are_there : bool
+        The run has dark frames already, which tell the black level.
+    """
+    return [
+        *request.misread,
+        *_angle_problems(request),
+        *_exposure_problems(request),
+        *_black_level_problems(request, darks_are_there=darks_are_there),
+        *_range_problems(request),
+    ]
+
+
+def _angle_problems(request: ImportRequest) -> Iterator[str]:
+    ways = [request.angles_deg, request.angle_key, request.mosaic_deg]
+    said = sum(way is not None for way in ways)
+    if said > 1:
+        yield "--angles, --angle-key, --mosaic: give one of them"
+    if said == 0 and request.kind == "scene" and not request.misread:
+        yield "angles of the polarizer: say --angles 0,45,..., --angle-key KEY or --mosaic A,B,C,D"
+    if request.angles_deg is not None and len(request.angles_deg) != len(request.files):
+        yield f"--angles: {len(request.angles_deg)} angles for {len(request.files)} files; give one for each file"
+    if request.mosaic_deg is not None and len(request.mosaic_deg) != 4:
+        yield f"--mosaic: {len(request.mosaic_deg)} angles; a cell of 2 x 2 pixels has 4, row by row"
+
+
+def _exposure_problems(request: ImportRequest) -> Iterator[str]:
+    ways = (request.exposure_s is not None, request.exposure_key is not None, request.same_exposure)
+    if sum(ways) > 1:
+        yield "--exposure-s, --exposure-key, --same-exposure: give one of them"
+    if not any(ways) and len(request.files) > 1:
+        yield (
+            "exposure: say --exposure-s X, --exposure-key KEY, or --same-exposure where it is not known but was "
+            "the same for all files"
+        )
+
+
+def _black_level_problems(request: ImportRequest, *, darks_are_there: bool) -> Iterator[str]:
+    ways = (
+        request.black_level_dn is not None,
+        request.black_level_key is not None,
+        request.black_level_from_darks,
+    )
+    if sum(ways) > 1:
+        yield "--black-level-dn, --black-level-key, --black-level-from-darks: give one of them"
+    if not any(ways) and request.kind == "scene" and not darks_are_there:
+        yield (
+            "black level: say --black-level-dn X, --black-level-key KEY, or --black-level-from-darks where dark "
+            "frames of this run will tell it"
+        )
+
+
+def _range_problems(request: ImportRequest) -> Iterator[str]:
+    angles = {"--angles": request.angles_deg, "--mosaic": request.mosaic_deg}
+    for option, values in angles.items():
+        if not all(isfinite(value) for value in values or ()):
+            yield f"{option}: every angle must be a finite number of degrees"
+    if request.exposure_s is not None and not 0 < request.exposure_s < float("inf"):
+        yield f"--exposure-s: is {request.exposure_s:g}, must be above 0"
+    counts = {
+        "--black-level-dn": request.black_level_dn,
+        "--saturation-dn": request.saturation_dn,
+        "--missing-dn": request.missing_dn,
+    }
+    for option, value in counts.items():
+        if value is not None and not 0 <= value <= 65535:
+            yield f"{option}: is {value:g}, must lie between 0 and 65535"
+    if request.bit_depth is not None and not 1 <= request.bit_depth <= 16:
+        yield f"--bit-depth: is {request.bit_depth}, must lie between 1 and 16"

@@ -1,0 +1,154 @@
+"""From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.processing.reconstruction import Design, design
+from rigctl.errors import DataError
+from rigctl.files.regions import Region, masks
+from rigctl.measurement.dark_level import DarkLevel, find_dark_level
+from rigctl.measurement.frame_grid import FrameGrid, arrange
+from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
+from rigctl.runs.run_folder import FrameRecord, Run
+
+FloatArray = NDArray[np.float64]
+
+_LEAST_ANGLES = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement:
+    """What a run measured.
+
+    Attributes
+    ----------
+    run : Run
+        Where it comes from.
+    grid : FrameGrid
+        Which frame is which angle of which cycle.
+    plan : Design
+        Measured polarizer angles and the inverse in use.
+    extinction_ratio : float
+        Of the polarizer, as taken; infinite where nobody states one: then it is assumed ideal.
+    dark_level : DarkLevel
+        What was taken off the counts, and whence.
+    channels : (N, H, W) array
+        Mean of each angle over the cycles, dark level off [grid.unit].
+    saturated, missing : (H, W) arrays of bool
+        Pixels that are so in any frame.
+    regions : dict
+        Name to what its pixels say.
+    """
+
+    run: Run
+    grid: FrameGrid
+    plan: Design
+    extinction_ratio: float
+    dark_level: DarkLevel
+    channels: FloatArray
+    saturated: NDArray[np.bool_]
+    missing: NDArray[np.bool_]
+    regions: dict[str, MeasuredRegion]
+
+
+def measure(run: Run, *, regions: list[Region], noise: dict[str, Any] | None = None) -> Measurement:
+    """Return the Stokes pictures of a run and the numbers of its regions.
+
+    Parameters
+    ----------
+    run : Run
+        With scene frames of at least three angles that differ modulo 180 deg.
+    regions : list of Region
+        May be empty.
+    noise : dict or None
+        A noise calibration as its file holds it: its black level serves where the run says nothing of one.
+
+    Raises
+    ------
+    DataError
+        The frames cannot give Stokes parameters, with the reason.
+    ConfigError
+        A region does not fit the pictures.
+    """
+    grid = arrange(run)
+    extinction_ratio = _extinction_ratio(run)
+    plan = _plan(run, grid, extinction_ratio)
+    dark_level = find_dark_level(run, grid, noise)
+    inside = masks(regions, width=grid.width, height=grid.height)
+    frames = _Frames(run, grid, dark_level)
+    pixels = {name: np.empty((grid.cycles, grid.angles, int(mask.sum()))) for name, mask in inside.items()}
+    for cycle in range(grid.cycles):
+        for angle in range(grid.angles):
+            signal = frames.read(cycle, angle)
+            for name, mask in inside.items():
+                pixels[name][cycle, angle] = signal[mask]
+    usable = ~(frames.saturated | frames.missing)
+    return Measurement(
+        run=run,
+        grid=grid,
+        plan=plan,
+        extinction_ratio=extinction_ratio,
+        dark_level=dark_level,
+        channels=frames.sums / grid.cycles,
+        saturated=frames.saturated,
+        missing=frames.missing,
+        regions={
+            name: measure_region(
+                name=name,
+                pixels=pixels[name][:, :, usable[mask]],
+                inside=mask & usable,
+                excluded=int(np.sum(mask & ~usable)),
+                channel_names=grid.channel_names,
+                plan=plan,
+                level_std_error=dark_level.std_error_dn * grid.to_unit,
+            )
+            for name, mask in inside.items()
+        },
+    )
+
+
+class _Frames:
+    """Reads frames one by one; keeps their sum by angle and which pixels were ever saturated or missing."""
+
+    def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel) -> None:
+        shape = (grid.height, grid.width)
+        self._run, self._grid, self._dark_level = run, grid, dark_level
+        self.sums = np.zeros((grid.angles, *shape))
+        self.saturated = np.zeros(shape, dtype=np.bool_)
+        self.missing = np.zeros(shape, dtype=np.bool_)
+
+    def read(self, cycle: int, angle: int) -> FloatArray:
+        record = self._grid.records[cycle][angle]
+        counts = self._run.counts(record)
+        self._note_unusable(record, counts)
+        signal = (counts - self._dark_level.level_dn[angle]) * self._grid.to_unit[angle]
+        self.sums[angle] += signal
+        return np.asarray(signal)
+
+    def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
+        self.saturated |= counts >= record.saturation_dn
+        if record.missing_dn is not None:
+            self.missing |= counts == record.missing_dn
+
+
+def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
+    distinct = sorted({name.removeprefix("dn_").partition("_")[0] for name in grid.channel_names}, key=float)
+    if len(distinct) < _LEAST_ANGLES:
+        raise DataError(
+            f"{run.path}: its frames stand at {len(distinct)} angles that differ modulo 180 deg "
+            f"({', '.join(distinct)} deg); Stokes parameters need three"
+        )
+    try:
+        return design(grid.polarizer_angles_rad, extinction_ratio)
+    except ValueError as error:
+        raise DataError(f"{run.path}: its polarizer angles do not give Stokes parameters: {error}") from error
+
+
+def _extinction_ratio(run: Run) -> float:
+    """Return what the rig file of the session says; infinite where there is none, as for imported images."""
+    polarizer = run.session.get("rig", {}).get("polarizer", {})
+    stated = polarizer.get("extinction_ratio")
+    return np.inf if stated is None else float(stated)

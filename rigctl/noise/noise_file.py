@@ -1,0 +1,183 @@
+"""The file that a noise calibration is kept in: ``noise.json``."""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from calibration.flags import Flag
+from calibration.noise import NoiseCalibration
+from calibration.photon_transfer import PhotonTransfer
+from rigctl.config import describe
+from rigctl.durable_file import write_durably
+from rigctl.errors import ConfigError, DataError
+from rigctl.noise.noise_frames import FrameSet
+from rigctl.utc_time import utc_text
+from rigctl.version import VERSION
+
+SCHEMA_VERSION = 1
+QUANTITIES = (
+    "gain_dn_per_e",
+    "read_noise_e",
+    "dark_current_e_per_s",
+    "black_level_dn",
+    "saturation_e",
+    "prnu",
+    "dsnu_e",
+)
+# Asymmetry and negative eigenvalues of a covariance that rounding of its printed digits can make.
+_ROUNDING = 1e-9
+
+
+def noise_json(
+    calibration: NoiseCalibration, frames: FrameSet, *, utc_ns: Callable[[], int] = time.time_ns
+) -> dict[str, Any]:
+    """Return the content of the file.
+
+    Parameters
+    ----------
+    calibration : NoiseCalibration
+        The calibration.
+    frames : FrameSet
+        What it was made from.
+    utc_ns : callable
+        The clock that dates it [ns].
+    """
+    estimates = {name: getattr(calibration, name) for name in QUANTITIES}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "created_by": f"rigctl {VERSION}",
+        "created_utc": utc_text(utc_ns()),
+        "source": asdict(frames.source),
+        "camera": asdict(frames.camera),
+        **{name: None if found is None else asdict(found) for name, found in estimates.items()},
+        "covariance": {
+            "names": list(calibration.covariance.names),
+            "matrix": calibration.covariance.matrix.tolist(),
+        },
+        "flags": flags_json(calibration.flags),
+        "photon_transfer": _curve(calibration.transfer),
+    }
+
+
+def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Any]]:
+    """Return flags as the file holds them."""
+    return [asdict(flag) for flag in flags]
+
+
+def _curve(transfer: PhotonTransfer) -> dict[str, Any]:
+    points = transfer.points
+    return {
+        "signal_dn": points.signal_dn.tolist(),
+        "variance_dn2": points.variance_dn2.tolist(),
+        "std_error_dn2": points.std_error_dn2.tolist(),
+        "used": transfer.used.tolist(),
+        "fit": "variance_dn2 = gain_dn_per_e * signal_dn + bend * signal_dn**2",
+        "gain_dn_per_e": transfer.gain_dn_per_e,
+        "bend": transfer.bend,
+        "relative_scatter": transfer.fit.scatter / transfer.gain_dn_per_e,
+        "chi2_per_dof": transfer.fit.chi2_per_dof,
+    }
+
+
+def write_noise_file(path: Path, content: dict[str, Any]) -> None:
+    """Write a calibration: whole under its name, or not at all. A file that is there is replaced.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be written there.
+    """
+    try:
+        write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
+
+
+def read_noise_file(path: Path) -> dict[str, Any]:
+    """Return the content of a noise calibration file, once all that the program uses has been found right.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no noise calibration, or is of another version: every problem at once.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        _NoiseContent.model_validate_json(text)
+    except ValidationError as error:
+        raise DataError(
+            f"{describe(path, error)}\n  a noise calibration is made by `rigctl calibrate noise`"
+        ) from error
+    content: dict[str, Any] = json.loads(text)
+    return content
+
+
+class _Part(BaseModel):
+    # Keys that are not known are for those who put them there.
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+
+class _Value(_Part):
+    value: float
+    std_error: Annotated[float, Field(ge=0)]
+    n: Annotated[int, Field(ge=1)]
+
+
+class _PositiveValue(_Value):
+    value: Annotated[float, Field(gt=0)]
+
+
+class _Covariance(_Part):
+    names: list[str]
+    matrix: list[list[float]]
+
+    @model_validator(mode="after")
+    def _is_a_covariance(self) -> Self:
+        if unknown := [name for name in self.names if name not in QUANTITIES]:
+            raise ValueError(f"names {unknown} are none of {', '.join(QUANTITIES)}")
+        if [len(row) for row in self.matrix] != [len(self.names)] * len(self.names):
+            raise ValueError(f"the matrix has to have {len(self.names)} rows and columns, one for each name")
+        matrix = np.array(self.matrix)
+        scale = np.sqrt(np.abs(np.diag(matrix)))
+        if np.any(np.abs(matrix - matrix.T) > _ROUNDING * np.outer(scale, scale)):
+            raise ValueError("the matrix is not symmetric")
+        correlation = matrix / np.where(scale > 0.0, np.outer(scale, scale), 1.0)
+        if len(matrix) and np.linalg.eigvalsh(correlation).min() < -_ROUNDING:
+            raise ValueError("the matrix is no covariance: it has a negative eigenvalue")
+        return self
+
+
+class _Flag(_Part):
+    name: str
+    message: str
+    refuses: bool
+
+
+class _Camera(_Part):
+    model: str | None = None
+    serial: str | None = None
+    gain_db: float | None = None
+    bit_depth: int | None = None
+
+
+class _NoiseContent(_Part):
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
+    gain_dn_per_e: _PositiveValue
+    read_noise_e: _Value | None
+    dark_current_e_per_s: _Value | None
+    black_level_dn: _Value
+    saturation_e: _Value | None
+    prnu: _Value | None
+    dsnu_e: _Value | None
+    covariance: _Covariance | None = None
+    flags: list[_Flag] = []
+    camera: _Camera | None = None

@@ -1,0 +1,196 @@
+"""Pictures and plots as PNG. The only importer of matplotlib but for the plots of a calibration."""
+
+import io
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from model.prediction import RegionPrediction
+from model.processing import dolp
+from model.processing.reconstruction import reconstruct
+from model.stokes import aolp_rad
+from model.stokes import dolp as degree_of_polarization
+from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.rows import Row
+from rigctl.files.regions import Region
+from rigctl.measurement.measurement import Measurement
+
+mpl.use("Agg")
+
+from matplotlib import pyplot as plt
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+# Two colours that a colour-blind reader tells apart, and that differ in grey.
+MEASURED, PREDICTED = "#d55e00", "#0072b2"
+_DPI = 110
+_BINS = 60
+# Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
+_SHOWN_PERCENTILES = (1.0, 99.5)
+
+
+def scene_pictures(measurement: Measurement, regions: list[Region]) -> bytes:
+    """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
+    stokes = reconstruct(measurement.plan, measurement.channels)
+    figure, axes = _subplots(1, 2, size=_picture_size(stokes[0], columns=2))
+    _picture(axes[0], stokes[0], title="S0 (panchromatic)", label=f"S0 [{measurement.grid.unit}]", cmap="gray")
+    _picture(axes[1], dolp_image(measurement, stokes), title="DoLP", label="DoLP", cmap="viridis")
+    for ax in axes:
+        _outline(ax, regions)
+    return _png(figure)
+
+
+def aolp_picture(measurement: Measurement) -> bytes:
+    """Return the image of the angle of polarization."""
+    stokes = reconstruct(measurement.plan, measurement.channels)
+    figure, axes = _subplots(1, 1, size=_picture_size(stokes[0], columns=1))
+    angle_deg = np.where(_unusable(measurement), np.nan, np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))))
+    shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest")
+    _finish_picture(figure, axes[0], shown, title="AoLP, counter-clockwise from horizontal", label="AoLP [deg]")
+    return _png(figure)
+
+
+def dolp_image(measurement: Measurement, stokes: FloatArray) -> FloatArray:
+    """Return DoLP by pixel, NaN where it has no meaning: no light, saturated or missing."""
+    dark = _unusable(measurement) | (stokes[0] <= 0.0)
+    safe = np.where(dark, 1.0, stokes)
+    return np.where(dark, np.nan, degree_of_polarization(np.moveaxis(safe, 0, -1)))
+
+
+def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
+    """Return mean and deviation of the counts by channel, predicted beside measured, as [MK14] Fig. 7."""
+    regions = list(dict.fromkeys(row.region for row in rows))
+    figure, axes = _subplots(2, len(regions), size=(3.6 * len(regions), 5.6))
+    for column, region in enumerate(regions):
+        for line, (statistic, title) in enumerate((("mean", "mean"), ("std", "deviation over pixels, one frame"))):
+            ax = axes[line * len(regions) + column]
+            chosen = [r for r in rows if r.region == region and r.quantity[:3] == "dn_" and r.statistic == statistic]
+            _bars(ax, chosen)
+            ax.set_title(f"{region}: {title}", fontsize=9)
+            ax.set_xlabel("polarizer angle [deg]")
+            ax.set_ylabel(f"counts above dark [{unit}]")
+    axes[0].legend(fontsize=8)
+    return _png(figure)
+
+
+def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction]) -> bytes:
+    """Return histograms of s1, s2 and DoLP of each region's pixels with the predicted laws, as [MK14] Fig. 8."""
+    names = list(predictions)
+    figure, axes = _subplots(len(names), 3, size=(11.0, 2.7 * len(names)))
+    for line, name in enumerate(names):
+        pixels = measurement.regions[name].stokes_pixels
+        quantities, stokes = predictions[name].quantities, predictions[name].stokes_dn
+        for column, (key, index) in enumerate((("s1n", 1), ("s2n", 2))):
+            law = quantities[key]
+            title = f"{name}: s{index} = S{index}/S0"
+            _histogram(
+                axes[3 * line + column], pixels[index] / pixels[0], _normal(law["mean"], law["std"]), title=title
+            )
+        values = degree_of_polarization(pixels.T)
+        _histogram(axes[3 * line + 2], values, lambda x, s=stokes: dolp.pdf(x, s.mean, s.cov), title=f"{name}: DoLP")
+    axes[0].legend(fontsize=8)
+    return _png(figure)
+
+
+def scores(comparison: Comparison) -> bytes:
+    """Return every row's standard score, and which of them disagree."""
+    tested = [row for row in comparison.rows if row.z is not None]
+    names = list(dict.fromkeys(row.region for row in tested))
+    figure, axes = _subplots(1, 1, size=(11.0, 0.9 + 0.55 * len(names)))
+    axes[0].axvspan(-2, 2, color="0.92", label="two standard errors")
+    for agrees, colour, label in ((True, PREDICTED, "agrees"), (False, MEASURED, "disagrees")):
+        chosen = [row for row in tested if row.agrees is agrees]
+        heights = [names.index(row.region) for row in chosen]
+        values = [row.z or 0.0 for row in chosen]
+        axes[0].scatter(values, heights, s=18, c=colour, marker="o" if agrees else "x", label=label, zorder=3)
+    axes[0].set_yticks(range(len(names)), names)
+    axes[0].invert_yaxis()
+    farthest = max([5.0, *(1.3 * abs(row.z or 0.0) for row in tested)])
+    axes[0].set_xscale("symlog", linthresh=5.0)
+    axes[0].set_xlim(-farthest, farthest)
+    axes[0].xaxis.set_major_formatter("{x:g}")
+    axes[0].set_ylim(-0.6, len(names) - 0.4)
+    axes[0].set_xlabel("(measured - predicted) / standard error of both")
+    axes[0].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _png(figure)
+
+
+def _subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple["Figure", list["Axes"]]:
+    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    return figure, list(axes.ravel())
+
+
+def _picture_size(image: FloatArray, *, columns: int) -> tuple[float, float]:
+    """Return the size of a figure [inch] that leaves little white around pictures of this shape."""
+    height, width = image.shape
+    each = 5.4
+    return columns * each, min(max(0.78 * each * height / width + 0.7, 2.0), 9.0)
+
+
+def _unusable(measurement: Measurement) -> NDArray[np.bool_]:
+    return np.asarray(measurement.saturated | measurement.missing)
+
+
+def _picture(ax: "Axes", image: FloatArray, *, title: str, label: str, cmap: str) -> None:
+    low, high = np.nanpercentile(image, _SHOWN_PERCENTILES)
+    shown = ax.imshow(image, cmap=cmap, vmin=low, vmax=high, interpolation="nearest")
+    _finish_picture(ax.figure, ax, shown, title=title, label=label)
+
+
+def _finish_picture(figure: Any, ax: "Axes", shown: Any, *, title: str, label: str) -> None:
+    ax.set_title(title)
+    ax.set_xlabel("x [pixel]")
+    ax.set_ylabel("y [pixel]")
+    figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
+
+
+def _outline(ax: "Axes", regions: list[Region]) -> None:
+    for region in regions:
+        corners = [*region.outline(), region.outline()[0]]
+        x, y = zip(*corners, strict=True)
+        ax.plot(x, y, color="white", linewidth=2.4)
+        ax.plot(x, y, color="black", linewidth=1.0)
+        ax.annotate(
+            region.name,
+            (min(x), min(y)),
+            xytext=(0, 3),
+            textcoords="offset points",
+            fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0},
+        )
+
+
+def _bars(ax: "Axes", rows: list[Row]) -> None:
+    places = np.arange(len(rows))
+    ax.bar(places - 0.2, [row.predicted for row in rows], 0.38, color=PREDICTED, label="predicted")
+    ax.bar(places + 0.2, [row.measured for row in rows], 0.38, color=MEASURED, label="measured")
+    both = [np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0) for row in rows]
+    ax.errorbar(places + 0.2, [row.measured for row in rows], yerr=both, fmt="none", ecolor="black", capsize=3)
+    ax.set_xticks(places, [row.quantity.removeprefix("dn_") for row in rows])
+
+
+def _histogram(ax: "Axes", values: FloatArray, law: Any, *, title: str) -> None:
+    ax.hist(values, bins=_BINS, density=True, color=MEASURED, alpha=0.55, label="measured pixels")
+    low, high = float(values.min()), float(values.max())
+    x = np.linspace(low, high, 300)
+    ax.plot(x, law(x), color=PREDICTED, linewidth=1.8, label="predicted law")
+    ax.set_title(title, fontsize=9)
+    ax.set_ylabel("density")
+
+
+def _normal(mean: float, std: float) -> Any:
+    return lambda x: np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
+
+
+def _png(figure: "Figure") -> bytes:
+    buffer = io.BytesIO()
+    # No date and no version in the file: the same numbers give the same bytes.
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+    plt.close(figure)
+    return buffer.getvalue()

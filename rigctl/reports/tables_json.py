@@ -1,0 +1,111 @@
+"""Numbers as JSON holds them: one shape for prediction, measurement and comparison.
+
+``regions.NAME.QUANTITY.STATISTIC`` is a number in a prediction; in a measurement there is ``STATISTIC_std_error``
+beside it; in a comparison it is a row.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+from model.prediction import RegionPrediction
+from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.rows import Row
+from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.region_numbers import MeasuredRegion
+
+SCHEMA_VERSION = 1
+
+STATISTICS = {
+    "mean": "mean over the region's pixels (of dolp, s1n, s2n and aolp_deg: of the region's mean Stokes vector)",
+    "std": "standard deviation over pixels, spatial, of one frame or cycle (s1n, s2n, dolp, aolp_deg: first order)",
+    "std_temporal": "standard deviation of a pixel from repeat to repeat",
+    "std_spatial_mean": "standard deviation over pixels, spatial, of the mean of all repeats",
+    "first_order": "the same to first order, as [MK14] has it; shown, not compared",
+}
+
+
+def prediction_json(predictions: dict[str, RegionPrediction], *, remarks: Iterable[str]) -> dict[str, Any]:
+    """Return predictions as JSON holds them."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "statistics": STATISTICS,
+        "regions": {name: prediction.quantities for name, prediction in predictions.items()},
+        "methods": {
+            name: {"dolp": prediction.dolp_method, "dolp_relative_error": _finite(prediction.dolp_error)}
+            for name, prediction in predictions.items()
+        },
+        "warnings": {name: list(prediction.warnings) for name, prediction in predictions.items()},
+        "remarks": list(remarks),
+    }
+
+
+def measurement_json(measurement: Measurement) -> dict[str, Any]:
+    """Return what a run measured as JSON holds it."""
+    grid = measurement.grid
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "unit": grid.unit,
+        "statistics": STATISTICS,
+        "cycles": grid.cycles,
+        "polarizer_angles_rad": dict(zip(grid.channel_names, grid.polarizer_angles_rad.tolist(), strict=True)),
+        "extinction_ratio": _finite(measurement.extinction_ratio),
+        "dark_level_dn": dict(zip(grid.channel_names, measurement.dark_level.level_dn.tolist(), strict=True)),
+        "dark_level_source": measurement.dark_level.source,
+        "saturated_pixels": int(measurement.saturated.sum()),
+        "missing_pixels": int(measurement.missing.sum()),
+        "left_out": list(grid.left_out),
+        "warnings": list(measurement.plan.warnings),
+        "pixels": {name: _pixels(region) for name, region in measurement.regions.items()},
+        "regions": {name: _measured(region) for name, region in measurement.regions.items()},
+    }
+
+
+def comparison_json(comparison: Comparison, measurement: Measurement, *, provenance: dict[str, Any]) -> dict[str, Any]:
+    """Return a comparison as JSON holds it."""
+    regions: dict[str, dict[str, dict[str, Any]]] = {}
+    for row in comparison.rows:
+        regions.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = _numbers(row)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "kind": comparison.kind,
+        "agrees": comparison.agrees,
+        "alpha": comparison.alpha,
+        "disagreements": [asdict(row) for row in comparison.disagreements],
+        "diagnosis": asdict(comparison.diagnosis),
+        "statistics": STATISTICS,
+        "unit": measurement.grid.unit,
+        "regions": regions,
+        "rows": [asdict(row) for row in comparison.rows],
+        "pixels": {name: _pixels(region) for name, region in measurement.regions.items()},
+        "remarks": list(comparison.remarks),
+        "not_tested": list(comparison.not_tested),
+        "provenance": provenance,
+    }
+
+
+def _numbers(row: Row) -> dict[str, Any]:
+    return {key: value for key, value in asdict(row).items() if key not in ("region", "quantity", "statistic")}
+
+
+def _pixels(region: MeasuredRegion) -> dict[str, float]:
+    return {
+        "used": region.pixels,
+        "excluded": region.excluded,
+        "worth_independent": region.independent_pixels,
+    }
+
+
+def _measured(region: MeasuredRegion) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for quantity, statistics in region.quantities.items():
+        found[quantity] = {}
+        for statistic, sample in statistics.items():
+            found[quantity][statistic] = sample.value
+            found[quantity][f"{statistic}_std_error"] = sample.std_error
+    return found
+
+
+def _finite(number: float) -> float | None:
+    """Return a number that JSON can hold: infinity (an ideal polarizer) and what does not exist are null."""
+    return number if abs(number) < float("inf") else None

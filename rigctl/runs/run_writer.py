@@ -1,0 +1,250 @@
+"""A run folder as it is written: each frame durable before the manifest names it."""
+
+import json
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.durable_file import flush_folder, write_durably
+from rigctl.errors import RunFolderError
+from rigctl.runs.fits_frame import encode_frame
+from rigctl.runs.frame_header import header_cards
+from rigctl.runs.journal import Journal
+from rigctl.runs.run_description import SCHEMA_VERSION, SESSION_FILE, RunDescription, encode_description
+from rigctl.runs.run_folder import (
+    EVENTS_FILE,
+    FRAMES_FOLDER,
+    MANIFEST_FILE,
+    FrameRecord,
+    Run,
+    file_checksum,
+    read_run,
+)
+from rigctl.utc_time import utc_text
+from rigctl.version import VERSION
+
+Clock = Callable[[], int]
+
+
+class RunWriter:
+    """Writes frames and events into a run folder. A context manager: leaving it closes the files.
+
+    Parameters
+    ----------
+    path : Path
+        A run folder; use ``create`` or ``append`` to get a writer.
+    sequences : iterable of int
+        Sequence numbers that are taken.
+    utc_ns, monotonic_ns : callable
+        The clocks that stamp events [ns].
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        sequences: Iterable[int],
+        utc_ns: Clock = time.time_ns,
+        monotonic_ns: Clock = time.monotonic_ns,
+    ) -> None:
+        self.path = path
+        self._sequences = set(sequences)
+        self._utc_ns = utc_ns
+        self._monotonic_ns = monotonic_ns
+        self._manifest = Journal(path / MANIFEST_FILE)
+        self._events = Journal(path / EVENTS_FILE)
+        flush_folder(path)
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        description: dict[str, Any],
+        *,
+        utc_ns: Clock = time.time_ns,
+        monotonic_ns: Clock = time.monotonic_ns,
+    ) -> "RunWriter":
+        """Return a writer for a new run folder.
+
+        Parameters
+        ----------
+        path : Path
+            The folder; made where it is not there, with its parents.
+        description : dict
+            The resolved session, as JSON can hold it; ``origin`` is "simulated", "device" or "import".
+        utc_ns, monotonic_ns : callable
+            The clocks that stamp events [ns].
+
+        Raises
+        ------
+        RunFolderError
+            The folder holds something already, or cannot be written.
+        """
+        content = RunDescription(
+            schema_version=SCHEMA_VERSION,
+            created_by=f"rigctl {VERSION}",
+            created_utc=utc_text(utc_ns()),
+            session=description,
+        )
+        try:
+            _make_folder(path)
+            write_durably(path / SESSION_FILE, encode_description(content))
+            return cls(path, sequences=(), utc_ns=utc_ns, monotonic_ns=monotonic_ns)
+        except OSError as error:
+            raise RunFolderError(f"{path}: cannot make a run folder here: {error.strerror}") from error
+
+    @classmethod
+    def append(cls, path: Path) -> "RunWriter":
+        """Return a writer that adds frames to a run folder that exists.
+
+        Raises
+        ------
+        RunFolderError
+            The folder is damaged, or cannot be written.
+        """
+        run = read_run(path)
+        try:
+            return cls(path, sequences=_taken_sequences(run))
+        except OSError as error:
+            raise RunFolderError(f"{path}: cannot be added to: {error.strerror}") from error
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files. May be called twice."""
+        self._manifest.close()
+        self._events.close()
+
+    @property
+    def next_sequence(self) -> int:
+        """The lowest sequence number above all that are taken."""
+        return max(self._sequences, default=-1) + 1
+
+    def write_frame(self, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
+        """Return the record as it stands in the manifest, once the frame is on the disk.
+
+        Parameters
+        ----------
+        record : FrameRecord
+            What is known of the frame. Path, size, saturated fraction and checksum are filled in here.
+        counts : (H, W) array of uint16
+            Samples in DN, first row on top.
+
+        Raises
+        ------
+        RunFolderError
+            The disk is full, or the folder cannot be written. Neither the frame nor its line is left.
+        ValueError
+            The samples are no (H, W) array of uint16, or the sequence number is taken.
+
+        Notes
+        -----
+        Order: ``.part``, flush, rename, flush of the folder, line of the manifest, flush. A frame that the
+        manifest names is therefore whole, whenever the power goes.
+        """
+        return self.write_frames([(record, counts)])[0]
+
+    def write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
+        """Return the records of several frames, of which either all or none are in the run.
+
+        Raises
+        ------
+        RunFolderError, ValueError
+            As ``write_frame``; what had been written by then is taken back.
+        """
+        written: list[FrameRecord] = []
+        try:
+            for record, counts in frames:
+                written.append(self._write_file(record, counts))
+            self._manifest.append(b"".join(_json_line(asdict(record)) for record in written))
+        except Exception as error:
+            self._take_back(written)
+            if isinstance(error, OSError):
+                raise RunFolderError(f"{self.path}: a frame cannot be written: {error.strerror}") from error
+            raise
+        return tuple(written)
+
+    def _write_file(self, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
+        if counts.dtype != np.uint16 or counts.ndim != 2 or counts.size == 0:
+            raise ValueError(f"counts must be a (H, W) array of uint16, not {counts.shape} of {counts.dtype}")
+        if record.sequence in self._sequences:
+            raise ValueError(f"sequence {record.sequence} is in this run already; the next is {self.next_sequence}")
+        record = replace(
+            record,
+            file=f"{FRAMES_FOLDER}/{_file_name(record)}",
+            height=counts.shape[0],
+            width=counts.shape[1],
+            saturated_fraction=float(np.mean(counts >= record.saturation_dn)),
+        )
+        data = encode_frame(counts, header_cards(record))
+        write_durably(self.path / record.file, data)
+        self._sequences.add(record.sequence)
+        return replace(record, checksum=file_checksum(data))
+
+    def _take_back(self, records: Iterable[FrameRecord]) -> None:
+        for record in records:
+            (self.path / record.file).unlink(missing_ok=True)
+            self._sequences.discard(record.sequence)
+
+    def event(self, name: str, **facts: Any) -> None:
+        """Note that something happened, with the time by both clocks.
+
+        Parameters
+        ----------
+        name : str
+            What happened, a word or two.
+        **facts
+            What else is known, as JSON can hold it.
+
+        Raises
+        ------
+        RunFolderError
+            The disk is full, or the folder cannot be written.
+        """
+        line = {
+            "id": self._events.lines,
+            "utc": utc_text(self._utc_ns()),
+            "monotonic_ns": self._monotonic_ns(),
+            "event": name,
+            "facts": facts,
+        }
+        try:
+            self._events.append(_json_line(line))
+        except OSError as error:
+            raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
+
+
+def _make_folder(path: Path) -> None:
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise RunFolderError(f"{path}: not empty; a run needs a folder of its own. Name one that is not there yet")
+    (path / FRAMES_FOLDER).mkdir(parents=True)
+    flush_folder(path.parent)
+
+
+def _taken_sequences(run: Run) -> set[int]:
+    # A frame that a killed writer left without a line in the manifest is not to be overwritten.
+    numbers = (file.name.partition("_")[0] for file in (run.path / FRAMES_FOLDER).glob("*.fits"))
+    unnamed = {int(number) for number in numbers if number.isdecimal()}
+    return unnamed | {record.sequence for record in run.frames}
+
+
+def _file_name(record: FrameRecord) -> str:
+    angle_deg = record.polarizer_angle_target_deg
+    angle = "" if angle_deg is None else f"_a{round(angle_deg) % 180:03d}"
+    return f"{record.sequence:06d}_{record.kind}{angle}.fits"
+
+
+def _json_line(content: dict[str, Any]) -> bytes:
+    return (json.dumps(content, allow_nan=False) + "\n").encode("ascii")

@@ -1,0 +1,113 @@
+"""Opens the devices of a rig file: the one place where a rig is put together."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Literal
+
+from drivers.errors import NotConnectedError
+from drivers.interfaces import Camera, DeviceIdentity, RotationStage
+from rigctl.errors import ConfigError
+from rigctl.files.rig_file import RigFile
+from rigctl.runs.run_folder import FrameKind
+from rigctl.sessions.operator_at_rig import ask_operator
+from rigctl.sessions.simulation import Simulation, simulate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rig:
+    """Devices that are open, and what they say they are.
+
+    Attributes
+    ----------
+    stage, camera
+        The devices.
+    stage_identity, camera_identity : DeviceIdentity
+        What they are.
+    present : callable
+        Puts scene, dark or flat before the camera: a simulated world by itself, a real rig by asking its operator.
+    origin : {"simulated", "device"}
+        Where the frames come from.
+    """
+
+    stage: RotationStage
+    camera: Camera
+    stage_identity: DeviceIdentity
+    camera_identity: DeviceIdentity
+    present: Callable[[FrameKind], None]
+    origin: Literal["simulated", "device"]
+
+
+@contextmanager
+def open_rig(rig: RigFile, *, session_name: str) -> Iterator[Rig]:
+    """Give the open devices of a rig until the context is left; then they are closed.
+
+    Parameters
+    ----------
+    rig : RigFile
+        Which devices, and where. A port or address that begins with "sim:" is a simulated device.
+    session_name : str
+        Decides the noise of a simulated camera.
+
+    Raises
+    ------
+    DeviceError
+        A device cannot be opened, or is not the one that the rig file names.
+    ConfigError
+        The rig file names a driver that is not installed.
+    """
+    if not rig.is_simulated:
+        with _open_devices(rig, None) as opened:
+            yield opened
+        return
+    with simulate(rig, session_name=session_name) as simulation, _open_devices(rig, simulation) as opened:
+        yield opened
+
+
+@contextmanager
+def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
+    with _stage(rig, simulation) as stage, _camera(rig, simulation) as camera:
+        stage_identity, camera_identity = stage.identify(), camera.identify()
+        _require_serial("stage", rig.stage.serial_number, stage_identity)
+        _require_serial("camera", rig.camera.serial_number, camera_identity)
+        yield Rig(
+            stage=stage,
+            camera=camera,
+            stage_identity=stage_identity,
+            camera_identity=camera_identity,
+            present=ask_operator if simulation is None else simulation.world.present,
+            origin="device" if simulation is None else "simulated",
+        )
+
+
+def _stage(rig: RigFile, simulation: Simulation | None) -> RotationStage:
+    factory = _driver("rigctl.stages", rig.stage.driver, key="stage.driver").load()
+    port = simulation.stage_port if simulation and rig.stage.port.startswith("sim:") else rig.stage.port
+    stage: RotationStage = factory(port, address=rig.stage.address, tolerance_deg=rig.stage.tolerance_deg)
+    return stage
+
+
+def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
+    scheme, _, place = rig.camera.address.partition(":")
+    if scheme == "sim" and simulation is not None:
+        return simulation.camera
+    factory = _driver("rigctl.cameras", scheme, key="camera.address").load()
+    camera: Camera = factory(place)
+    return camera
+
+
+def _driver(group: str, name: str, *, key: str) -> EntryPoint:
+    installed = {entry.name: entry for entry in entry_points(group=group)}
+    if name not in installed:
+        known = ", ".join(sorted(installed)) or "none"
+        raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}")
+    return installed[name]
+
+
+def _require_serial(what: str, configured: str | None, found: DeviceIdentity) -> None:
+    if configured is not None and configured != found.serial_number:
+        raise NotConnectedError(
+            f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
+            f"{configured}: another device is on this port. Mend the port or the serial number"
+        )

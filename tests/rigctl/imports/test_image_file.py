@@ -1,0 +1,165 @@
+import gzip
+import io
+
+import cv2
+import numpy as np
+import pytest
+from astropy.io import fits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigctl.errors import DataError
+from rigctl.imports.image_file import ImageFile, read_image
+from rigctl.runs.fits_frame import encode_frame
+from tests.rigctl.run_samples import noisy_counts
+
+COUNTS = noisy_counts(shape=(6, 9))
+
+
+def write_fits(path, pixels, **header):
+    unit = fits.PrimaryHDU(pixels)
+    unit.header.update(header)
+    unit.writeto(path)
+    return path
+
+
+def fits_bytes(pixels):
+    file = io.BytesIO()
+    fits.PrimaryHDU(pixels).writeto(file)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("name", ["image.png", "image.tif"])
+@pytest.mark.parametrize(("dtype", "bits"), [(np.uint8, 8), (np.uint16, 16)])
+def test_png_and_tiff_come_as_they_are_top_first(tmp_path, name, dtype, bits):
+    pixels = (COUNTS & 255).astype(dtype)
+    cv2.imwrite(str(tmp_path / name), pixels)
+    image = read_image(tmp_path / name)
+    np.testing.assert_array_equal(image.counts, pixels)
+    assert (image.sample_bits, image.first_row) == (bits, "top")
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.uint16, np.int32, np.int64, np.float32, np.float64])
+def test_fits_of_whole_numbers_is_accepted(tmp_path, dtype):
+    pixels = (COUNTS & 255).astype(dtype)
+    image = read_image(write_fits(tmp_path / "image.fits", pixels))
+    np.testing.assert_array_equal(image.counts, pixels)
+    assert image.sample_bits == (8 if dtype is np.uint8 else 16)
+
+
+def test_fits_without_row_order_is_bottom_first(tmp_path):
+    image = read_image(write_fits(tmp_path / "image.fits", COUNTS))
+    assert (image.first_row, image.first_row_stated) == ("bottom", False)
+
+
+@pytest.mark.parametrize(("order", "row"), [("TOP-DOWN", "top"), ("BOTTOM-UP", "bottom")])
+def test_row_order_of_a_fits_file_is_honoured(tmp_path, order, row):
+    image = read_image(write_fits(tmp_path / "image.fits", COUNTS, ROWORDER=order))
+    assert (image.first_row, image.first_row_stated) == (row, True)
+
+
+def test_frame_of_ours_can_be_read_as_an_image(tmp_path):
+    (tmp_path / "frame.fits").write_bytes(encode_frame(COUNTS, {"EXPTIME": (0.5, "")}))
+    image = read_image(tmp_path / "frame.fits")
+    np.testing.assert_array_equal(image.counts, COUNTS)
+    assert (image.first_row, image.header["EXPTIME"]) == ("top", 0.5)
+
+
+def test_compressed_fits_file_is_read(tmp_path):
+    (tmp_path / "image.fits.gz").write_bytes(gzip.compress(fits_bytes(COUNTS)))
+    np.testing.assert_array_equal(read_image(tmp_path / "image.fits.gz").counts, COUNTS)
+
+
+def test_first_image_of_a_fits_file_is_taken_and_that_is_said(tmp_path):
+    units = [fits.PrimaryHDU(), fits.ImageHDU(COUNTS), fits.ImageHDU(COUNTS + 1)]
+    fits.HDUList(units).writeto(tmp_path / "two.fits")
+    image = read_image(tmp_path / "two.fits")
+    np.testing.assert_array_equal(image.counts, COUNTS)
+    assert image.remarks == ("the first of 2 images of its file",)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "reason"),
+    [
+        (COUNTS + 0.5, "not whole numbers"),
+        (np.where(np.eye(6, 9) > 0, np.nan, COUNTS), "NaN or infinite"),
+        (COUNTS.astype(np.int32) - 5000, "samples run from"),
+        (COUNTS.astype(np.int32) + 65536, "samples run from"),
+        (np.zeros((2, 3, 4), np.int16), "has 3 axes"),
+    ],
+)
+def test_fits_that_is_no_raw_image_is_refused(tmp_path, pixels, reason):
+    with pytest.raises(DataError, match=reason):
+        read_image(write_fits(tmp_path / "image.fits", pixels))
+
+
+def test_fits_without_an_image_is_refused(tmp_path):
+    fits.PrimaryHDU().writeto(tmp_path / "empty.fits")
+    with pytest.raises(DataError, match="without an image"):
+        read_image(tmp_path / "empty.fits")
+
+
+def test_fits_whose_own_checksum_fails_is_refused(tmp_path):
+    fits.PrimaryHDU(COUNTS).writeto(tmp_path / "image.fits", checksum=True)
+    data = bytearray((tmp_path / "image.fits").read_bytes())
+    data[-2880] ^= 1
+    (tmp_path / "image.fits").write_bytes(data)
+    with pytest.raises(DataError, match="is damaged"):
+        read_image(tmp_path / "image.fits")
+
+
+@pytest.mark.parametrize("name", ["image.png", "image.tif", "image.fits"])
+def test_file_that_is_cut_off_is_refused(tmp_path, name):
+    pixels = noisy_counts(shape=(60, 90))
+    if name.endswith("fits"):
+        write_fits(tmp_path / name, pixels)
+    else:
+        cv2.imwrite(str(tmp_path / name), pixels)
+    data = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(data[: len(data) // 2])
+    with pytest.raises(DataError):
+        read_image(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["image.png", "image.tif"])
+def test_colour_image_is_refused(tmp_path, name):
+    cv2.imwrite(str(tmp_path / name), np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(DataError, match="colour image"):
+        read_image(tmp_path / name)
+
+
+def test_file_of_several_pictures_is_refused(tmp_path):
+    cv2.imwritemulti(str(tmp_path / "pages.tif"), [COUNTS, COUNTS])
+    with pytest.raises(DataError, match="holds 2 pictures"):
+        read_image(tmp_path / "pages.tif")
+
+
+def test_png_of_one_bit_is_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "mask.png"), np.eye(8, dtype=np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
+    with pytest.raises(DataError, match="1 bits per sample"):
+        read_image(tmp_path / "mask.png")
+
+
+def test_file_that_is_no_image_is_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("sunny")
+    with pytest.raises(DataError, match="is no FITS, PNG or TIFF"):
+        read_image(tmp_path / "notes.txt")
+
+
+def test_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(DataError, match="cannot be read"):
+        read_image(tmp_path / "none.png")
+
+
+@settings(deadline=None, max_examples=100)
+@given(place=st.integers(0, 2879), value=st.integers(0, 255))
+def test_spoilt_fits_header_is_read_or_refused_but_never_a_fault(tmp_path_factory, place, value):
+    data = bytearray(fits_bytes(COUNTS))
+    data[place] = value
+    file = tmp_path_factory.mktemp("spoilt") / "image.fits"
+    file.write_bytes(data)
+    try:
+        image = read_image(file)
+    except DataError:
+        return
+    assert isinstance(image, ImageFile)

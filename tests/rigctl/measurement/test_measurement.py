@@ -1,0 +1,165 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.processing.reconstruction import reconstruct
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Rectangle, Region
+from rigctl.imports.image_import import import_images
+from rigctl.imports.import_request import ImportRequest
+from rigctl.measurement.measurement import measure
+from rigctl.runs.run_folder import read_run
+from tests.rigctl.made_runs import at, make_run
+
+SIZE = (40, 50)
+REGION = Region(name="middle", rectangle=Rectangle(x=5, y=5, width=30, height=30))
+
+
+def _picture(level, seed=0):
+    return np.random.default_rng(seed).normal(level, 5.0, SIZE).round()
+
+
+def _run(tmp_path, levels, **session):
+    frames = [(at(a), _picture(level, k)) for k, (a, level) in enumerate(levels)]
+    return make_run(tmp_path / "run", frames, session={"origin": "import", **session})
+
+
+def _pseudo_inverse_stokes(run, *, black=0.0, extinction=np.inf):
+    """An independent way: the pseudo-inverse of the analyser matrix written out, pixel by pixel."""
+    scene = [record for record in run.frames if record.kind == "scene"]
+    angles = np.deg2rad([record.polarizer_angle_deg for record in scene])
+    leak = 1 / extinction
+    m = 0.5 * np.stack([(1 + leak) + 0 * angles, (1 - leak) * np.cos(2 * angles), (1 - leak) * np.sin(2 * angles)], 1)
+    counts = np.stack([run.counts(record).astype(float) - black for record in scene])
+    return np.einsum("kn,nij->kij", np.linalg.pinv(m), counts)
+
+
+def test_stokes_equal_an_independent_pseudo_inverse(tmp_path):
+    run = _run(tmp_path, [(0, 900), (45, 700), (90, 400), (135, 600)])
+    found = measure(run, regions=[])
+    expected = _pseudo_inverse_stokes(run)
+    # Counts below 1e3 and a condition of sqrt 2: rounding is some 1e-13 of S0.
+    assert np.max(np.abs(reconstruct(found.plan, found.channels) - expected)) < 1e-9 * expected[0].max()
+
+
+def test_the_extinction_ratio_of_the_rig_file_is_undone(tmp_path):
+    run = _run(tmp_path, [(0, 900), (60, 700), (120, 400)], rig={"polarizer": {"extinction_ratio": 10.0}})
+    found = measure(run, regions=[])
+    expected = _pseudo_inverse_stokes(run, extinction=10.0)
+    assert np.max(np.abs(reconstruct(found.plan, found.channels) - expected)) < 1e-9 * expected[0].max()
+
+
+def test_dark_frames_of_the_same_exposure_are_taken_off(tmp_path):
+    frames = [(at(a, exposure_s=0.1, black_level_dn=None), np.full(SIZE, 500)) for a in (0, 60, 120)]
+    frames += [({"kind": "dark", "exposure_s": 0.1}, np.full(SIZE, 64 + k)) for k in (0, 2)]
+    frames += [({"kind": "dark", "exposure_s": 9.0}, np.full(SIZE, 300))]
+    found = measure(make_run(tmp_path / "run", frames), regions=[])
+    assert found.dark_level.level_dn == pytest.approx([65, 65, 65])
+    assert np.all(found.channels == 435)
+    assert "2 dark frames" in found.dark_level.source
+
+
+def test_a_calibration_gives_the_dark_level_where_the_run_says_nothing(tmp_path):
+    frames = [(at(a, exposure_s=0.5, black_level_dn=None), np.full(SIZE, 500)) for a in (0, 60, 120)]
+    noise = {
+        "black_level_dn": {"value": 60.0, "std_error": 0.1},
+        "gain_dn_per_e": {"value": 0.25, "std_error": 0.01},
+        "dark_current_e_per_s": {"value": 40.0, "std_error": 1.0},
+    }
+    found = measure(make_run(tmp_path / "run", frames), regions=[], noise=noise)
+    assert found.dark_level.level_dn == pytest.approx([65, 65, 65])
+
+
+def test_without_any_dark_level_nothing_is_made_up(tmp_path):
+    frames = [(at(a, black_level_dn=None), np.full(SIZE, 500)) for a in (0, 60, 120)]
+    with pytest.raises(DataError, match="without light"):
+        measure(make_run(tmp_path / "run", frames), regions=[])
+
+
+def test_saturated_and_missing_pixels_are_left_out_of_a_region_and_counted(tmp_path):
+    frames = [(at(a, missing_dn=0.0), _picture(900, a)) for a in (0, 60, 120)]
+    frames[1][1][6, 7] = 4095
+    frames[2][1][6, 8] = 0
+    frames[2][1][0, 0] = 0
+    found = measure(make_run(tmp_path / "run", frames), regions=[REGION])
+    assert found.regions["middle"].excluded == 2
+    assert found.regions["middle"].pixels == 898
+    assert found.saturated.sum() == 1
+    assert found.missing.sum() == 2
+
+
+def test_too_few_pixels_left_are_refused(tmp_path):
+    frames = [(at(a), np.full(SIZE, 4095)) for a in (0, 60, 120)]
+    with pytest.raises(DataError, match="middle: 0 pixels are left of 900"):
+        measure(make_run(tmp_path / "run", frames), regions=[REGION])
+
+
+def test_singular_angles_are_refused_with_the_reason(tmp_path):
+    with pytest.raises(DataError, match=r"at 2 angles that differ.*0, 90 deg.*three"):
+        measure(_run(tmp_path, [(0, 900), (90, 700), (180, 900)]), regions=[])
+
+
+def test_a_region_outside_of_the_picture_is_refused(tmp_path):
+    outside = Region(name="far", rectangle=Rectangle(x=45, y=5, width=30, height=30))
+    with pytest.raises(ConfigError, match="far"):
+        measure(_run(tmp_path, [(0, 900), (60, 700), (120, 900)]), regions=[outside])
+
+
+def test_quantities_of_a_known_region(tmp_path):
+    # S = (1200, 480, -360): DoLP 0.5, AoLP = atan2(-360, 480) / 2 = -18.43 deg = 161.57 deg.
+    levels = [
+        (a, 0.5 * (1200 + 480 * np.cos(2 * np.deg2rad(a)) - 360 * np.sin(2 * np.deg2rad(a)))) for a in (0, 45, 90, 135)
+    ]
+    found = measure(_run(tmp_path, levels), regions=[REGION]).regions["middle"].quantities
+    # 900 pixels with sigma 5 DN: the error of S is some 0.3 DN; five of the errors that it states itself.
+    for name, expected in (("s0", 1200), ("s1", 480), ("s2", -360), ("s1n", 0.4), ("s2n", -0.3), ("dolp", 0.5)):
+        sample = found[name]["mean"]
+        assert abs(sample.value - expected) < 5 * sample.std_error, name
+    assert found["aolp_deg"]["mean"].value == pytest.approx(161.565, abs=5 * found["aolp_deg"]["mean"].std_error)
+    assert found["s0"]["mean"].std_error == pytest.approx(5 / 30, rel=0.1)
+
+
+REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
+needs_real_data = pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
+
+
+@needs_real_data
+def test_real_mosaic_equals_an_independent_pseudo_inverse(tmp_path):
+    file = Path(REAL_DATA) / "imx250_fruits" / "fruits_IMX250MZR.png"
+    import_images(
+        ImportRequest(run=tmp_path / "run", files=(file,), kind="scene", mosaic_deg=(90, 45, 135, 0), black_level_dn=0)
+    )
+    run = read_run(tmp_path / "run")
+    found = measure(run, regions=[])
+    expected = _pseudo_inverse_stokes(run)
+    assert np.max(np.abs(reconstruct(found.plan, found.channels) - expected)) < 1e-9 * expected[0].max()
+
+
+@needs_real_data
+def test_real_corona_is_polarized_tangentially(tmp_path):
+    """Thomson scattering polarizes the K corona at right angles to the radius, whatever else the picture holds."""
+    folder = Path(REAL_DATA) / "lasco_c2_triplet"
+    request = ImportRequest(
+        run=tmp_path / "run",
+        files=tuple(folder / f"lasco_{name}.fts" for name in ("0", "+60", "-60")),
+        kind="scene",
+        angles_deg=(0, 60, -60),
+        exposure_key="EXPTIME",
+        black_level_key="OFFSET",
+        bit_depth=16,
+    )
+    import_images(request)
+    found = measure(read_run(tmp_path / "run"), regions=[])
+    assert found.grid.unit == "DN/s"
+    s0, s1, s2 = reconstruct(found.plan, found.channels)
+    polarized = np.hypot(s1, s2)
+    y, x = np.mgrid[: s0.shape[0], : s0.shape[1]]
+    # The occulter's centre in this picture, to some pixels; y runs down.
+    dx, dy = x - 252.0, 262.0 - y
+    radius, twice = np.hypot(dx, dy), 2 * np.arctan2(dy, dx)
+    corona = (polarized > 0.08 * s0) & (radius > 110) & (radius < 230) & ~found.saturated & ~found.missing
+    tangential = -(s1 * np.cos(twice) + s2 * np.sin(twice)) / polarized
+    # With the sign of the two angles, or the rows, the wrong way round it is a quarter of the pixels.
+    assert np.mean(tangential[corona] > 0.9) > 0.99

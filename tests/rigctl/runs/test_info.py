@@ -1,0 +1,75 @@
+import json
+
+import pytest
+
+from rigctl import cli
+from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_summary import summarize_run
+from rigctl.runs.run_writer import RunWriter
+from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
+
+
+@pytest.fixture
+def run_path(tmp_path):
+    path = tmp_path / "run"
+    with RunWriter.create(path, {"origin": "simulated"}) as writer:
+        for i, (angle_deg, readback_deg) in enumerate([(0.0, 0.01), (90.0, 89.99), (0.0, -0.02), (90.0, 90.0)]):
+            record = make_record(
+                i,
+                cycle=i // 2,
+                polarizer_angle_target_deg=angle_deg,
+                polarizer_angle_deg=readback_deg,
+                exposure_s=0.002,
+                remarks=("button pressed",) if i == 1 else (),
+            )
+            writer.write_frame(record, noisy_counts(i))
+        writer.write_frame(make_record(4, kind="dark", exposure_s=0.002), noisy_counts(4))
+        writer.write_frame(FULL_RECORD, noisy_counts(7))
+        writer.event("paused")
+        writer.event("paused")
+    return path
+
+
+def test_frames_taken_alike_are_counted_together(run_path):
+    groups = summarize_run(read_run(run_path)).groups
+    table = [(g.kind, g.polarizer_angle_target_deg, g.frames, g.cycles) for g in groups]
+    assert table == [("scene", 0.0, 2, 2), ("scene", 90.0, 2, 2), ("dark", None, 1, 0), ("scene", 45.0, 1, 1)]
+
+
+def test_readback_is_given_as_a_span(run_path):
+    assert summarize_run(read_run(run_path)).groups[0].polarizer_angle_deg == (-0.02, 0.01)
+
+
+def test_what_was_noted_is_counted(run_path):
+    summary = summarize_run(read_run(run_path))
+    assert summary.remarks["button pressed"] == 2
+    assert summary.events == {"paused": 2}
+
+
+def test_devices_and_time_are_told(run_path):
+    summary = summarize_run(read_run(run_path))
+    assert summary.stages == ("ELL14 11400001",)
+    assert summary.start_utc == FULL_RECORD.start_utc
+    assert summary.sizes == ((7, 5),)
+
+
+def test_command_answers_in_json(run_path, capsys):
+    assert cli.main(["info", str(run_path), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["origin"], answer["frames"]) == ("simulated", 6)
+
+
+def test_command_prints_a_table_with_units(run_path, capsys):
+    assert cli.main(["info", str(run_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    head = next(line for line in lines if line.startswith("kind"))
+    dark = next(line for line in lines if line.startswith("dark"))
+    assert "angle [deg]" in head
+    # Numbers stand right-aligned under their title.
+    assert dark[: head.index("exposure [s]") + len("exposure [s]")].endswith(" 0.002")
+
+
+def test_run_without_its_frames_ends_with_4(run_path, capsys):
+    (run_path / "frames" / "000004_dark.fits").unlink()
+    assert cli.main(["info", str(run_path)]) == 4
+    assert "000004_dark.fits: missing" in capsys.readouterr().err
