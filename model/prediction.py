@@ -31,8 +31,8 @@ class RegionPrediction:
     stokes_dn
         Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level taken off.
     dolp_method, dolp_error
-        How mean and deviation of the pixels' DoLP were found, and the larger of their relative errors as that method
-        estimates them itself.
+        How mean and deviation of the pixels' DoLP were found, and the larger of their absolute errors as that method
+        estimates them itself; not a number where they do not exist.
     quantities
         Everything a measurement is set beside. Where moments of DoLP do not exist they are left out.
     warnings
@@ -109,21 +109,47 @@ def predict_region(
     stokes = Moments(mean=stokes_mean, cov=stokes_covs["std"])
     quantities = _linear(channel_names, channels.mean_dn, covs)
     quantities |= _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
-    quantities |= _ratios(stokes)
-    law = dolp.moments(stokes.mean, stokes.cov, tolerance=tolerance)
-    missing: tuple[str, ...] = ()
-    if bool(law.exists):
-        quantities["dolp_pixels"] = {"mean": float(law.mean), "std": float(law.std)}
-        quantities["dolp_snr"] = {"mean": float(law.snr)} | quantities.get("dolp_snr", {})
-    else:
-        missing = (f"mean and deviation of the pixels' DoLP do not exist: {law.reason}",)
+    law = _law(stokes, tolerance)
+    if stokes.mean[0] > 0.0:
+        quantities |= _ratios(stokes)
+    if law.exists:
+        quantities["dolp_pixels"] = {"mean": law.mean, "std": law.std}
+        quantities["dolp_snr"] = {"mean": law.mean / law.std} | quantities.get("dolp_snr", {})
+    missing = () if law.exists else (f"mean and deviation of the pixels' DoLP do not exist: {law.reason}",)
     return RegionPrediction(
         channels=channels,
         stokes_dn=stokes,
-        dolp_method=str(law.method),
-        dolp_error=float(max(law.mean_error, law.std_error)),
+        dolp_method=law.method,
+        dolp_error=law.error,
         quantities=quantities,
         warnings=(*channels.warnings, *plan.warnings, *missing),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Law:
+    """Mean and deviation of the pixels' DoLP, or why there are none."""
+
+    mean: float
+    std: float
+    error: float
+    method: str
+    exists: bool
+    reason: str
+
+
+def _law(stokes: Moments, tolerance: float) -> _Law:
+    if not stokes.mean[0] > 0.0:
+        reason = f"the mean of S0 is {stokes.mean[0]:.3g} DN, not above 0"
+        return _Law(mean=np.nan, std=np.nan, error=np.nan, method="none", exists=False, reason=reason)
+    found = dolp.moments(stokes.mean, stokes.cov, tolerance=tolerance)
+    return _Law(
+        mean=float(found.mean),
+        std=float(found.std),
+        error=float(max(found.mean_error, found.std_error)),
+        method=str(found.method),
+        exists=bool(found.exists),
+        reason=str(found.reason),
     )
 
 
@@ -152,11 +178,12 @@ def _ratios(stokes: Moments) -> Quantities:
 def _polarised_ratios(stokes: Moments) -> Quantities:
     aolp = aolp_moments_rad(stokes)
     first = dolp.first_order(stokes.mean, stokes.cov)
+    first_std = float(np.sqrt(first.variance))
     return {
-        "dolp": {"mean": float(first.mean), "std": float(first.std)},
+        "dolp": {"mean": float(first.mean), "std": first_std},
         "aolp_deg": {
             "mean": float(np.rad2deg(aolp.mean[0])),
             "std": float(np.rad2deg(np.sqrt(aolp.cov[0, 0]))),
         },
-        "dolp_snr": {"first_order": float(first.mean / first.std)},
+        "dolp_snr": {"first_order": float(first.mean) / first_std},
     }

@@ -32,7 +32,7 @@ def prediction_json(predictions: dict[str, RegionPrediction], *, remarks: Iterab
         "statistics": STATISTICS,
         "regions": {name: prediction.quantities for name, prediction in predictions.items()},
         "methods": {
-            name: {"dolp": prediction.dolp_method, "dolp_relative_error": _finite(prediction.dolp_error)}
+            name: {"dolp": prediction.dolp_method, "dolp_error": _finite(prediction.dolp_error)}
             for name, prediction in predictions.items()
         },
         "warnings": {name: list(prediction.warnings) for name, prediction in predictions.items()},

@@ -1,0 +1,127 @@
+"""Scattering matrices: their expansion coefficients, and exactly for light that is scattered once.
+
+A scattering matrix enters the solver twice. Light scattered once needs its first column, exactly, at any angle; light
+scattered more often needs its coefficients in Wigner functions. A further kind of aerosol has to bring these two.
+"""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.atmosphere.layers import Layer
+
+
+class AerosolKind(StrEnum):
+    """What scattering by the aerosol does to the polarization of the light that meets it."""
+
+    DEPOLARIZING = "depolarizing"
+    """The scattered light is unpolarized."""
+    POLARIZING = "polarizing"
+    """Unpolarized light stays so; polarized light keeps its state in and near the forward direction."""
+
+
+def expansion_coefficients(layers: Sequence[Layer], *, degree_max: int, aerosol: AerosolKind) -> NDArray[np.float64]:
+    """Expansion coefficients of each layer's scattering matrix times its single-scattering albedo.
+
+    Parameters
+    ----------
+    layers
+        K layers of depth above 0.
+    degree_max
+        Largest degree kept.
+    aerosol
+        What the aerosol does to polarization.
+
+    Returns
+    -------
+    ndarray, shape (K, degree_max + 1, 4)
+        Coefficients a1, a2, a3, b1, defined by F11 = sum a1 d^l_00, F22 + F33 = sum (a2 + a3) d^l_22,
+        F22 - F33 = sum (a2 - a3) d^l_2-2, F12 = sum b1 d^l_02, where F11 averages to the albedo over the sphere.
+
+    Notes
+    -----
+    Henyey-Greenstein: a1 = (2l + 1) g^l; a polarizing one also has a2 = a3 = a1 from l = 2, the simplest choice that
+    is regular at 180 degrees. Both have b1 = 0: real particles polarize by themselves, these do not.
+
+    References
+    ----------
+    de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237 (b1 there has the other sign, its P^l_02 = -d^l_02);
+    Henyey & Greenstein, Astrophys. J. 93 (1941) 70.
+    """
+    coefficients = np.zeros((len(layers), degree_max + 1, 4))
+    degree = np.arange(degree_max + 1)
+    for row, layer in zip(coefficients, layers, strict=True):
+        aerosol_series = layer.tau_aerosol * layer.ssa_aerosol * (2 * degree + 1) * np.power(layer.g_aerosol, degree)
+        row[:, 0] += aerosol_series
+        if aerosol is AerosolKind.POLARIZING:
+            row[2:, 1:3] += aerosol_series[2:, np.newaxis]
+        row[0, 0] += layer.tau_rayleigh
+        row[2] += layer.tau_rayleigh * layer.delta * np.array([0.5, 3.0, 0.0, -sqrt(6.0) / 2.0])
+        row /= layer.depth
+    return coefficients
+
+
+def rayleigh_column(*, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """First column (I, Q, U for unpolarized light) of the scattering matrix of isotropic dipoles, delta = 1.
+
+    Parameters
+    ----------
+    mu, beam_mu
+        Cosines of the directions of propagation from the upward vertical, of the scattered light and of the beam.
+    phi_rad
+        Azimuth of propagation of the scattered light minus that of the beam, counter-clockwise from above, shape of mu.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Meridian frame, Q > 0 for E in the vertical plane; I averages to 1 over the sphere.
+
+    Notes
+    -----
+    From the components of the beam's direction along the two field directions, without rotation angles: there is no
+    0/0 at the zenith or in the direction of the beam.
+
+    References
+    ----------
+    definition
+    """
+    along_theta, along_phi, _ = _beam_components(mu, beam_mu, phi_rad)
+    theta_power, phi_power = 1.0 - along_theta**2, 1.0 - along_phi**2
+    cross = -2.0 * along_theta * along_phi
+    return 0.75 * np.stack([theta_power + phi_power, theta_power - phi_power, cross], axis=-1)
+
+
+def henyey_greenstein(
+    *, g: NDArray[np.float64], mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Henyey-Greenstein phase function, which averages to 1 over the sphere.
+
+    Parameters
+    ----------
+    g
+        Asymmetry, -1 < g < 1.
+    mu, beam_mu, phi_rad
+        Directions as in `rayleigh_column`; g broadcasts against them.
+
+    References
+    ----------
+    Henyey & Greenstein, Astrophys. J. 93 (1941) 70.
+    """
+    _, _, cosine = _beam_components(mu, beam_mu, phi_rad)
+    values: NDArray[np.float64] = (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5
+    return values
+
+
+def _beam_components(
+    mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Components of the beam's direction along e_theta, e_phi and the direction of the scattered light."""
+    sine, beam_sine = np.sqrt(1.0 - mu**2), sqrt(1.0 - beam_mu**2)
+    cosine_phi = np.cos(phi_rad)
+    along_theta = mu * cosine_phi * beam_sine - sine * beam_mu
+    along_phi = -np.sin(phi_rad) * beam_sine
+    along_light = sine * cosine_phi * beam_sine + mu * beam_mu
+    return along_theta, along_phi, along_light

@@ -1,0 +1,208 @@
+"""The standard atmosphere as the solver takes it: molecules and aerosol over height, at one wavelength."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.atmosphere.aerosol_models import AerosolOptics, AerosolType, aerosol_optics, relative_extinction
+from model.atmosphere.aerosol_profile import BOUNDARY_LAYER_TOP_M, AerosolColumn, aerosol_column
+from model.atmosphere.layers import Layer
+from model.atmosphere.molecules import (
+    SEA_LEVEL_PRESSURE_PA,
+    pressure_ratio,
+    rayleigh_anisotropy,
+    rayleigh_optical_depth,
+)
+
+_FINE_HEIGHTS_M = 1e3 * np.concatenate(
+    [
+        np.arange(0, 2, 0.2),
+        np.arange(2, 10, 0.25),
+        np.arange(10, 20, 0.5),
+        np.arange(20, 30, 1),
+        [30, 32.5, 35, 40, 50, 70, 100],
+    ]
+)
+_COARSE_HEIGHTS_M = 1e3 * np.array([0, 0.5, 1, 1.5, 2, 3, 4, 5, 7, 9, 12, 16, 20, 25, 35, 100])
+
+
+@dataclass(frozen=True, kw_only=True)
+class AtmosphereState:
+    """What is known of an atmosphere; all else is the US standard of 1976.
+
+    Attributes
+    ----------
+    visibility_m, aerosol_optical_depth
+        Exactly one of them: meteorological range [m], or vertical optical depth of the aerosol at 550 nm.
+    boundary_aerosol
+        Aerosol of the lowest 2 km; above it is tropospheric.
+    relative_humidity
+        At the ground, 0 to 0.8; the standard atmosphere has about 0.5.
+    ozone_m
+        Ozone at standard temperature and pressure [m].
+    surface_pressure_pa
+        Pressure at the ground [Pa]. Heights count from the ground.
+    """
+
+    visibility_m: float | None = None
+    aerosol_optical_depth: float | None = None
+    boundary_aerosol: AerosolType = AerosolType.RURAL
+    relative_humidity: float = 0.5
+    ozone_m: float = 3.44e-3
+    surface_pressure_pa: float = SEA_LEVEL_PRESSURE_PA
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """An atmosphere at one wavelength, without ozone (which acts on the beam above all scattering).
+
+    Attributes
+    ----------
+    wavelength_m
+        [m].
+    tau_rayleigh
+        Optical depth of the molecules.
+    delta
+        Anisotropy of their scattering.
+    aerosol
+        Aerosol over height at 550 nm.
+    lower, upper
+        Optical properties of the aerosol below and above 2 km.
+    """
+
+    wavelength_m: float
+    tau_rayleigh: float
+    delta: float
+    aerosol: AerosolColumn
+    lower: AerosolOptics
+    upper: AerosolOptics
+
+    @property
+    def tau_aerosol(self) -> float:
+        """Optical depth of the aerosol."""
+        return self.depth - self.tau_rayleigh
+
+    @property
+    def depth(self) -> float:
+        """Optical depth of all."""
+        return float(self.tau_above(0.0))
+
+    def tau_above(self, height_m: ArrayLike) -> NDArray[np.float64]:
+        """Optical depth above a height over the ground [m], 0 or more.
+
+        Raises
+        ------
+        ValueError
+            A height below the ground.
+
+        References
+        ----------
+        definition
+        """
+        height = np.asarray(height_m, dtype=float)
+        if not np.all(height >= 0.0):
+            raise ValueError(f"height_m = {np.min(height)!r} m, allowed is 0 (the ground) or more")
+        return np.asarray(self._rayleigh_above(height) + self._aerosol_between(height, np.asarray(np.inf)))
+
+    def layers(self, *, fine: bool) -> tuple[Layer, ...]:
+        """Homogeneous layers, top to bottom.
+
+        Parameters
+        ----------
+        fine
+            78 layers, within 1e-4 of the radiance of many more; or 15, within 3e-3.
+
+        References
+        ----------
+        definition
+        """
+        heights = _FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M
+        return tuple(self._layer(low, high) for high, low in zip(heights[:0:-1], heights[-2::-1], strict=True))
+
+    def _layer(self, lower_m: float, upper_m: float) -> Layer:
+        """Homogeneous mean of the air between two heights on one side of 2 km."""
+        low, high = np.asarray(lower_m), np.asarray(upper_m)
+        optics = self.lower if upper_m <= BOUNDARY_LAYER_TOP_M else self.upper
+        return Layer(
+            tau_rayleigh=float(self._rayleigh_above(low) - self._rayleigh_above(high)),
+            tau_aerosol=float(self._aerosol_between(low, high)),
+            ssa_aerosol=optics.ssa,
+            g_aerosol=optics.g,
+            delta=self.delta,
+        )
+
+    def _rayleigh_above(self, height_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Optical depth of the molecules above a height."""
+        return np.asarray(self.tau_rayleigh * pressure_ratio(height_m))
+
+    def _aerosol_between(self, lower_m: NDArray[np.float64], upper_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Optical depth of the aerosol between heights."""
+        edge = BOUNDARY_LAYER_TOP_M
+        below = self.aerosol.optical_depth_between(np.minimum(lower_m, edge), np.minimum(upper_m, edge))
+        above = self.aerosol.optical_depth_between(np.maximum(lower_m, edge), np.maximum(upper_m, edge))
+        return below * self.lower.extinction + above * self.upper.extinction
+
+
+def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
+    """Atmosphere at one wavelength.
+
+    Parameters
+    ----------
+    state
+        What is known of it.
+    wavelength_m
+        [m], 0.3e-6 to 1.06e-6.
+
+    Raises
+    ------
+    ValueError
+        A part of the state, or the wavelength, is outside its range.
+
+    References
+    ----------
+    U.S. Standard Atmosphere 1976; Shettle & Fenn, AFGL-TR-79-0214 (1979)
+    """
+    optics = {
+        kind: aerosol_optics(kind=kind, wavelength_m=wavelength_m, relative_humidity=state.relative_humidity)
+        for kind in AerosolType
+    }
+    return Column(
+        wavelength_m=wavelength_m,
+        tau_rayleigh=float(
+            rayleigh_optical_depth(wavelength_m=wavelength_m, surface_pressure_pa=state.surface_pressure_pa)
+        ),
+        delta=rayleigh_anisotropy(wavelength_m=wavelength_m),
+        aerosol=aerosol_column(visibility_m=state.visibility_m, optical_depth=state.aerosol_optical_depth),
+        lower=optics[AerosolType(state.boundary_aerosol)],
+        upper=optics[AerosolType.TROPOSPHERIC],
+    )
+
+
+def optical_depth(state: AtmosphereState, *, wavelength_m: ArrayLike) -> NDArray[np.float64]:
+    """Vertical optical depth of molecules and aerosol at many wavelengths, without ozone.
+
+    Parameters
+    ----------
+    state
+        What is known of the atmosphere.
+    wavelength_m
+        [m], 0.25e-6 to 1.06e-6.
+
+    Raises
+    ------
+    ValueError
+        A part of the state, or a wavelength, is outside its range.
+
+    References
+    ----------
+    definition: the depth of `column`
+    """
+    aerosol = aerosol_column(visibility_m=state.visibility_m, optical_depth=state.aerosol_optical_depth)
+    lower, upper = (
+        relative_extinction(kind=kind, wavelength_m=wavelength_m, relative_humidity=state.relative_humidity)
+        for kind in (AerosolType(state.boundary_aerosol), AerosolType.TROPOSPHERIC)
+    )
+    molecules = rayleigh_optical_depth(wavelength_m=wavelength_m, surface_pressure_pa=state.surface_pressure_pa)
+    depths = aerosol.optical_depth_between([0.0, BOUNDARY_LAYER_TOP_M], [BOUNDARY_LAYER_TOP_M, np.inf])
+    return np.asarray(molecules + depths[0] * lower + depths[1] * upper)

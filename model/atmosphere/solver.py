@@ -1,0 +1,128 @@
+"""Plane-parallel vector radiative transfer by successive orders of scattering."""
+
+from collections.abc import Sequence
+from math import acos, cos, degrees, inf, pi, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.atmosphere.blocks import estimate_error, solve_blocks
+from model.atmosphere.depth import element_edges
+from model.atmosphere.expansion_length import degree_max, mode_blocks, truncation_error
+from model.atmosphere.layers import Layer, merge_alike
+from model.atmosphere.orders import Setting, direct_irradiance
+from model.atmosphere.phase import AerosolKind, expansion_coefficients
+from model.atmosphere.scattering import element_expansion
+from model.atmosphere.solution import ModeBlock, Solution
+from model.atmosphere.transport import Grid, gauss_nodes, transport_of
+
+__all__ = ["Layer", "Solution", "solve"]
+
+_HALVINGS = 4  # of the outermost elements, which the source's t log t asks for
+_SMALLEST_MU0 = cos(radians(85.0)) - 1e-12  # rounding of a caller's 85 degrees
+
+
+def solve(
+    layers: Sequence[Layer],
+    *,
+    mu0: float,
+    albedo: float,
+    aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
+    nodes: int = 16,
+    element_depth: float = 0.02,
+    tolerance: float = 1e-6,
+    max_orders: int = 500,
+) -> Solution:
+    """Diffuse polarized light of a plane-parallel atmosphere under the sun, at every level and in every direction.
+
+    Parameters
+    ----------
+    layers
+        Homogeneous layers from top to bottom; may be empty.
+    mu0
+        Cosine of the solar zenith angle, cos(85 deg) to 1.
+    albedo
+        Albedo of the Lambertian ground, 0 to 1.
+    aerosol
+        Whether scattering by the aerosol depolarizes.
+    nodes
+        Quadrature directions of each hemisphere, 4 or more; an asymmetry above 0.8 asks for more than 16.
+    element_depth
+        Largest optical depth in which the source is taken as a parabola, above 0.
+    tolerance
+        Estimated share, in the mean radiance of any level, of the orders left out, above 0.
+    max_orders
+        Where to stop in any case; the solution then says `converged = False`.
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    Notes
+    -----
+    Light scattered once is exact. Error against published tables for molecules: 2e-5 of the radiance from the zenith
+    to 89 degrees, optical depth 0.005 to 2; Henyey-Greenstein g = 0.65: 2e-5, g = 0.76: 2e-4. The number of orders
+    grows with the depth (70 at 2, conservative), so does the time. Refraction and curvature are left out.
+
+    References
+    ----------
+    Lenoble et al., J. Quant. Spectrosc. Radiat. Transfer 107 (2007) 479, doi:10.1016/j.jqsrt.2007.03.010 (method).
+    """
+    _check_scene(mu0=mu0, albedo=albedo)
+    _check_settings(nodes=nodes, element_depth=element_depth, tolerance=tolerance, max_orders=max_orders)
+    kind = AerosolKind(aerosol)
+    merged = merge_alike(layers)
+    grid, owner = _grid(merged, mu0=mu0, nodes=nodes, element_depth=element_depth)
+    setting = Setting(
+        grid=grid, transport=transport_of(grid), albedo=albedo, tolerance=tolerance, max_orders=max_orders
+    )
+    degree = degree_max(merged, nodes=nodes)
+    coefficients = expansion_coefficients(merged, degree_max=degree, aerosol=kind)[owner]
+    blocks = solve_blocks(setting, coefficients, mode_blocks(degree, kind))
+    irradiance = blocks[0].result.diffuse_irradiance
+    return Solution(
+        layers=tuple(merged),
+        mu0=mu0,
+        edges=grid.edges,
+        blocks=tuple(
+            ModeBlock(modes=block.modes, expansion=element_expansion(coefficients, block.result.moments))
+            for block in blocks
+        ),
+        ground_radiance=albedo / pi * (direct_irradiance(grid) + irradiance),
+        diffuse_irradiance=irradiance,
+        orders=max(block.result.orders for block in blocks),
+        converged=all(block.result.tail <= tolerance for block in blocks),
+        error_estimate=estimate_error(setting, coefficients, blocks) + truncation_error(merged, degree=degree),
+    )
+
+
+def _grid(layers: Sequence[Layer], *, mu0: float, nodes: int, element_depth: float) -> tuple[Grid, NDArray[np.int_]]:
+    """Levels and directions, and the layer of each element."""
+    edges, owner = element_edges(layers, element_depth=element_depth, halvings=_HALVINGS)
+    mu, weights = gauss_nodes(nodes)
+    return Grid(edges=edges, nodes=mu, weights=weights, mu0=mu0), owner
+
+
+def _check_scene(*, mu0: float, albedo: float) -> None:
+    """Refuse what the physics does not cover."""
+    if not mu0 <= 1.0:
+        raise ValueError(f"solve: mu0 = {mu0!r}, but the cosine of the solar zenith angle is at most 1")
+    if mu0 < _SMALLEST_MU0:
+        zenith = degrees(acos(max(mu0, -1.0)))
+        raise ValueError(
+            f"solve: solar zenith {zenith:.2f} deg (mu0 = {mu0:.5f}), allowed is 0 to 85 deg: "
+            "a plane-parallel atmosphere is wrong for a lower sun"
+        )
+    if not 0.0 <= albedo <= 1.0:
+        raise ValueError(f"solve: albedo = {albedo!r}, allowed is 0 to 1")
+
+
+def _check_settings(*, nodes: int, element_depth: float, tolerance: float, max_orders: int) -> None:
+    """Refuse numerical settings without meaning."""
+    for name, value, least in (("nodes", nodes, 4), ("max_orders", max_orders, 1)):
+        if value < least:
+            raise ValueError(f"solve: {name} = {value!r}, allowed is {least} or more")
+    for name, number in (("element_depth", element_depth), ("tolerance", tolerance)):
+        if not 0.0 < number < inf:
+            raise ValueError(f"solve: {name} = {number!r}, but it must be finite and above 0")

@@ -1,0 +1,208 @@
+"""Quadrature rules, and adaptive integration of many one-dimensional integrals at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# One panel: nodes of a Clenshaw-Curtis rule of this degree and of the nested one of half of it.
+_DEGREE = 24
+_MAX_HALVINGS = 48
+
+
+@dataclass(frozen=True, kw_only=True)
+class PanelIntegrals:
+    """Integrals of several functions over several domains.
+
+    Parameters
+    ----------
+    value
+        Shape (M, F): F integrals over each of M domains.
+    size
+        Integrals of the absolute values, same shape: what cancellation is measured against.
+    error
+        Estimated error, same shape: difference of the two nested rules, which bounds the finer one's.
+    """
+
+    value: FloatArray
+    size: FloatArray
+    error: FloatArray
+
+
+@cache
+def gauss_hermite(count: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights for the mean of a function of a standard normal variable.
+
+    Parameters
+    ----------
+    count
+        Number of nodes, > 0; exact for polynomials of degree 2 count - 1.
+
+    Returns
+    -------
+    nodes, weights
+        Shape (count,); the weights sum to 1.
+
+    References
+    ----------
+    Definition (probabilists' Hermite polynomials).
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(count)
+    return nodes, weights / np.sum(weights)
+
+
+@cache
+def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights for the integral over the interval from 0 to 1.
+
+    Parameters
+    ----------
+    count
+        Number of nodes, > 0; exact for polynomials of degree 2 count - 1.
+
+    Returns
+    -------
+    nodes, weights
+        Shape (count,); the weights sum to 1.
+
+    References
+    ----------
+    Definition.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+@cache
+def clenshaw_curtis(degree: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights of the Clenshaw-Curtis rule on [-1, 1].
+
+    Parameters
+    ----------
+    degree
+        Even, >= 2; there are degree + 1 nodes, every other one belonging to the rule of half the degree.
+
+    Returns
+    -------
+    nodes, weights
+        Shape (degree + 1,); the weights sum to 2.
+
+    References
+    ----------
+    C. W. Clenshaw and A. R. Curtis, Numer. Math. 2 (1960) 197, doi:10.1007/BF01386223.
+    """
+    angle = np.pi * np.arange(degree + 1) / degree
+    even = np.arange(0, degree + 1, 2)
+    # Integral of the Chebyshev polynomial T_k is 2 / (1 - k^2) for even k; end terms of both sums count half.
+    half = np.where((even == 0) | (even == degree), 0.5, 1.0)
+    weights = (2.0 / degree) * np.cos(np.outer(angle, even)) @ (half * 2.0 / (1.0 - even**2))
+    weights[[0, -1]] *= 0.5
+    return np.cos(angle), weights
+
+
+def integrate_panels(
+    function: Callable[[IntArray, FloatArray], FloatArray],
+    *,
+    cuts: FloatArray,
+    tolerance: float,
+    noise: FloatArray,
+) -> PanelIntegrals:
+    """Return integrals of vector-valued functions over domains cut into panels, by adaptive halving.
+
+    Parameters
+    ----------
+    function
+        Of (domain index, abscissae): index has shape (K,), abscissae (K, n); returns (F, K, n).
+    cuts
+        Ends of the panels, shape (M, L + 1), not decreasing along the last axis. They must show the function's
+        features: a peak much narrower than its panel may be missed. Panels of no width cost nothing.
+    tolerance
+        Wanted error, relative to the integral of the absolute value.
+    noise
+        Rounding error of the function relative to its size, per domain, shape (M,): halving stops there.
+
+    Returns
+    -------
+    PanelIntegrals
+        For M domains.
+
+    Notes
+    -----
+    A panel is accepted when its two nested rules agree to `tolerance` times the domain's absolute integral
+    over the number of panels, or after 48 halvings; what was then left is in `error`.
+
+    References
+    ----------
+    Definition.
+    """
+    owner, lower, upper = _nonempty_panels(cuts)
+    total = _Totals(cuts.shape[0])
+    for halving in range(_MAX_HALVINGS + 1):
+        value, size, error = _panel(function, owner, lower, upper)
+        allowed = _allowance(total, owner, size, tolerance / cuts.shape[1])
+        good = np.all(error <= np.maximum(allowed, noise[owner] * size), axis=0)
+        if halving == _MAX_HALVINGS:
+            good[:] = True
+        total.add(owner[good], value[:, good], size[:, good], error[:, good])
+        if np.all(good):
+            break
+        owner, lower, upper = _halves(owner[~good], lower[~good], upper[~good])
+    return PanelIntegrals(value=total.value.T, size=total.size.T, error=total.error.T)
+
+
+class _Totals:
+    """Running sums over accepted panels."""
+
+    def __init__(self, domains: int) -> None:
+        self.domains = domains
+        self.value = np.zeros((1, domains))
+        self.size = np.zeros((1, domains))
+        self.error = np.zeros((1, domains))
+
+    def add(self, owner: IntArray, value: FloatArray, size: FloatArray, error: FloatArray) -> None:
+        self.value = self.value + self.by_domain(owner, value)
+        self.size = self.size + self.by_domain(owner, size)
+        self.error = self.error + self.by_domain(owner, error)
+
+    def by_domain(self, owner: IntArray, rows: FloatArray) -> FloatArray:
+        return np.stack([np.bincount(owner, weights=row, minlength=self.domains) for row in rows])
+
+
+def _nonempty_panels(cuts: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    lower, upper = cuts[:, :-1], cuts[:, 1:]
+    domain, panel = np.nonzero(upper > lower)
+    return domain, lower[domain, panel], upper[domain, panel]
+
+
+def _panel(
+    function: Callable[[IntArray, FloatArray], FloatArray], owner: IntArray, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    nodes, weights = clenshaw_curtis(_DEGREE)
+    half = 0.5 * (upper - lower)
+    # From each end, so that a panel beside zero keeps the relative precision of its abscissae.
+    from_lower = lower[:, None] + half[:, None] * (1.0 + nodes)
+    from_upper = upper[:, None] - half[:, None] * (1.0 - nodes)
+    near_lower = np.abs(lower) <= np.abs(upper)
+    values = function(owner, np.where(near_lower[:, None], from_lower, from_upper))
+    fine = values @ weights * half
+    coarse = values[..., ::2] @ clenshaw_curtis(_DEGREE // 2)[1] * half
+    return fine, np.abs(values) @ weights * half, np.abs(fine - coarse)
+
+
+def _allowance(total: _Totals, owner: IntArray, size: FloatArray, tolerance: float) -> FloatArray:
+    known = total.size + total.by_domain(owner, size)
+    return np.asarray(tolerance * known[:, owner])
+
+
+def _halves(owner: IntArray, lower: FloatArray, upper: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    middle = 0.5 * (lower + upper)
+    return (
+        np.concatenate([owner, owner]),
+        np.concatenate([lower, middle]),
+        np.concatenate([middle, upper]),
+    )

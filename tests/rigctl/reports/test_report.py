@@ -1,0 +1,116 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+from rigctl.reports.compare_run import compare_run
+from rigctl.reports.report import to_digits
+from rigctl.sessions.perturbation import perturbed
+from rigctl.sessions.take_session import take_session
+from tests.rigctl.example_files import small_rig, small_session
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compared")
+    take_session(small_rig(folder), small_session(cycles=3), folder / "run", files={})
+    found = compare_run(
+        folder / "run", scene_path=folder / "scene.toml", regions_path=None, noise_path=None, alpha=1e-3
+    )
+    found.write(folder / "out")
+    return folder / "out", found
+
+
+def test_the_report_is_one_file_that_needs_no_other(compared):
+    html = (compared[0] / "report.html").read_text()
+    assert re.findall(r'(?:src|href)="(?!data:)', html) == []
+    assert html.count("data:image/png;base64,") == 4
+
+
+def test_the_report_says_what_is_simulated_assumed_and_not_tested(compared):
+    html = (compared[0] / "report.html").read_text()
+    assert "The frames are simulated" in html
+    assert "assumed, not calibrated: noise.gain_dn_per_e = 0.24" in html
+    assert "What this does not test" in html
+
+
+def test_the_report_prints_the_rule_of_its_decision(compared):
+    html = (compared[0] / "report.html").read_text()
+    assert "Holm" in html
+    assert "alpha = 0.001" in html
+
+
+def test_json_has_the_documented_shape(compared):
+    content = json.loads((compared[0] / "comparison.json").read_text())
+    assert content["agrees"] is True
+    assert content["alpha"] == 1e-3
+    assert content["disagreements"] == []
+    row = content["regions"]["left"]["dolp"]["mean"]
+    assert set(row) >= {"predicted", "measured", "std_error", "std_error_inputs", "z", "agrees"}
+    assert len(content["rows"]) == sum(len(s) for q in content["regions"].values() for s in q.values())
+
+
+def test_prediction_and_measurement_have_the_same_names(compared):
+    predicted = json.loads((compared[0] / "prediction.json").read_text())["regions"]
+    measured = json.loads((compared[0] / "measurement.json").read_text())["regions"]
+    assert {name: set(quantities) for name, quantities in predicted.items()} == {
+        name: set(quantities) for name, quantities in measured.items()
+    }
+
+
+def test_the_run_and_every_file_stand_in_the_provenance_with_their_hashes(compared):
+    provenance = json.loads((compared[0] / "comparison.json").read_text())["provenance"]
+    assert set(provenance["files"]) == {"scene", "manifest"}
+    assert all(re.fullmatch("[0-9a-f]{64}", file["sha256"]) for file in provenance["files"].values())
+
+
+def test_the_same_comparison_gives_the_same_report(compared, tmp_path):
+    compared[1].write(tmp_path)
+    for name in ("report.html", "comparison.json"):
+        assert (tmp_path / name).read_bytes() == (compared[0] / name).read_bytes()
+
+
+def test_a_disagreement_heads_the_report_with_where_it_points(tmp_path):
+    rig = perturbed(small_rig(tmp_path), "gain")
+    take_session(rig, small_session(), tmp_path / "run", files={})
+    found = compare_run(
+        tmp_path / "run", scene_path=tmp_path / "scene.toml", regions_path=None, noise_path=None, alpha=1e-3
+    )
+    found.write(tmp_path / "out")
+    html = (tmp_path / "out" / "report.html").read_text()
+    head = html[: html.index("In short")]
+    assert "Model and measurement disagree" in head
+    assert "<strong>scale</strong>" in head
+    assert "DISAGREES" in head
+
+
+@pytest.mark.parametrize(
+    ("value", "errors", "text"),
+    [
+        (443.5213, [0.049], "443.521"),
+        (0.379953, [4.9e-5, 1e-3], "0.379953"),
+        (12345.6, [230.0], "12346"),
+        (1.5, [], "1.5"),
+    ],
+)
+def test_numbers_show_two_digits_of_their_smallest_error(value, errors, text):
+    assert to_digits(value, errors) == text
+
+
+def test_no_number_in_the_json_is_nan(compared):
+    for file in compared[0].glob("*.json"):
+        assert not re.search(r"\bNaN\b|Infinity", file.read_text())
+
+
+def test_histogram_law_has_the_area_of_its_pixels(compared):
+    """What is drawn over the histogram is the density of the same numbers: mean of DoLP by it equals the prediction."""
+    from model.processing import dolp
+
+    prediction = compared[1].comparison.predictions["left"]
+    law = prediction.quantities["dolp_pixels"]
+    x = np.linspace(law["mean"] - 8 * law["std"], law["mean"] + 8 * law["std"], 2001)
+    density = dolp.pdf(x, prediction.stokes_dn.mean, prediction.stokes_dn.cov)
+    # Trapezoid over 8 deviations either side with a step of s / 125: below 1e-9 for a smooth density.
+    assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-6)
+    assert np.trapezoid(x * density, x) == pytest.approx(law["mean"], rel=1e-6)

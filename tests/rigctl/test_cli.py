@@ -1,0 +1,120 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import DeviceTimeoutError
+from rigctl import cli
+from rigctl.errors import ConfigError, DataError
+from tests.rigctl.example_files import EXAMPLES
+
+
+def _outcome_of(monkeypatch, error):
+    """Run `rigctl info` with a command that raises."""
+
+    def raising(group, ctx, verb):
+        raise error
+
+    monkeypatch.setattr(cli.LazyGroup, "get_command", raising)
+    return cli.main(["info", "x"])
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(ConfigError("key"), 2), (DeviceTimeoutError("stage"), 3), (DataError("damaged"), 4)],
+)
+def test_each_kind_of_failure_has_its_exit_code_and_its_words(monkeypatch, capsys, error, code):
+    assert _outcome_of(monkeypatch, error) == code
+    assert capsys.readouterr().err == f"rigctl: {error}\n"
+
+
+def test_a_fault_of_our_own_is_one_line_and_a_log(monkeypatch, capsys):
+    assert _outcome_of(monkeypatch, ZeroDivisionError("oops")) == 70
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1
+    assert "ZeroDivisionError: oops" in text
+    log = Path(text.strip().rpartition(" ")[2])
+    assert "Traceback" in log.read_text()
+    log.unlink()
+
+
+def test_an_interrupt_ends_with_130(monkeypatch):
+    assert _outcome_of(monkeypatch, KeyboardInterrupt()) == 130
+
+
+def test_an_unknown_verb_ends_with_2(capsys):
+    assert cli.main(["fly"]) == 2
+    assert "fly" in capsys.readouterr().err
+
+
+def test_help_names_every_verb(capsys):
+    assert cli.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"\n  {verb} " in text for verb in cli.VERBS)
+
+
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_help_of_every_verb_has_an_example(capsys, verb):
+    assert cli.main(["calibrate", "noise", "--help"] if verb == "calibrate" else [verb, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert "Example" in text
+    assert f"rigctl {verb}" in text
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from rigctl import cli; cli.main(['--help']); "
+        "print(sorted({'numpy', 'scipy', 'matplotlib', 'astropy', 'cv2', 'pydantic'} & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.splitlines()[-1] == "[]"
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("rigctl 0.")
+
+
+def test_predict_answers_in_the_shape_that_is_documented(capsys):
+    assert cli.main(["predict", str(EXAMPLES / "scene-panels.toml"), "--json"]) == 0
+    regions = json.loads(capsys.readouterr().out)["regions"]
+    assert set(regions) == {"black_panel", "white_panel", "asphalt"}
+    assert set(regions["asphalt"]) == {
+        "dn_0", "dn_45", "dn_90", "dn_135", "s0", "s1", "s2", "s1n", "s2n", "dolp", "dolp_pixels", "aolp_deg",
+        "dolp_snr",
+    }  # fmt: skip
+    assert all("mean" in quantity for quantity in regions["asphalt"].values())
+
+
+def test_wrong_files_are_one_message_with_all_problems_and_exit_2(tmp_path, capsys):
+    (tmp_path / "rig.toml").write_text('name = "x"\n[stage]\ndriver = "ellx"\n[polarizer]\nsense = 2\n')
+    code = cli.main(
+        ["acquire", str(tmp_path / "rig.toml"), str(EXAMPLES / "session.toml"), "--out", str(tmp_path / "run")]
+    )
+    text = capsys.readouterr().err
+    assert code == 2
+    for problem in (
+        "stage.port: is missing",
+        "polarizer.sense",
+        "polarizer.offset_deg: is missing",
+        "camera: is missing",
+    ):
+        assert problem in text
+    assert not (tmp_path / "run").exists()
+
+
+def test_dry_run_prints_steps_time_and_disk_and_touches_nothing(tmp_path, capsys):
+    out = tmp_path / "run"
+    rig, session = EXAMPLES / "rig-sim.toml", EXAMPLES / "session.toml"
+    assert cli.main(["acquire", str(rig), str(session), "--out", str(out), "--dry-run"]) == 0
+    text = capsys.readouterr().out
+    assert "48 frames, about 0 min" in text
+    assert "disk 44 MB" in text
+    assert not out.exists()
+
+
+def test_compare_wants_a_scene_or_regions(tmp_path, capsys):
+    assert cli.main(["compare", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "--regions" in capsys.readouterr().err

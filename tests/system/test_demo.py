@@ -1,0 +1,108 @@
+"""The whole program as a newcomer runs it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+
+
+def _rigctl(*arguments, cwd):
+    return subprocess.run(
+        [sys.executable, "-m", "rigctl", *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=300
+    )
+
+
+@pytest.mark.timeout(400)
+def test_demo_does_the_whole_job_and_both_sides_agree(tmp_path):
+    result = _rigctl("demo", "--out", "demo", "--seed", "3", "--json", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout)["agrees"] is True
+    made = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert made >= {"run", "noise.json", "prediction.json", "comparison.json", "report.html"}
+    assert _rigctl("verify", "demo/run", cwd=tmp_path).returncode == 0
+    gain = json.loads((tmp_path / "demo" / "noise.json").read_text())["gain_dn_per_e"]
+    assert abs(gain["value"] - 0.24) < 5 * gain["std_error"]
+
+
+@pytest.mark.timeout(400)
+def test_a_perturbed_demo_disagrees_with_exit_code_5(tmp_path):
+    result = _rigctl("demo", "--out", "demo", "--perturb", "extinction", cwd=tmp_path)
+    assert result.returncode == 5, result.stderr
+    assert "points to polarization" in result.stdout
+
+
+def test_demo_does_not_write_over_a_folder(tmp_path):
+    (tmp_path / "mine.txt").write_text("precious")
+    result = _rigctl("demo", "--out", tmp_path, cwd=tmp_path)
+    assert result.returncode == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_stage_that_stalls_ends_with_exit_code_3_and_keeps_what_was_taken(tmp_path):
+    rig = (EXAMPLES / "rig-sim.toml").read_text().replace("sim:ellx?speed=20", "sim:ellx?speed=20&stall=2")
+    (tmp_path / "rig.toml").write_text(rig)
+    (tmp_path / "scene-panels.toml").write_text((EXAMPLES / "scene-panels.toml").read_text())
+    result = _rigctl("acquire", "rig.toml", EXAMPLES / "session.toml", "--out", "run", cwd=tmp_path)
+    assert result.returncode == 3
+    assert "mechanical" in result.stderr
+    info = json.loads(_rigctl("info", "run", "--json", cwd=tmp_path).stdout)
+    assert json.loads(_rigctl("verify", "run", "--json", cwd=tmp_path).stdout)["ok"] is True
+    assert info["frames"] == 17
+
+
+def test_a_damaged_frame_is_found_and_refused_with_exit_code_4(tmp_path):
+    session = tmp_path / "session.toml"
+    session.write_text('name = "short"\n[[take]]\nkind = "dark"\nexposure_ms = 1\ncycles = 2\n')
+    assert _rigctl("acquire", EXAMPLES / "rig-sim.toml", session, "--out", "run", cwd=tmp_path).returncode == 0
+    frame = next((tmp_path / "run" / "frames").glob("*.fits"))
+    data = bytearray(frame.read_bytes())
+    data[20_000] ^= 1
+    frame.write_bytes(data)
+    result = _rigctl("verify", "run", "--json", cwd=tmp_path)
+    assert result.returncode == 4
+    assert frame.name in json.loads(result.stdout)["bad"][0]["file"]
+
+
+def test_examples_in_the_package_are_those_in_the_examples_folder():
+    packaged = ROOT / "rigctl" / "data" / "examples"
+    names = sorted(path.name for path in EXAMPLES.iterdir())
+    assert names == sorted(path.name for path in packaged.iterdir())
+    assert all((EXAMPLES / name).read_bytes() == (packaged / name).read_bytes() for name in names)
+
+
+REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
+
+
+@pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
+@pytest.mark.parametrize(
+    ("name", "arguments", "region"),
+    [
+        ("imx250_fruits", ["fruits_IMX250MZR.png", "--mosaic", "90,45,135,0", "--black-level-dn", "0"], (850, 700)),
+        (
+            "lasco_c2_triplet",
+            ["lasco_0.fts", "lasco_+60.fts", "lasco_-60.fts", "--angles", "0,60,-60", "--exposure-key", "EXPTIME",
+             "--black-level-key", "OFFSET", "--bit-depth", "16"],
+            (60, 230),
+        ),
+    ],
+)  # fmt: skip
+def test_real_frames_become_a_run_images_and_a_closed_loop_report(tmp_path, name, arguments, region):
+    files = [str(Path(REAL_DATA) / name / a) if a.endswith((".png", ".fts")) else a for a in arguments]
+    assert _rigctl("import", "run", *files, cwd=tmp_path).returncode == 0
+    (tmp_path / "regions.toml").write_text(
+        f'[[regions]]\nname = "part"\nrectangle = {{ x = {region[0]}, y = {region[1]}, width = 40, height = 40 }}\n'
+    )
+    assert _rigctl("stokes", "run", "--out", "stokes", cwd=tmp_path).returncode == 0
+    result = _rigctl("compare", "run", "--regions", "regions.toml", "--out", "compared", "--json", cwd=tmp_path)
+    # 0 or 5: whether a texture of the real world is Gaussian is for the report to say.
+    assert result.returncode in (0, 5), result.stderr
+    content = json.loads(result.stdout)
+    assert content["kind"] == "closed loop"
+    assert 0 < content["regions"]["part"]["dolp_pixels"]["mean"]["measured"] < 1
+    assert (tmp_path / "compared" / "report.html").stat().st_size > 50_000
