@@ -92,12 +92,7 @@ def effective_wavelength_m(wavelength_m: ArrayLike, weight: ArrayLike) -> float:
 
 def _checked_wavelengths(wavelength_m: ArrayLike) -> FloatArray:
     wavelength = np.asarray(wavelength_m, dtype=np.float64)
-    if (
-        wavelength.ndim != 1
-        or wavelength.size < 2
-        or np.any(np.diff(wavelength) <= 0.0)
-        or wavelength[0] <= 0
-    ):
+    if wavelength.ndim != 1 or wavelength.size < 2 or np.any(np.diff(wavelength) <= 0.0) or wavelength[0] <= 0:
         raise ValueError("wavelength_m must be two or more increasing samples above 0 m")
     return wavelength
 

@@ -103,15 +103,11 @@ def from_dolp(*, intensity: ArrayLike, dolp_value: ArrayLike, aolp_rad_value: Ar
     ----------
     Definition.
     """
-    s0, degree, angle = np.broadcast_arrays(
-        np.asarray(intensity, dtype=np.float64), dolp_value, aolp_rad_value
-    )
+    s0, degree, angle = np.broadcast_arrays(np.asarray(intensity, dtype=np.float64), dolp_value, aolp_rad_value)
     return np.stack([s0, s0 * degree * np.cos(2.0 * angle), s0 * degree * np.sin(2.0 * angle)], axis=-1)
 
 
-def analyzer_row(
-    angle_rad: ArrayLike, tau_parallel: ArrayLike = 1.0, tau_perpendicular: ArrayLike = 0.0
-) -> FloatArray:
+def analyzer_row(angle_rad: ArrayLike, tau_parallel: ArrayLike = 1.0, tau_perpendicular: ArrayLike = 0.0) -> FloatArray:
     """Return the row of the system matrix of a linear polarizer in front of a detector.
 
     Parameters
@@ -144,9 +140,7 @@ def analyzer_row(
     angle, total, difference = np.broadcast_arrays(
         np.asarray(angle_rad, dtype=np.float64), along + across, along - across
     )
-    return 0.5 * np.stack(
-        [total, difference * np.cos(2.0 * angle), difference * np.sin(2.0 * angle)], axis=-1
-    )
+    return 0.5 * np.stack([total, difference * np.cos(2.0 * angle), difference * np.sin(2.0 * angle)], axis=-1)
 
 
 def rotation(angle_rad: ArrayLike) -> FloatArray:

@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 _FREE = tuple((i, j) for i in range(3) for j in range(i, 3))
 # Step of a numerical derivative in units of the pixels' own deviation.
 _STEP = 1e-3
-_TOLERANCE = 1e-9
+_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -255,9 +255,7 @@ def _inverse_deviations(variances: ArrayLike | None, channels: int) -> FloatArra
 
 def _require_condition(condition: float, angles: FloatArray) -> None:
     if condition * _RANK_TOLERANCE > 1.0:
-        raise ValueError(
-            f"rank is below 3{_named(angles)}; three angles that differ modulo 180 deg are needed"
-        )
+        raise ValueError(f"rank is below 3{_named(angles)}; three angles that differ modulo 180 deg are needed")
     if condition > _CONDITION_LIMIT:
         raise ValueError(
             f"condition number is {condition:.3g}{_named(angles)}; allowed is at most {_CONDITION_LIMIT:g}: "

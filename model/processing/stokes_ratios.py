@@ -65,4 +65,3 @@ def _with_light(stokes: Moments) -> FloatArray:
     if not stokes.mean[0] > 0.0:
         raise ValueError(f"S0 is {stokes.mean[0]:g}; normalised Stokes parameters need S0 above 0")
     return stokes.mean
-

@@ -1,0 +1,95 @@
+"""Both tails and the density of DoLP given S0 > 0, for pairs of a law and a value, each to relative precision."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from model.processing.dolp_border import BorderIntegrals, border_integrals
+from model.processing.dolp_cone import Border
+from model.processing.dolp_frame import DolpFrame
+from model.quadrature import gauss_legendre
+
+FloatArray = NDArray[np.float64]
+
+# Below this share of what it is a difference of, a tail is integrated from the density instead.
+_CANCELLED = 1e-3
+_DENSITY_NODES = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tails:
+    """Law of DoLP given S0 > 0 at M values, each of shape (M,).
+
+    Parameters
+    ----------
+    lower
+        Pr(DoLP <= x | S0 > 0).
+    upper
+        Pr(DoLP > x | S0 > 0).
+    density
+        Probability density at x.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    density: FloatArray
+
+
+def tails(frame: DolpFrame, x: FloatArray) -> Tails:
+    """Return both tails and the density for pairs of a law and a value.
+
+    Parameters
+    ----------
+    frame
+        M laws with radius_1 > 0 whose plane of fluctuation, if thin, does not hold the apex.
+    x
+        DoLP, shape (M,), > 0 and finite.
+
+    Returns
+    -------
+    Tails
+        Given S0 > 0.
+    """
+    border = Border(frame=frame, a=np.ones_like(x), b=x)
+    found = border_integrals(border)
+    lower, upper = _from_turns(frame, border.gap > 0.0, found)
+    lit = ndtr(frame.snr_0)
+    small = lower < _CANCELLED * found.turn_size
+    if np.any(small):
+        lower[small] = _near_zero(frame[small], x[small])
+    far = upper < _CANCELLED * np.minimum(np.maximum(1.0 - lit, found.turn_size), 1.0)
+    if np.any(far):
+        upper[far] = _far_out(frame[far], x[far])
+    return Tails(lower=lower / lit, upper=upper / lit, density=found.density / lit)
+
+
+def _from_turns(frame: DolpFrame, inside: NDArray[np.bool_], found: BorderIntegrals) -> tuple[FloatArray, FloatArray]:
+    """Return the probabilities inside and outside of the cone, with S0 > 0."""
+    lit, dark = ndtr(frame.snr_0), ndtr(-frame.snr_0)
+    # With the complement, the line integral misses the pole opposite to the mean where that is in the cone.
+    opposite = (frame.mean_0 < 0.0) & found.close & ~inside
+    near = found.turn + opposite
+    lower = np.where(found.close, near, np.where(inside, 1.0 - found.turn, -found.turn))
+    outside = np.where(found.close, 1.0 - near, np.where(inside, found.turn, 1.0 + found.turn))
+    upper = np.where(frame.mean_0 > 0.0, outside - dark, lit - lower)
+    return lower, upper
+
+
+def _near_zero(frame: DolpFrame, x: FloatArray) -> FloatArray:
+    """Return the probability inside of a slender cone as the integral of a positive density."""
+    nodes, weights = gauss_legendre(_DENSITY_NODES)
+    index = np.repeat(np.arange(x.size), nodes.size)
+    values = np.multiply.outer(x, nodes)
+    found = border_integrals(Border(frame=frame[index], a=np.ones(index.size), b=values.ravel()))
+    return np.asarray(x * (found.density.reshape(values.shape) @ weights))
+
+
+def _far_out(frame: DolpFrame, x: FloatArray) -> FloatArray:
+    """Return the probability beyond a wide cone, from the density of the inverse of DoLP."""
+    nodes, weights = gauss_legendre(_DENSITY_NODES)
+    index = np.repeat(np.arange(x.size), nodes.size)
+    values = np.multiply.outer(1.0 / x, nodes)
+    found = border_integrals(Border(frame=frame[index], a=values.ravel(), b=np.ones(index.size)))
+    return np.asarray((found.density.reshape(values.shape) @ weights) / x)

@@ -1,0 +1,200 @@
+"""The RX detector with known background: reference cases, closed forms, hard cases."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from model.processing.detection import rx_moments, rx_p_detection, rx_p_miss, rx_roc, rx_threshold
+from tests.model.processing.quadratic_form_oracles import ray_log_tail
+from tests.model.processing.rx_reference import CASES, column, moments
+
+FloatArray = NDArray[np.float64]
+
+MEAN = np.array([12.0, 1.0, -2.0])
+COV = np.array([[4.0, 0.6, -0.3], [0.6, 2.0, 0.4], [-0.3, 0.4, 1.0]])
+P = np.array([1e-300, 1e-134, 1e-12, 1e-6, 1e-3, 0.1, 0.5, 0.9, 1.0 - 1e-12])
+# rx52 has a background of condition 1e10, rx34 a target with a spread of 1e-10: rounding of their inputs shows
+WELL_POSED = [name for name in CASES if name not in ("rx34", "rx52")]
+
+
+def noncentral_tail(threshold: float, distance_squared: float, *, upper: bool) -> mp.mpf:
+    """Non-central chi-square of 3 degrees as a Poisson mixture of central ones."""
+    half, edge = mp.mpf(distance_squared) / 2, mp.mpf(threshold) / 2
+    edges = [edge, mp.inf] if upper else [0, edge]
+    return mp.nsum(
+        lambda k: mp.exp(-half) * half**k / mp.factorial(k) * mp.gammainc(k + mp.mpf(3) / 2, *edges, regularized=True),
+        [0, mp.inf],
+        method="d",
+    )
+
+
+@pytest.mark.parametrize("name", WELL_POSED)
+def test_reference_in_both_tails(name: str) -> None:
+    # whitening rounds offsets b (up to 53 here) to some 1e-16, worth b^2 1e-16 of a tail of exp(-b^2/2)
+    args = moments(CASES[name])
+    p = column(CASES[name], "pfa")
+    for found, key in ((rx_p_detection(p, *args), "pd"), (rx_p_miss(p, *args), "pmiss")):
+        expected = column(CASES[name], key)
+        # subnormal numbers have fewer digits
+        normal = (expected > 1e-300) | (expected == 0.0)
+        assert_allclose(found[normal], expected[normal], rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if CASES[name]["auc"] and name != "rx52"])
+def test_reference_areas(name: str) -> None:
+    assert_allclose(rx_roc(0.1, *moments(CASES[name])).auc, float(CASES[name]["auc"]), atol=1e-14)
+
+
+def test_tail_of_1e_134() -> None:
+    found = rx_p_detection(1e-6, *moments(CASES["rx40"]))
+    assert_allclose(found, 6.1301622148940062862e-135, rtol=1e-12)
+
+
+def test_nearly_deterministic_target() -> None:
+    # rx34: D is 6 with a spread of 5e-5; P_FA 0.1 has its threshold 5000 spreads above, 0.5 far below
+    found = rx_roc([0.1, 0.5], *moments(CASES["rx34"]))
+    assert_allclose(found.p_detection, [0.0, 1.0], rtol=0.0)
+    assert_allclose(found.p_miss, [1.0, 0.0], rtol=0.0)
+
+
+def test_target_like_its_background_is_on_the_diagonal() -> None:
+    roc = rx_roc(P, MEAN, COV, MEAN, COV)
+    assert_allclose(roc.p_detection, P, rtol=1e-13)
+    assert_allclose(roc.p_miss, 1.0 - P, rtol=1e-13)
+    assert_allclose(roc.auc, 0.5, rtol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.25, 4.0])
+@pytest.mark.parametrize("p", [1e-6, 1e-2, 0.5])
+def test_proportional_covariance_is_noncentral_chi_square(factor: float, p: float) -> None:
+    shift = np.array([3.0, -1.0, 0.5])
+    distance = float(shift @ np.linalg.solve(COV, shift))
+    threshold = float(rx_threshold(p))
+    args = (MEAN + shift, factor * COV, MEAN, COV)
+    upper = noncentral_tail(threshold / factor, distance / factor, upper=True)
+    lower = noncentral_tail(threshold / factor, distance / factor, upper=False)
+    assert_allclose(rx_p_detection(p, *args), float(upper), rtol=1e-12)
+    assert_allclose(rx_p_miss(p, *args), float(lower), rtol=1e-12)
+
+
+def test_weights_from_1e_12_to_1e_6() -> None:
+    found = rx_roc(column(CASES["rx31"], "pfa"), *moments(CASES["rx31"]))
+    assert_allclose(found.p_detection, column(CASES["rx31"], "pd"), atol=1e-10, rtol=0.0)
+
+
+def test_background_of_condition_1e10_is_flagged() -> None:
+    found = rx_roc(column(CASES["rx52"], "pfa"), *moments(CASES["rx52"]))
+    assert_allclose(found.p_detection, column(CASES["rx52"], "pd"), atol=1e-6, rtol=0.0)
+    assert_allclose(found.auc, float(CASES["rx52"]["auc"]), atol=1e-6, rtol=0.0)
+    assert "condition number 1e+10" in found.warnings[0]
+
+
+def test_well_conditioned_background_is_not_flagged() -> None:
+    assert rx_roc(0.1, MEAN + 1.0, COV, MEAN, COV).warnings == ()
+
+
+@pytest.mark.parametrize(
+    "background", [np.diag([1.0, 1.0, 0.0]), np.diag([1.0, 1.0, 1e-13]), np.ones((3, 3)), np.zeros((3, 3))]
+)
+def test_singular_background_is_refused(background: FloatArray) -> None:
+    with pytest.raises(ValueError, match="background_cov is singular"):
+        rx_p_detection(0.1, MEAN, COV, MEAN, background)
+
+
+def test_target_without_spread_gives_a_step() -> None:
+    # D = 9, between the thresholds of 0.1 (6.25) and 0.01 (11.3)
+    args = ([3.0, 0.0, 0.0], np.zeros((3, 3)), np.zeros(3), np.eye(3))
+    assert_allclose(rx_p_detection([0.01, 0.1], *args), [0.0, 1.0], rtol=0.0)
+    assert_allclose(rx_p_miss([0.01, 0.1], *args), [1.0, 0.0], rtol=0.0)
+    # the area is the probability that a chi-square variable stays below 9
+    assert_allclose(rx_roc(0.1, *args).auc, 1.0 - float(mp.gammainc(1.5, 4.5, regularized=True)), rtol=1e-13)
+
+
+def test_rank_one_target_has_a_constant_part() -> None:
+    # D = 4 + 9 (z + 1)^2
+    args = ([2.0, 0.0, 3.0], np.diag([0.0, 0.0, 9.0]), np.zeros(3), np.eye(3))
+    distance = np.sqrt((rx_threshold(0.01) - 4.0) / 9.0)
+    expected = mp.erfc((distance - 1.0) / mp.sqrt(2)) / 2 + mp.erfc((distance + 1.0) / mp.sqrt(2)) / 2
+    assert_allclose(rx_p_detection(0.01, *args), float(expected), rtol=1e-13)
+
+
+def test_roc_may_lie_below_the_diagonal_and_rises_all_the_same() -> None:
+    p = np.linspace(0.001, 0.999, 400)
+    roc = rx_roc(p, MEAN + 0.1, 0.05 * COV, MEAN, COV)
+    assert np.all(np.diff(roc.p_detection) > 0.0)
+    assert np.all(roc.p_detection[:200] < p[:200])
+    assert roc.auc < 0.5
+
+
+def test_area_is_the_integral_of_the_curve() -> None:
+    # in x, P_FA = x^2 (3 - 2 x): smooth at both ends, where the curve has infinite slope or curvature
+    node, weight = np.polynomial.legendre.leggauss(200)
+    x = 0.5 * (node + 1.0)
+    roc = rx_roc(x**3 * (10.0 - 15.0 * x + 6.0 * x * x), MEAN + 1.5, 1.7 * COV + np.diag([0.0, 3.0, 0.0]), MEAN, COV)
+    integral = np.sum(0.5 * weight * roc.p_detection * 30.0 * x**2 * (1.0 - x) ** 2)
+    assert_allclose(roc.auc, integral, atol=1e-8, rtol=0.0)
+
+
+def test_mean_and_variance_against_draws() -> None:
+    rng = np.random.default_rng(7)
+    count = 100_000
+    mean_t, cov_t = MEAN + np.array([2.0, -1.0, 1.0]), np.diag([9.0, 0.3, 2.0])
+    x = rng.multivariate_normal(mean_t, cov_t, count) - MEAN
+    d = np.einsum("ij,ij->i", x, np.linalg.solve(COV, x.T).T)
+    law = rx_moments(mean_t, cov_t, MEAN, COV)
+    assert abs(d.mean() - law.mean) < 5.0 * np.sqrt(law.variance / count)
+    fourth = np.mean((d - d.mean()) ** 4)
+    assert abs(d.var() - law.variance) < 5.0 * np.sqrt((fourth - law.variance**2) / count)
+
+
+def test_twelve_channels_and_a_nearly_singular_target() -> None:
+    rng = np.random.default_rng(12)
+    axes, _ = np.linalg.qr(rng.normal(size=(12, 12)))
+    spread = 10.0 ** -np.arange(12.0)
+    cov_t = (axes * spread) @ axes.T
+    shift = axes @ np.full(12, 0.3)
+    found = rx_roc(1e-12, shift, 0.5 * (cov_t + cov_t.T), np.zeros(12), np.eye(12))
+    # the smallest of the weights is good to 1e-5 only, as cov_t itself is rounded; it moves D by 1e-12 * 1e5
+    expected = ray_log_tail(
+        float(rx_threshold(1e-12, 12)), spread.tolist(), (0.3 / np.sqrt(spread)).tolist(), upper=True
+    )
+    assert_allclose(np.log(found.p_detection), float(expected), rtol=0.0, atol=1e-9)
+
+
+def test_classes_broadcast_over_leading_axes() -> None:
+    target = MEAN + np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0]])[:, None, :]
+    roc = rx_roc([0.01, 0.1, 0.5], target, COV, MEAN, COV)
+    assert roc.p_detection.shape == (2, 3)
+    assert roc.auc.shape == (2, 1)
+    assert_allclose(roc.p_detection[1, 1], rx_p_detection(0.1, target[1, 0], COV, MEAN, COV), rtol=1e-14)
+    assert roc.threshold.shape == roc.p_false_alarm.shape == (2, 3)
+
+
+def test_ends_of_the_curve() -> None:
+    roc = rx_roc([0.0, 1.0], MEAN + 1.0, COV, MEAN, COV)
+    assert_allclose(roc.p_detection, [0.0, 1.0], rtol=0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"p_false_alarm": 1.5}, "p_false_alarm"),
+        ({"target_cov": np.diag([1.0, 1.0, -1.0])}, "target_cov"),
+        ({"background_cov": np.diag([1.0, 1.0, -1.0])}, "background_cov"),
+        ({"target_mean": np.zeros(4), "target_cov": np.eye(4)}, "components"),
+        ({"target_mean": np.array([1.0, np.nan, 0.0])}, "not finite"),
+        ({"target_cov": np.eye(2)}, "do not fit"),
+    ],
+)
+def test_refusals_name_the_argument(change: dict[str, object], message: str) -> None:
+    arguments: dict[str, object] = {
+        "p_false_alarm": 0.1,
+        "target_mean": MEAN,
+        "target_cov": COV,
+        "background_mean": MEAN,
+        "background_cov": COV,
+    }
+    with pytest.raises(ValueError, match=message):
+        rx_p_detection(**(arguments | change))
