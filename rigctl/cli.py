@@ -40,7 +40,10 @@ VERBS: dict[str, tuple[str, str]] = {
     "import": ("rigctl.commands.import_images", "Make a run out of images that exist."),
     "stokes": ("rigctl.commands.stokes", "Stokes, DoLP and AoLP images of a run, and its regions' numbers."),
     "calibrate": ("rigctl.commands.calibrate", "Calibrate the sensor from dark and flat frames."),
+    "surface": ("rigctl.commands.surface", "DoLP and reflectance of a material against angle, and its sources."),
+    "dolp": ("rigctl.commands.dolp", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),
     "predict": ("rigctl.commands.predict", "What the analytical model says that a scene will give."),
+    "detect": ("rigctl.commands.detect", "Detect a target by its polarization: RX map and ROC of a run."),
     "compare": ("rigctl.commands.compare", "Set model and measurement side by side, with a verdict."),
 }
 

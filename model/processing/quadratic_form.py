@@ -13,6 +13,7 @@ LongArray = NDArray[np.longdouble]
 _BLOCK = 256  # forms at once: what their nodes need stays in the cache
 _TOLERANCE = 1e-10
 _SMALLEST_TOLERANCE = 1e-12
+_LOG_OF_ZERO = -1000.0  # no double is that small: the digits of such a tail concern its logarithm alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +71,8 @@ def tail_probabilities(
     ValueError
         If an argument is out of its range or shapes do not fit.
     ArithmeticError
-        If no contour reaches the tolerance: not seen for weights of one sign or within 12 decades of each
-        other.
+        If no contour reaches the tolerance for a probability that a double can hold: not seen for weights of one
+        sign, or for weights of both within 12 decades of each other.
 
     Notes
     -----
@@ -215,8 +216,8 @@ def _upper_tail(tail: UpperTail, tolerance: float) -> tuple[LongArray, FloatArra
         again, error_again = integrate(other, tolerance, two_sided=True)
         better = error_again < error[failed]
         value[failed[better]], error[failed[better]] = again[better], error_again[better]
-    _require_converged(error, tolerance)
     exponent, rounding = _exponent(tail, saddle)
+    _require_converged(error[exponent > _LOG_OF_ZERO], tolerance)
     log_tail = exponent + np.log(np.abs(value) * contour.width / saddle.at)
     return np.minimum(log_tail, np.longdouble(0.0)), error + rounding
 

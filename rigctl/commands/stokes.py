@@ -1,12 +1,15 @@
 """``rigctl stokes``: Stokes, DoLP and AoLP images of a run."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rigctl.files.regions import load_regions
 from rigctl.measurement.measurement import measure
+from rigctl.measurement.region_texture import region_textures
+from rigctl.measurement.temporal_noise import temporal_noise
+from rigctl.noise.noise_file import read_noise_file
 from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.stokes_files import write_stokes
 from rigctl.reports.tables_json import measurement_json
@@ -18,6 +21,9 @@ def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for images, pictures and numbers.")],
     regions: Annotated[Path | None, typer.Option(metavar="FILE", help="Regions file.")] = None,
+    noise: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Noise calibration: tells texture from noise, and a dark level.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Write Stokes, DoLP and AoLP images of a run, masks, pictures, and the numbers of its regions.
@@ -27,11 +33,28 @@ def command(
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
     """
     areas = [] if regions is None else load_regions(regions)
-    measurement = measure(read_run(run), regions=areas)
-    names = write_stokes(measurement, areas, out)
+    calibration = None if noise is None else read_noise_file(noise)
+    measurement = measure(read_run(run), regions=areas, noise=calibration)
+    content = measurement_json(
+        measurement, None if calibration is None else region_textures(measurement, temporal_noise(calibration))
+    )
+    names = write_stokes(measurement, areas, out, numbers=content)
     if as_json:
-        print_json(measurement_json(measurement))
+        print_json(content)
         return
-    for table in quantity_tables(measurement_json(measurement)["regions"]):
+    for table in quantity_tables(content["regions"]):
         results().print(table)
+    for name, texture in content.get("texture", {}).items():
+        results().print(texture_line(name, texture), markup=False)
     progress().print(f"{', '.join(names)} in {out}", markup=False)
+
+
+def texture_line(name: str, texture: dict[str, Any]) -> str:
+    """Return the texture of a region in a line."""
+    share = texture["rank_one_share"]
+    if share is None:
+        return f"{name}: no texture above the noise"
+    return (
+        f"{name}: texture of {100 * texture['common_factor_rms']:.2f} % as a factor common to S0, S1, S2; "
+        f"{100 * share:.0f} % of it is one common variation" + (f" ({texture['remark']})" if texture["remark"] else "")
+    )

@@ -1,7 +1,7 @@
-"""Model beside measurement without a scene: a run's own means and texture through the noise model and the DoLP law."""
+"""Model beside measurement without a scene: a run's own means and texture through noise model and DoLP law."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,32 +10,21 @@ from numpy.typing import NDArray
 from model.prediction import RegionPrediction, predict_region
 from model.processing.agreement import propagate_inputs
 from model.processing.law_check import check_dolp_law
-from model.sensor import ChannelMoments, SensorNoise, temporal_variance_dn2
+from model.processing.sample_moments import Sample, deviation
+from model.sensor import ChannelMoments
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose
 from rigctl.comparison.rows import Row, decide, pair, scored
-from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
 
 FloatArray = NDArray[np.float64]
 
-# What a temporal deviation rests on, in the order of the vector that is varied.
-_TEMPORAL_INPUTS = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
-
 NOT_TESTED = (
-    "means, texture and deviations over a region's pixels: the prediction was made from them (rows without verdict)",
+    "means, and where one half of the pixels does not predict the other, deviations: rows without a verdict",
     "the scene: no radiance was predicted",
 )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Noise:
-    """A calibration as the closed loop uses it."""
-
-    values: FloatArray
-    cov: FloatArray
-    remarks: tuple[str, ...]
 
 
 def compare_closed_loop(measurement: Measurement, *, noise: dict[str, Any] | None, alpha: float) -> Comparison:
@@ -56,7 +45,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: dict[str, Any] | Non
     DataError
         A calibration is given and cannot predict, or the exposure is not known.
     """
-    calibrated = None if noise is None else _temporal_noise(noise)
+    calibrated = None if noise is None else temporal_noise(noise)
     rows: list[Row] = []
     remarks: list[str] = [] if calibrated is None else list(calibrated.remarks)
     predictions: dict[str, RegionPrediction] = {}
@@ -80,24 +69,31 @@ def compare_closed_loop(measurement: Measurement, *, noise: dict[str, Any] | Non
 class _RegionLoop:
     """One region's own moments, and what follows from them."""
 
-    def __init__(self, name: str, region: MeasuredRegion, measurement: Measurement, noise: _Noise | None) -> None:
+    def __init__(
+        self, name: str, region: MeasuredRegion, measurement: Measurement, noise: TemporalNoise | None
+    ) -> None:
         self._name, self._region, self._measurement, self._noise = name, region, measurement, noise
         self._cycles = measurement.grid.cycles
         if noise is None:
             # Nothing says what is noise and what is texture: the spread of one cycle holds both.
-            temporal, self._texture = np.zeros_like(region.channels_mean.mean), region.spatial_cov_frame
+            temporal, self._texture = np.zeros_like(region.channels_mean.mean), np.cov(region.channel_pixels)
             self._texture_pixels = region.stokes_pixels
         else:
             temporal = self._temporal(noise.values)
-            self._texture = region.spatial_cov_mean - np.diag(temporal) / self._cycles
+            self._texture = np.cov(region.channel_pixels_mean) - np.diag(temporal) / self._cycles
             self._texture_pixels = region.stokes_pixels_mean
-        self._added = self._stokes_cov(np.diag(temporal)) * (1.0 - 1.0 / self._cycles)
+        # What the noise of one cycle adds to the spread of the mean of all.
+        self._added_to_channels = np.diag(temporal) * (1.0 - 1.0 / self._cycles)
+        self._added = self._stokes_cov(self._added_to_channels)
         self.prediction = self._predicted(temporal)
 
     def rows(self) -> list[Row]:
         """Return the region's rows: tests with scores, the rest without."""
         paired = list(pair(self._name, self.prediction.quantities, self._region.quantities))
-        return [*self._temporal_rows(paired), *self._law_rows(), *self._fitted_rows(paired)]
+        tests = [*self._temporal_rows(paired), *self._half_rows(), *self._law_rows()]
+        tested = {(row.quantity, row.statistic) for row in tests}
+        fitted = [row for row in paired if (row.quantity, row.statistic) not in tested]
+        return [*tests, *(replace(row, std_error_inputs=None) for row in fitted)]
 
     def remarks(self) -> list[str]:
         """Return why a region has no test of its DoLP, if so."""
@@ -106,18 +102,7 @@ class _RegionLoop:
         return [f"{self._name}: {warning}" for warning in self.prediction.warnings]
 
     def _temporal(self, values: FloatArray) -> FloatArray:
-        """Return the temporal variance of each channel [unit^2] for values of the calibration."""
-        grid = self._measurement.grid
-        gain, read_noise, dark_current = values.tolist()
-        exposures = grid.exposures_s
-        if exposures is None:
-            raise DataError(f"{self._measurement.run.path}: its exposure is not known: the noise cannot be predicted")
-        noise = SensorNoise(
-            gain_dn_per_e=gain, read_noise_e=read_noise, dark_current_e_per_s=dark_current, black_level_dn=0.0
-        )
-        signal_dn = self._region.channels_mean.mean / grid.to_unit
-        variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=exposures)
-        return np.asarray(variance * grid.to_unit**2)
+        return temporal_variance(self._measurement, self._region, values)
 
     def _stokes_cov(self, channel_cov: FloatArray) -> FloatArray:
         inverse = self._measurement.plan.inverse
@@ -174,35 +159,36 @@ class _RegionLoop:
     def _law_rows_exist(self) -> bool:
         return "dolp_pixels" in self._region.quantities and "dolp_pixels" in self.prediction.quantities
 
-    def _fitted_rows(self, paired: list[Row]) -> Iterable[Row]:
-        tested_by_law = {("dolp_pixels", "mean"), ("dolp_pixels", "std"), ("dolp_snr", "mean")}
-        for row in paired:
-            tested = row.statistic == "std_temporal" and self._noise is not None
-            if not tested and (row.quantity, row.statistic) not in tested_by_law:
-                yield replace(row, std_error_inputs=None)
+    def _half_rows(self) -> Iterable[Row]:
+        """Return the spread over pixels: texture and noise of one half of the pixels predict it for the other half."""
+        if self._noise is None:
+            return
+        region, names = self._region, self._measurement.grid.channel_names
+        groups = (
+            (names, region.channel_pixels, region.channel_pixels_mean, self._added_to_channels),
+            (("s0", "s1", "s2"), region.stokes_pixels, region.stokes_pixels_mean, self._added),
+        )
+        for quantities, frame, mean, added in groups:
+            for k, quantity in enumerate(quantities):
+                source = deviation(mean[k, region.first_half])
+                yield self._half_row(quantity, "std", source, float(added[k, k]), frame[k])
+                yield self._half_row(quantity, "std_spatial_mean", source, 0.0, mean[k])
+
+    def _half_row(self, quantity: str, statistic: str, source: Sample, added: float, pixels: FloatArray) -> Row:
+        inflation = float(np.sqrt(self._region.pixels / self._region.independent_pixels))
+        predicted = float(np.sqrt(source.value**2 + added))
+        measured = deviation(pixels[~self._region.first_half])
+        row = Row(
+            region=self._name,
+            quantity=quantity,
+            statistic=statistic,
+            predicted=predicted,
+            measured=measured.value,
+            std_error=measured.std_error * inflation,
+        )
+        return scored(row, source.value / predicted * source.std_error * inflation if predicted > 0.0 else 0.0)
 
 
-def _errors(noise: _Noise, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _errors(noise: TemporalNoise, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     cov = propagate_inputs(function, noise.values, noise.cov, least=(0.0, 0.0, 0.0))
     return np.asarray(np.sqrt(np.diag(cov)))
-
-
-def _temporal_noise(noise: dict[str, Any]) -> _Noise:
-    missing = [name for name in ("gain_dn_per_e", "read_noise_e") if noise[name] is None]
-    if missing:
-        raise DataError(f"the noise calibration has no {' and no '.join(missing)}: it cannot predict a deviation")
-    remarks = []
-    values = [noise[name]["value"] if noise[name] is not None else 0.0 for name in _TEMPORAL_INPUTS]
-    if noise["dark_current_e_per_s"] is None:
-        remarks.append("dark current: not calibrated, taken as 0")
-    elif values[2] < 0.0:
-        remarks.append(f"dark current: the calibration's {values[2]:.3g} e-/s is below 0 by its error; 0 is used")
-        values[2] = 0.0
-    joint = {name: k for k, name in enumerate(noise["covariance"]["names"])}
-    matrix = np.asarray(noise["covariance"]["matrix"], dtype=np.float64)
-    cov = np.zeros((3, 3))
-    for i, one in enumerate(_TEMPORAL_INPUTS):
-        for j, other in enumerate(_TEMPORAL_INPUTS):
-            if one in joint and other in joint:
-                cov[i, j] = matrix[joint[one], joint[other]]
-    return _Noise(values=np.array(values, dtype=np.float64), cov=cov, remarks=tuple(remarks))

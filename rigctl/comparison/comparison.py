@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -84,12 +85,7 @@ def compare_with_scene(
     """
     inputs = gather(scene, noise)
     exposure_s = _one_exposure_s(measurement)
-    readout = _run_readout(measurement)
-
-    def predicted(values: FloatArray) -> dict[str, RegionPrediction]:
-        named = dict(zip(inputs.names, values.tolist(), strict=True))
-        return predict(build_scenario(scene, named, readout=readout, exposure_s=exposure_s))
-
+    predicted = partial(_predicted, measurement, scene, inputs.names)
     predictions = predicted(inputs.values)
     rows = tuple(_paired(predictions, measurement))
     errors = _input_errors(rows, inputs, predicted)
@@ -103,6 +99,28 @@ def compare_with_scene(
         remarks=(*inputs.remarks, *_overruled(scene, measurement, exposure_s), *_model_warnings(predictions)),
         not_tested=_not_tested(measurement),
     )
+
+
+def predict_run(
+    measurement: Measurement, *, scene: SceneFile, noise: dict[str, Any] | None
+) -> dict[str, RegionPrediction]:
+    """Return what a scene file predicts for the angles, cycles and exposure of a run.
+
+    Raises
+    ------
+    DataError
+        Exposures differ or are not known.
+    """
+    inputs = gather(scene, noise)
+    return _predicted(measurement, scene, inputs.names, inputs.values)
+
+
+def _predicted(
+    measurement: Measurement, scene: SceneFile, names: tuple[str, ...], values: FloatArray
+) -> dict[str, RegionPrediction]:
+    named = dict(zip(names, values.tolist(), strict=True))
+    exposure_s = _one_exposure_s(measurement)
+    return predict(build_scenario(scene, named, readout=_run_readout(measurement), exposure_s=exposure_s))
 
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:

@@ -110,6 +110,12 @@ def measure(run: Run, *, regions: list[Region], noise: dict[str, Any] | None = N
     )
 
 
+def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
+    """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
+    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level)
+    return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
+
+
 class _Frames:
     """Reads frames one by one; keeps their sum by angle and which pixels were ever saturated or missing."""
 

@@ -41,10 +41,12 @@ class MeasuredRegion:
         How many independent ones they are worth: standard errors take this number.
     channels_mean : Moments
         Mean of each angle over pixels and cycles, and the covariance of that mean.
-    spatial_cov_frame, spatial_cov_mean : (N, N) array
-        Covariance of the angles over the pixels, of the first cycle and of the mean of all.
+    channel_pixels, channel_pixels_mean : (N, P) array
+        Counts of each pixel behind each angle, of the first cycle and of the mean of all.
     stokes_pixels, stokes_pixels_mean : (3, P) array
-        Stokes parameters of each pixel, of the first cycle and of the mean of all.
+        Stokes parameters of each pixel, likewise.
+    first_half : (P,) array of bool
+        Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
     quantities : dict
         Everything a prediction is set beside.
     """
@@ -53,10 +55,11 @@ class MeasuredRegion:
     excluded: int
     independent_pixels: float
     channels_mean: Moments
-    spatial_cov_frame: FloatArray
-    spatial_cov_mean: FloatArray
+    channel_pixels: FloatArray
+    channel_pixels_mean: FloatArray
     stokes_pixels: FloatArray
     stokes_pixels_mean: FloatArray
+    first_half: NDArray[np.bool_]
     quantities: MeasuredQuantities
 
 
@@ -115,10 +118,11 @@ def measure_region(
         excluded=excluded,
         independent_pixels=independent,
         channels_mean=channels_mean,
-        spatial_cov_frame=np.cov(pixels[0]),
-        spatial_cov_mean=np.cov(mean),
+        channel_pixels=pixels[0],
+        channel_pixels_mean=mean,
         stokes_pixels=stokes_pixels,
         stokes_pixels_mean=np.asarray(plan.inverse @ mean),
+        first_half=np.sum(np.nonzero(inside), axis=0) % 2 == 0,
         quantities=quantities,
     )
 

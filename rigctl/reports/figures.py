@@ -1,9 +1,7 @@
-"""Pictures and plots as PNG. The only importer of matplotlib but for the plots of a calibration."""
+"""Pictures and plots of a measurement and a comparison, as PNG."""
 
-import io
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,20 +14,13 @@ from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.rows import Row
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
-
-mpl.use("Agg")
-
-from matplotlib import pyplot as plt
+from rigctl.reports.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 
-# Two colours that a colour-blind reader tells apart, and that differ in grey.
-MEASURED, PREDICTED = "#d55e00", "#0072b2"
-_DPI = 110
 _BINS = 60
 # Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
 _SHOWN_PERCENTILES = (1.0, 99.5)
@@ -38,22 +29,22 @@ _SHOWN_PERCENTILES = (1.0, 99.5)
 def scene_pictures(measurement: Measurement, regions: list[Region]) -> bytes:
     """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
     stokes = reconstruct(measurement.plan, measurement.channels)
-    figure, axes = _subplots(1, 2, size=_picture_size(stokes[0], columns=2))
+    figure, axes = subplots(1, 2, size=picture_size(stokes[0], columns=2))
     _picture(axes[0], stokes[0], title="S0 (panchromatic)", label=f"S0 [{measurement.grid.unit}]", cmap="gray")
     _picture(axes[1], dolp_image(measurement, stokes), title="DoLP", label="DoLP", cmap="viridis")
     for ax in axes:
         _outline(ax, regions)
-    return _png(figure)
+    return png(figure)
 
 
 def aolp_picture(measurement: Measurement) -> bytes:
     """Return the image of the angle of polarization."""
     stokes = reconstruct(measurement.plan, measurement.channels)
-    figure, axes = _subplots(1, 1, size=_picture_size(stokes[0], columns=1))
+    figure, axes = subplots(1, 1, size=picture_size(stokes[0], columns=1))
     angle_deg = np.where(_unusable(measurement), np.nan, np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))))
     shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest")
-    _finish_picture(figure, axes[0], shown, title="AoLP, counter-clockwise from horizontal", label="AoLP [deg]")
-    return _png(figure)
+    finish_picture(figure, axes[0], shown, title="AoLP, counter-clockwise from horizontal", label="AoLP [deg]")
+    return png(figure)
 
 
 def dolp_image(measurement: Measurement, stokes: FloatArray) -> FloatArray:
@@ -66,7 +57,7 @@ def dolp_image(measurement: Measurement, stokes: FloatArray) -> FloatArray:
 def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
     """Return mean and deviation of the counts by channel, predicted beside measured, as [MK14] Fig. 7."""
     regions = list(dict.fromkeys(row.region for row in rows))
-    figure, axes = _subplots(2, len(regions), size=(3.6 * len(regions), 5.6))
+    figure, axes = subplots(2, len(regions), size=(3.6 * len(regions), 5.6))
     for column, region in enumerate(regions):
         for line, (statistic, title) in enumerate((("mean", "mean"), ("std", "deviation over pixels, one frame"))):
             ax = axes[line * len(regions) + column]
@@ -76,13 +67,13 @@ def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
             ax.set_xlabel("polarizer angle [deg]")
             ax.set_ylabel(f"counts above dark [{unit}]")
     axes[0].legend(fontsize=8)
-    return _png(figure)
+    return png(figure)
 
 
 def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction]) -> bytes:
     """Return histograms of s1, s2 and DoLP of each region's pixels with the predicted laws, as [MK14] Fig. 8."""
     names = list(predictions)
-    figure, axes = _subplots(len(names), 3, size=(11.0, 2.7 * len(names)))
+    figure, axes = subplots(len(names), 3, size=(11.0, 2.7 * len(names)))
     for line, name in enumerate(names):
         pixels = measurement.regions[name].stokes_pixels
         quantities, stokes = predictions[name].quantities, predictions[name].stokes_dn
@@ -95,14 +86,14 @@ def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction
         values = degree_of_polarization(pixels.T)
         _histogram(axes[3 * line + 2], values, lambda x, s=stokes: dolp.pdf(x, s.mean, s.cov), title=f"{name}: DoLP")
     axes[0].legend(fontsize=8)
-    return _png(figure)
+    return png(figure)
 
 
 def scores(comparison: Comparison) -> bytes:
     """Return every row's standard score, and which of them disagree."""
     tested = [row for row in comparison.rows if row.z is not None]
     names = list(dict.fromkeys(row.region for row in tested))
-    figure, axes = _subplots(1, 1, size=(11.0, 0.9 + 0.55 * len(names)))
+    figure, axes = subplots(1, 1, size=(11.0, 0.9 + 0.55 * len(names)))
     axes[0].axvspan(-2, 2, color="0.92", label="two standard errors")
     for agrees, colour, label in ((True, PREDICTED, "agrees"), (False, MEASURED, "disagrees")):
         chosen = [row for row in tested if row.agrees is agrees]
@@ -118,19 +109,7 @@ def scores(comparison: Comparison) -> bytes:
     axes[0].set_ylim(-0.6, len(names) - 0.4)
     axes[0].set_xlabel("(measured - predicted) / standard error of both")
     axes[0].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return _png(figure)
-
-
-def _subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple["Figure", list["Axes"]]:
-    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
-    return figure, list(axes.ravel())
-
-
-def _picture_size(image: FloatArray, *, columns: int) -> tuple[float, float]:
-    """Return the size of a figure [inch] that leaves little white around pictures of this shape."""
-    height, width = image.shape
-    each = 5.4
-    return columns * each, min(max(0.78 * each * height / width + 0.7, 2.0), 9.0)
+    return png(figure)
 
 
 def _unusable(measurement: Measurement) -> NDArray[np.bool_]:
@@ -140,14 +119,7 @@ def _unusable(measurement: Measurement) -> NDArray[np.bool_]:
 def _picture(ax: "Axes", image: FloatArray, *, title: str, label: str, cmap: str) -> None:
     low, high = np.nanpercentile(image, _SHOWN_PERCENTILES)
     shown = ax.imshow(image, cmap=cmap, vmin=low, vmax=high, interpolation="nearest")
-    _finish_picture(ax.figure, ax, shown, title=title, label=label)
-
-
-def _finish_picture(figure: Any, ax: "Axes", shown: Any, *, title: str, label: str) -> None:
-    ax.set_title(title)
-    ax.set_xlabel("x [pixel]")
-    ax.set_ylabel("y [pixel]")
-    figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
+    finish_picture(ax.figure, ax, shown, title=title, label=label)
 
 
 def _outline(ax: "Axes", regions: list[Region]) -> None:
@@ -186,11 +158,3 @@ def _histogram(ax: "Axes", values: FloatArray, law: Any, *, title: str) -> None:
 
 def _normal(mean: float, std: float) -> Any:
     return lambda x: np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
-
-
-def _png(figure: "Figure") -> bytes:
-    buffer = io.BytesIO()
-    # No date and no version in the file: the same numbers give the same bytes.
-    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
-    plt.close(figure)
-    return buffer.getvalue()

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from typing import Any
 
 from model.prediction import RegionPrediction
+from model.processing.texture import Texture
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
@@ -40,10 +41,10 @@ def prediction_json(predictions: dict[str, RegionPrediction], *, remarks: Iterab
     }
 
 
-def measurement_json(measurement: Measurement) -> dict[str, Any]:
-    """Return what a run measured as JSON holds it."""
+def measurement_json(measurement: Measurement, textures: dict[str, Texture] | None = None) -> dict[str, Any]:
+    """Return what a run measured as JSON holds it, with the textures of its regions where they are known."""
     grid = measurement.grid
-    return {
+    content = {
         "schema_version": SCHEMA_VERSION,
         "unit": grid.unit,
         "statistics": STATISTICS,
@@ -58,6 +59,20 @@ def measurement_json(measurement: Measurement) -> dict[str, Any]:
         "warnings": list(measurement.plan.warnings),
         "pixels": {name: _pixels(region) for name, region in measurement.regions.items()},
         "regions": {name: _measured(region) for name, region in measurement.regions.items()},
+    }
+    if textures is not None:
+        content["texture"] = {name: texture_json(texture) for name, texture in textures.items()}
+    return content
+
+
+def texture_json(texture: Texture) -> dict[str, Any]:
+    """Return the texture of a region as JSON holds it: of (S0, S1, S2), in the square of the measurement's unit."""
+    return {
+        "cov": texture.cov.tolist(),
+        "std_error": texture.std_error.tolist(),
+        "rank_one_share": _finite(texture.rank_one_share),
+        "common_factor_rms": texture.common_factor_rms,
+        "remark": texture.remark,
     }
 
 

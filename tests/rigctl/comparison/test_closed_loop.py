@@ -42,6 +42,7 @@ def test_a_sound_run_agrees_with_its_calibration_and_its_law(tmp_path):
     assert found.agrees
     tested = {(row.quantity, row.statistic) for row in found.rows if row.agrees is not None}
     assert {("dn_45", "std_temporal"), ("s1", "std_temporal"), ("dolp_pixels", "std"), ("dolp_snr", "mean")} <= tested
+    assert {("dn_45", "std"), ("s0", "std"), ("s0", "std_spatial_mean")} <= tested
 
 
 def test_another_gain_shows_in_every_temporal_deviation_and_points_to_the_noise(tmp_path):
@@ -80,6 +81,19 @@ def test_pixels_that_are_not_gaussian_are_found(tmp_path):
         frames.append((at(record.polarizer_angle_deg, black_level_dn=BLACK_DN), counts))
     found = _compared(make_run(tmp_path / "mixed", frames), None)
     assert not found.agrees
+
+
+def test_texture_of_one_half_predicts_the_other_with_standard_normal_scores(tmp_path):
+    scores = {}
+    for seed in range(30):
+        for row in _compared(_run(tmp_path / str(seed), cycles=2, seed=seed), NOISE).rows:
+            if row.statistic in ("std", "std_spatial_mean") and row.z is not None and row.quantity in ("dn_0", "s1"):
+                scores.setdefault((row.quantity, row.statistic), []).append(row.z)
+    assert len(scores) == 4
+    for name, z in scores.items():
+        # As in the test of the law below.
+        assert abs(np.mean(z)) < 4 * 0.18, name
+        assert 1 - 3 * 0.26 < np.var(z, ddof=1) < 1 + 4 * 0.26, name
 
 
 def test_score_of_the_law_is_standard_normal_over_seeds(tmp_path):

@@ -1,0 +1,52 @@
+"""How figures look: colours, sizes, and their way into PNG bytes."""
+
+import io
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+mpl.use("Agg")
+
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+# Two colours that a colour-blind reader tells apart, and that differ in grey.
+MEASURED, PREDICTED = "#d55e00", "#0072b2"
+_DPI = 110
+_PICTURE_WIDTH_INCH = 5.4
+
+
+def subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """Return a figure of the given size [inch] and its axes, row by row."""
+    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    return figure, list(axes.ravel())
+
+
+def picture_size(image: FloatArray, *, columns: int) -> tuple[float, float]:
+    """Return the size of a figure [inch] that leaves little white around pictures of this shape."""
+    height, width = image.shape
+    # A tenth of the width goes to the colour bar; a title and an axis stand above and below.
+    below = 0.78 * _PICTURE_WIDTH_INCH * height / width + 0.7
+    return columns * _PICTURE_WIDTH_INCH, min(max(below, 2.0), 9.0)
+
+
+def finish_picture(figure: Any, ax: Axes, shown: Any, *, title: str, label: str) -> None:
+    """Give a picture its title, its axes in pixels and a bar that tells its values."""
+    ax.set_title(title)
+    ax.set_xlabel("x [pixel]")
+    ax.set_ylabel("y [pixel]")
+    figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as the bytes of a PNG file, and let go of it."""
+    buffer = io.BytesIO()
+    # No date and no version in the file: the same numbers give the same bytes.
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+    plt.close(figure)
+    return buffer.getvalue()
