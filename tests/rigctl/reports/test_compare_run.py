@@ -12,7 +12,7 @@ from tests.rigctl.example_files import small_rig, small_session
 def _noise_file(folder, **camera):
     content = {
         **NOISE, "schema_version": 1, "prnu": None, "dsnu_e": None, "flags": [],
-        "camera": {"model": "x", "serial": None, "gain_db": None, "bit_depth": None} | camera,
+        "saturation_e": None, "camera": {"model": "x", "serial": None, "gain_db": None, "bit_depth": None} | camera,
     }  # fmt: skip
     (folder / "noise.json").write_text(json.dumps(content))
     return folder / "noise.json"
