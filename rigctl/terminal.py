@@ -19,7 +19,7 @@ def results() -> Console:
 
 def progress() -> Console:
     """Return the console for progress bars and remarks."""
-    return Console(stderr=True, highlight=False)
+    return Console(stderr=True, highlight=False, markup=False)
 
 
 def print_json(content: Mapping[str, Any]) -> None:
