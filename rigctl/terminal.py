@@ -14,7 +14,8 @@ def results() -> Console:
     """Return the console for what a command was asked for."""
     # A table in a file or a pipe need not be squeezed into the width of a terminal.
     width = None if sys.stdout.isatty() else _WIDTH_OF_FILES
-    return Console(soft_wrap=True, highlight=False, width=width)
+    # Without markup: "[deg]" is a unit here and no style.
+    return Console(soft_wrap=True, highlight=False, markup=False, width=width)
 
 
 def progress() -> Console:
