@@ -72,12 +72,12 @@ def estimators(
             }
         )
     else:
-        table = Table(box=None, pad_edge=False, title="bias / rms error", title_justify="left")
-        table.add_column("true SNR", justify="right", no_wrap=True)
+        table = Table(box=None, pad_edge=False, title="bias/rms error", title_justify="left")
+        table.add_column("true SNR", justify="right")
         for name in ESTIMATORS:
             table.add_column(name, justify="right", no_wrap=True)
         for k, ratio in enumerate(_TRUE_SNR):
-            table.add_row(f"{ratio:g}", *(f"{e.bias[k]:+.3f} / {e.rms[k]:.3f}" for e in found.values()))
+            table.add_row(f"{ratio:g}", *(f"{e.bias[k]:+.3f}/{e.rms[k]:.3f}" for e in found.values()))
         results().print(table)
     if out is not None:
         from rigctl.reports.dolp_figures import estimator_plot
