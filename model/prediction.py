@@ -30,6 +30,8 @@ class RegionPrediction:
         Moments of the counts behind each polarizer angle.
     stokes_dn
         Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level taken off.
+    stokes_noise_dn2
+        Covariance that temporal noise alone gives the Stokes parameters of one cycle, shape (3, 3) [DN^2].
     dolp_method, dolp_error
         How mean and deviation of the pixels' DoLP were found, and the larger of their absolute errors as that method
         estimates them itself; not a number where they do not exist.
@@ -41,6 +43,7 @@ class RegionPrediction:
 
     channels: ChannelMoments
     stokes_dn: Moments
+    stokes_noise_dn2: FloatArray
     dolp_method: str
     dolp_error: float
     quantities: Quantities
@@ -119,6 +122,7 @@ def predict_region(
     return RegionPrediction(
         channels=channels,
         stokes_dn=stokes,
+        stokes_noise_dn2=stokes_covs["std_temporal"],
         dolp_method=law.method,
         dolp_error=law.error,
         quantities=quantities,

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 
+from model.performance import pair_detections, polarization_strength
+from model.prediction import RegionPrediction
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.rows import Row
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports import figures
-from rigctl.reports.tables_json import STATISTICS
+from rigctl.reports.tables_json import FALSE_ALARM_RATES, STATISTICS
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
 _SHOWN_DISAGREEMENTS = 12
@@ -65,6 +68,9 @@ def render(
         simulated=measurement.run.session.get("origin") == "simulated",
         tests=sum(row.agrees is not None for row in comparison.rows),
         worst=[_text_row(row, with_region=True) for row in ranked],
+        strengths=[_strength(name, region) for name, region in comparison.predictions.items()],
+        detections=_detections(comparison),
+        false_alarm_rates=[f"{rate:g}" for rate in FALSE_ALARM_RATES],
         summary=[_summary(name, comparison, measurement) for name in measurement.regions],
         pictures=_embedded(figures.scene_pictures(measurement, regions)),
         score_plot=_embedded(figures.scores(comparison)),
@@ -113,6 +119,28 @@ def _summary(name: str, comparison: Comparison, measurement: Measurement) -> dic
         "tests": sum(row.agrees is not None for row in rows),
         "off": sum(row.agrees is False for row in rows),
     }
+
+
+def _strength(name: str, prediction: RegionPrediction) -> dict[str, str]:
+    """Return the law of a region's DoLP as text, and how it was found."""
+    found = {"region": name, "method": prediction.dolp_method, "error": f"{prediction.dolp_error:.1e}"}
+    if not prediction.stokes_dn.mean[0] > 0.0:
+        return found | dict.fromkeys(("low", "median", "high", "nedolp"), _NOTHING)
+    strength = polarization_strength(prediction)
+    low, median, high = (f"{quantile:.4f}" for quantile in strength.quantiles)
+    return found | {"low": low, "median": median, "high": high, "nedolp": f"{strength.nedolp:.4f}"}
+
+
+def _detections(comparison: Comparison) -> list[dict[str, Any]]:
+    """Return the probability of detection of every pair of regions as text."""
+    return [
+        {
+            "target": pair.target,
+            "background": pair.background,
+            "cells": [_NOTHING if np.isnan(p) else f"{p:.4f}" for p in (*pair.p_detection, pair.auc)],
+        }
+        for pair in pair_detections(comparison.predictions, FALSE_ALARM_RATES)
+    ]
 
 
 def _text_row(row: Row, *, with_region: bool = False) -> _TextRow:

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
+from model.performance import PairDetection, pair_detections, polarization_strength
 from model.prediction import RegionPrediction
 from model.processing.texture import Texture
 from rigctl.comparison.comparison import Comparison
@@ -16,6 +17,8 @@ from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 
 SCHEMA_VERSION = 1
+# Probabilities of false alarm for which a prediction states the probability of detection.
+FALSE_ALARM_RATES = (1e-4, 1e-3, 1e-2)
 
 STATISTICS = {
     "mean": "mean over the region's pixels (of dolp, s1n, s2n and aolp_deg: of the region's mean Stokes vector)",
@@ -36,8 +39,30 @@ def prediction_json(predictions: dict[str, RegionPrediction], *, remarks: Iterab
             name: {"dolp": prediction.dolp_method, "dolp_error": _finite(prediction.dolp_error)}
             for name, prediction in predictions.items()
         },
+        "dolp_law": {name: _strength(prediction) for name, prediction in predictions.items()},
+        "detection": [_pair(pair) for pair in pair_detections(predictions, FALSE_ALARM_RATES)],
         "warnings": {name: list(prediction.warnings) for name, prediction in predictions.items()},
         "remarks": list(remarks),
+    }
+
+
+def _strength(prediction: RegionPrediction) -> dict[str, Any] | None:
+    """Return the law of a region's DoLP in a few numbers; nothing where there is no light."""
+    if not prediction.stokes_dn.mean[0] > 0.0:
+        return None
+    found = polarization_strength(prediction)
+    quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
+    return {"quantiles": quantiles, "nedolp": found.nedolp, "unpolarised_mean": _finite(found.unpolarised_mean)}
+
+
+def _pair(pair: PairDetection) -> dict[str, Any]:
+    rates = zip(pair.p_false_alarm, pair.p_detection, strict=True)
+    return {
+        "target": pair.target,
+        "background": pair.background,
+        "p_detection": {f"{rate:g}": _finite(float(found)) for rate, found in rates},
+        "auc": _finite(pair.auc),
+        "warnings": list(pair.warnings),
     }
 
 

@@ -1,0 +1,145 @@
+"""What a prediction is worth for finding things: the law of DoLP, its noise floor, and detection between regions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.prediction import RegionPrediction
+from model.processing import dolp
+from model.processing.detection import rx_roc
+from model.processing.nedolp import noise_equivalent
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarizationStrength:
+    """How strong and how certain the polarization of a region is, of one cycle.
+
+    Parameters
+    ----------
+    probabilities, quantiles
+        Quantiles of the pixels' DoLP given S0 > 0; they exist whether or not moments do.
+    nedolp
+        First-order noise-equivalent DoLP from temporal noise: the deviation of DoLP that unpolarised light of this
+        intensity would show.
+    unpolarised_mean
+        Mean DoLP that unpolarised light of this intensity shows by noise alone; not a number where it does not exist.
+    """
+
+    probabilities: FloatArray
+    quantiles: FloatArray
+    nedolp: float
+    unpolarised_mean: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairDetection:
+    """RX detection of one region on another, by the exact law.
+
+    Parameters
+    ----------
+    target, background
+        Names.
+    p_false_alarm, p_detection
+        Shape (K,).
+    auc
+        Area under the whole curve.
+    warnings
+        What limits the result.
+    """
+
+    target: str
+    background: str
+    p_false_alarm: FloatArray
+    p_detection: FloatArray
+    auc: float
+    warnings: tuple[str, ...]
+
+
+def polarization_strength(
+    prediction: RegionPrediction, *, probabilities: Sequence[float] = (0.025, 0.5, 0.975)
+) -> PolarizationStrength:
+    """Return the law of a region's DoLP in a few numbers, and its noise floor.
+
+    Parameters
+    ----------
+    prediction
+        Of the region.
+    probabilities
+        For which to give quantiles, each in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        The mean of S0 is not above 0.
+
+    References
+    ----------
+    [MK14] section IV-A; definition.
+    """
+    stokes = prediction.stokes_dn
+    floor = noise_equivalent(stokes.mean, prediction.stokes_noise_dn2, tolerance=1e-6)
+    levels = np.asarray(probabilities, dtype=np.float64)
+    return PolarizationStrength(
+        probabilities=levels,
+        quantiles=np.asarray(dolp.quantile(levels, stokes.mean, stokes.cov)),
+        nedolp=float(floor.first_order),
+        unpolarised_mean=float(floor.mean),
+    )
+
+
+def pair_detections(
+    predictions: Mapping[str, RegionPrediction], p_false_alarm: Sequence[float]
+) -> tuple[PairDetection, ...]:
+    """Return what the RX detector does for every ordered pair of regions, on Stokes parameters of one cycle.
+
+    Parameters
+    ----------
+    predictions
+        Region to prediction.
+    p_false_alarm
+        Shape (K,), each in (0, 1).
+
+    Returns
+    -------
+    tuple of PairDetection
+        Not a number, with the reason among its warnings, where a background's covariance is singular.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    rates = np.asarray(p_false_alarm, dtype=np.float64)
+    return tuple(
+        _pair_detection(target, background, predictions, rates) for target, background in permutations(predictions, 2)
+    )
+
+
+def _pair_detection(
+    target: str, background: str, predictions: Mapping[str, RegionPrediction], rates: FloatArray
+) -> PairDetection:
+    one, other = predictions[target].stokes_dn, predictions[background].stokes_dn
+    try:
+        curve = rx_roc(rates, one.mean, one.cov, other.mean, other.cov)
+    except ValueError as error:
+        nothing, reason = np.full(rates.shape, np.nan), f"{background} cannot be a background: {error}"
+        return PairDetection(
+            target=target,
+            background=background,
+            p_false_alarm=rates,
+            p_detection=nothing,
+            auc=np.nan,
+            warnings=(reason,),
+        )
+    return PairDetection(
+        target=target,
+        background=background,
+        p_false_alarm=rates,
+        p_detection=np.asarray(curve.p_detection),
+        auc=float(curve.auc),
+        warnings=curve.warnings,
+    )
