@@ -20,6 +20,8 @@ DIFFUSE: tuple[DiffuseKind, ...] = get_args(DiffuseKind)
 _MEAN_NODES = 96
 # E is known to this; a perfect mirror leaves less than that, and 0 / 0 must not be asked.
 _NOTHING = 1e-8
+# A transmittance is known to 1e-16; below this too few of its digits are left to divide by.
+_OPAQUE = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +100,7 @@ def add_diffuse(out: FloatArray, theta_i_rad: FloatArray, theta_r_rad: FloatArra
     References
     ----------
     "balance": Hyde, Schmidt and Havrilla (2009), doi:10.1364/OE.17.022138, with the measured DHR in place of
-    a perfect reflector's. "coupled": Kelemen and Szirmay-Kalos (2001), Eurographics short papers. "polarised":
+    a perfect reflector's. "coupled": Kelemen and Szirmay-Kalos (2001), Eurographics short presentations. "polarised":
     Baek et al. (2018), doi:10.1145/3272127.3275018.
     """
     if diffuse.kind == "lambert":
@@ -150,11 +152,16 @@ def _scale(diffuse: Diffuse) -> float:
     """Return the factor by which a product of two angles' functions has the total DHR that was measured."""
     if abs(diffuse.excess) < _NOTHING:
         return 0.0
-    angle = np.array([diffuse.dhr_angle_rad])
     if diffuse.kind == "coupled":
         there = 1.0 - diffuse.specular_weight * reflectance_at(diffuse.lobe, diffuse.dhr_angle_rad)
         return diffuse.excess / (there * _mean_unreflected(diffuse))
-    return diffuse.excess / (float(_transmitted(angle, diffuse)[0, 0]) * _mean_transmitted(diffuse))
+    there = float(_transmitted(np.array([diffuse.dhr_angle_rad]), diffuse)[0, 0])
+    if there < _OPAQUE:
+        raise ValueError(
+            f"diffuse = 'polarised': no light enters a surface of n = {diffuse.lobe.n:g}, k = {diffuse.lobe.k:g} "
+            f"(a share of {there:.1g}), so that none can leave; choose 'coupled', or leave out dhr"
+        )
+    return diffuse.excess / (there * _mean_transmitted(diffuse))
 
 
 def _balance(theta_i_rad: FloatArray, diffuse: Diffuse) -> FloatArray:

@@ -82,15 +82,14 @@ def findings(surface: Surface) -> tuple[str, ...]:
         if surface.shadowing == "none"
         else 'choose diffuse="polarised", which conserves energy for every polarization, or lower dhr'
     )
-    found = []
-    unpolarised = _first_angle_deg(total.s0 > limit)
-    polarised = _first_angle_deg(total.s0 + np.abs(total.s1) > limit)
-    if unpolarised is not None:
-        found.append(f"reflects more unpolarised light than it receives from {unpolarised:g} deg on; {remedy}")
-    elif polarised is not None:
-        found.append(f"reflects more than it receives of polarised light from {polarised:g} deg on; {remedy}")
-    found.extend(_spent_diffuse(surface))
-    return tuple(found)
+    reflected = {"polarised light": total.s0 + np.abs(total.s1), "unpolarised light": total.s0}
+    excessive = {light: _first_angle_deg(share > limit) for light, share in reflected.items()}
+    found = [
+        f"reflects more than it receives of {light} from {angle:g} deg on; {remedy}"
+        for light, angle in excessive.items()
+        if angle is not None
+    ]
+    return (*found, *_spent_diffuse(surface))
 
 
 def _spent_diffuse(surface: Surface) -> list[str]:

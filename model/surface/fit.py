@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc
 
 from model.surface.fit_observation import Observation
+from model.surface.fit_parameters import PARAMETERS
 from model.surface.fit_problem import (
-    PARAMETERS,
     FitProblem,
     difference_jacobian,
     fit_problem,
@@ -46,7 +46,7 @@ class SurfaceFit:
     chi_square
         Sum of squared residuals in units of their uncertainty.
     degrees_of_freedom
-        Number of residuals less that of parameters.
+        Number of residuals less that of parameters and of unknown factors.
     p_value
         Probability of a chi-square at least as large, were model and covariances right; 1 without freedom.
     findings
@@ -120,7 +120,7 @@ def fit_surface(
     )
     left = residuals(problem, internal)
     information_ = _information(problem, internal)
-    chi_square, freedom = float(left @ left), left.size - len(problem.names)
+    chi_square, freedom = float(left @ left), left.size - len(problem.names) - len(problem.sharing)
     p_value = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return SurfaceFit(
         surface=surface_of_values(problem, internal),
@@ -134,38 +134,6 @@ def fit_surface(
         problem=problem,
         internal=internal,
     )
-
-
-def gauss_interval(fit: SurfaceFit, name: str, *, level: float = 0.95) -> tuple[float, float]:
-    """Return the first-order confidence interval of a parameter.
-
-    Parameters
-    ----------
-    fit
-        The fit.
-    name
-        A fitted parameter.
-    level
-        Probability with which such intervals hold the truth, between 0 and 1.
-
-    Returns
-    -------
-    tuple of float
-        Value plus and minus the normal quantile times the standard uncertainty; infinite where not determined.
-        May reach beyond the bounds.
-
-    Raises
-    ------
-    ValueError
-        If the name was not fitted or the level is not between 0 and 1.
-
-    References
-    ----------
-    Definition.
-    """
-    index, quantile = parameter_index(fit, name), normal_quantile(level)
-    reach = quantile * float(fit.information.standard_uncertainty[index])
-    return float(fit.values[index]) - reach, float(fit.values[index]) + reach
 
 
 def solved(
@@ -224,62 +192,6 @@ def _information(problem: FitProblem, internal: FloatArray) -> Information:
     inner = difference_jacobian(problem, internal, residuals)
     physical = difference_jacobian(problem, internal, physical_values)
     return information(inner @ np.linalg.inv(physical), names=problem.names, ranges=problem.upper - problem.lower)
-
-
-def parameter_index(fit: SurfaceFit, name: str) -> int:
-    """Return the place of a fitted parameter among the values.
-
-    Parameters
-    ----------
-    fit
-        The fit.
-    name
-        Name of the parameter.
-
-    Returns
-    -------
-    int
-        Index.
-
-    Raises
-    ------
-    ValueError
-        If it was not fitted.
-
-    References
-    ----------
-    Definition.
-    """
-    if name not in fit.names:
-        raise ValueError(f"{name!r} was not fitted; allowed are {', '.join(fit.names)}")
-    return fit.names.index(name)
-
-
-def normal_quantile(level: float) -> float:
-    """Return the quantile of the standard normal law to which a two-sided interval reaches.
-
-    Parameters
-    ----------
-    level
-        Probability within the interval, between 0 and 1.
-
-    Returns
-    -------
-    float
-        1.96 for 0.95.
-
-    Raises
-    ------
-    ValueError
-        If the level is not between 0 and 1.
-
-    References
-    ----------
-    Definition.
-    """
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level = {level}; allowed is between 0 and 1")
-    return float(ndtri(0.5 + 0.5 * level))
 
 
 def _bound_words(problem: FitProblem, internal: FloatArray) -> list[str]:

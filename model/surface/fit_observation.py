@@ -28,6 +28,9 @@ class Observation:
         transmittance divided out.
     covariance
         Of `stokes`, shape (3, 3), positive definite.
+    scale
+        Name of an unknown factor on `stokes`, such as that of counts; observations of one name share it and the fit
+        finds it. None: `stokes` and `irradiance` have the same unit.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class Observation:
     irradiance: ArrayLike
     stokes: ArrayLike
     covariance: ArrayLike
+    scale: str | None = None
 
     def __post_init__(self) -> None:
         checked_zenith("theta_r_rad", self.theta_r_rad)
@@ -64,6 +68,7 @@ def sunlit(
     irradiance: float,
     stokes: ArrayLike,
     covariance: ArrayLike,
+    scale: str | None = None,
 ) -> Observation:
     """Return the observation of a region in unpolarised sunlight alone.
 
@@ -73,7 +78,7 @@ def sunlit(
         As in `model.surface.pbrdf.mueller` [rad].
     irradiance
         Of the sun on the surface, cosine included.
-    stokes, covariance
+    stokes, covariance, scale
         As in `Observation`.
 
     Returns
@@ -97,6 +102,7 @@ def sunlit(
         irradiance=[[irradiance, 0.0, 0.0]],
         stokes=stokes,
         covariance=covariance,
+        scale=scale,
     )
 
 

@@ -8,40 +8,11 @@ from numpy.typing import NDArray
 
 from model.surface.diffuse import Diffuse, reflectance_at
 from model.surface.fit_observation import Observation, whitening_matrix
-from model.surface.lobe import INDEX_MAX, SLOPE_RMS_MIN, Lobe
+from model.surface.fit_parameters import PARAMETERS, checked_bounds, checked_names
+from model.surface.lobe import Lobe
 from model.surface.pbrdf import Surface, evaluate
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """Limits and scale of one parameter of a surface.
-
-    Parameters
-    ----------
-    lowest, highest
-        What the value may be at all.
-    bounds
-        Where it is looked for unless the caller says otherwise.
-    step
-        Step of difference quotients: far above the error of the series for E (1e-7), far below the scale on which
-        the model bends.
-    """
-
-    lowest: float
-    highest: float
-    bounds: tuple[float, float]
-    step: float
-
-
-PARAMETERS: Mapping[str, Parameter] = {
-    "n": Parameter(lowest=1e-3, highest=INDEX_MAX, bounds=(1.0, 3.0), step=1e-4),
-    "k": Parameter(lowest=0.0, highest=INDEX_MAX, bounds=(0.0, 10.0), step=1e-4),
-    "slope_rms": Parameter(lowest=SLOPE_RMS_MIN, highest=10.0, bounds=(0.005, 1.0), step=2e-5),
-    "dhr": Parameter(lowest=0.0, highest=1.0, bounds=(0.0, 1.0), step=1e-5),
-    "specular_weight": Parameter(lowest=0.0, highest=1.0, bounds=(0.0, 1.0), step=1e-4),
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,6 +38,8 @@ class FitProblem:
         Measured, shape (K, 3).
     whitening
         Of each observation's covariance, shape (K, 3, 3).
+    sharing
+        Which observations share each unknown factor on `stokes`, shape (U, K); U may be 0.
     """
 
     start: Surface
@@ -80,6 +53,7 @@ class FitProblem:
     first_source: NDArray[np.intp]
     stokes: FloatArray
     whitening: FloatArray
+    sharing: NDArray[np.bool_]
 
 
 def fit_problem(
@@ -110,16 +84,22 @@ def fit_problem(
     Raises
     ------
     ValueError
-        If there is nothing to fit, a name is not known, or bounds are not possible.
+        If there is nothing to fit, a name is not known, bounds are not possible, or the specular weight is nothing but
+        an unknown scale.
 
     References
     ----------
     Definition.
     """
-    names = _checked_names(free, start, bounds)
+    names = checked_names(free, start=start, bounds=bounds)
     if not observations:
         raise ValueError("observations is empty; allowed is one or more")
-    limits = np.array([_checked_bounds(name, bounds) for name in names])
+    if "specular_weight" in names and start.dhr is None and all(o.scale is not None for o in observations):
+        raise ValueError(
+            "specular_weight is a factor on all light of a surface without dhr, and the scale of all observations is "
+            "unknown: give the start a dhr, or one observation in the unit of its irradiance"
+        )
+    limits = np.array([checked_bounds(name, bounds) for name in names])
     sources = [np.size(observation.theta_i_rad) for observation in observations]
     return FitProblem(
         start=start,
@@ -133,6 +113,7 @@ def fit_problem(
         first_source=np.concatenate([[0], np.cumsum(sources[:-1], dtype=np.intp)]).astype(np.intp),
         stokes=np.array([o.stokes for o in observations], dtype=np.float64),
         whitening=np.array([whitening_matrix(o.covariance) for o in observations]),
+        sharing=_sharing([o.scale for o in observations]),
     )
 
 
@@ -173,11 +154,13 @@ def residuals(problem: FitProblem, values: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray
-        Shape (3 K,); independent and of variance 1 at the true parameters.
+        Shape (3 K,); independent and of variance 1 at the true parameters. An unknown factor has the value that fits
+        best with these parameters, so that each costs one degree of freedom.
 
     References
     ----------
-    [MK14] eq. (2) for sources without extent; definition.
+    [MK14] eq. (2) for sources without extent; definition. Factors: variable projection, Golub and Pereyra (1973),
+    doi:10.1137/0710036.
     """
     lobe, weight, diffuse = _parts(problem, values)
     matrix = evaluate(
@@ -190,7 +173,9 @@ def residuals(problem: FitProblem, values: FloatArray) -> FloatArray:
     )
     radiance = np.einsum("tij,tj->ti", matrix, problem.irradiance)
     modelled = np.add.reduceat(radiance, problem.first_source, axis=0)
-    return np.asarray(np.einsum("kij,kj->ki", problem.whitening, problem.stokes - modelled)).ravel()
+    expected = np.einsum("kij,kj->ki", problem.whitening, modelled)
+    measured = np.einsum("kij,kj->ki", problem.whitening, problem.stokes)
+    return np.asarray(measured - _factors(problem, measured, expected)[:, None] * expected).ravel()
 
 
 def physical_values(problem: FitProblem, values: FloatArray) -> FloatArray:
@@ -288,6 +273,21 @@ def surface_of_values(problem: FitProblem, values: FloatArray) -> Surface:
     )
 
 
+def _factors(problem: FitProblem, measured: FloatArray, expected: FloatArray) -> FloatArray:
+    """Return the factor on each observation's expectation, shape (K,): 1, or the best one where it is unknown."""
+    factors = np.ones(len(expected))
+    for members in problem.sharing:
+        power = float(np.sum(expected[members] ** 2))
+        if power > 0.0:
+            factors[members] = np.sum(measured[members] * expected[members]) / power
+    return factors
+
+
+def _sharing(scales: Sequence[str | None]) -> NDArray[np.bool_]:
+    names = dict.fromkeys(scale for scale in scales if scale is not None)
+    return np.array([[scale == name for scale in scales] for name in names], dtype=np.bool_).reshape(-1, len(scales))
+
+
 def _parts(problem: FitProblem, values: FloatArray) -> tuple[Lobe, float, Diffuse | None]:
     """Lobe, its weight, and the diffuse term, which on the way may be one that no surface has."""
     start = problem.start
@@ -307,25 +307,3 @@ def _parts(problem: FitProblem, values: FloatArray) -> tuple[Lobe, float, Diffus
         dhr_angle_rad=start.dhr_angle_rad,
     )
     return lobe, weight, term
-
-
-def _checked_names(free: Sequence[str], start: Surface, bounds: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    unknown = sorted({*free, *bounds} - set(PARAMETERS))
-    if unknown or not free:
-        raise ValueError(f"free = {tuple(free)}, bounds for {tuple(bounds)}; allowed are {', '.join(PARAMETERS)}")
-    if "dhr" in free and start.dhr is None:
-        raise ValueError("dhr is to be fitted, but the start has none; give the start a dhr")
-    if "dhr" in bounds:
-        raise ValueError("dhr takes no bounds: it lies between what the specular lobe alone reflects and 1")
-    return tuple(name for name in PARAMETERS if name in free)
-
-
-def _checked_bounds(name: str, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    parameter = PARAMETERS[name]
-    low, high = bounds.get(name, parameter.bounds)
-    if not parameter.lowest <= low < high <= parameter.highest or high - low < 4.0 * parameter.step:
-        raise ValueError(
-            f"bounds of {name} = ({low}, {high}); allowed is low < high within "
-            f"{parameter.lowest:g} to {parameter.highest:g}"
-        )
-    return low, high

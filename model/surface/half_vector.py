@@ -72,12 +72,14 @@ def half_vector_geometry(theta_i_rad: FloatArray, theta_r_rad: FloatArray, phi_r
     """
     sin_i, cos_i = np.sin(theta_i_rad), np.cos(theta_i_rad)
     sin_r, cos_r = np.sin(theta_r_rad), np.cos(theta_r_rad)
-    p, m = 0.5 * (theta_i_rad + theta_r_rad), 0.5 * (theta_i_rad - theta_r_rad)
-    sin_m, cos_m, cos_p = np.sin(m), np.cos(m), np.cos(p)
+    m = 0.5 * (theta_i_rad - theta_r_rad)
+    sin_m, cos_m = np.sin(m), np.cos(m)
+    mean_cosine = 0.5 * (cos_i + cos_r)
+    # Not from the cosine of the mean angle, whose own rounding shows where both rays graze.
+    cos_p = mean_cosine / cos_m
     sin_half, cos_half = np.sin(0.5 * phi_rad), np.cos(0.5 * phi_rad)
     sin2_half = sin_half * sin_half
     forward = sin_i * sin_r * cos_half * cos_half
-    mean_cosine = cos_p * cos_m
     across = -2.0 * sin_half * cos_half
     difference = 2.0 * sin_m * cos_m
     eta_i = _double_angle(sin_r * across, difference + 2.0 * cos_i * sin_r * sin2_half)

@@ -12,6 +12,8 @@ from model.surface.pbrdf import Surface
 from model.surface.shadowing import Shadowing
 
 Confidence = Literal["high", "medium", "low"]
+# 700 nm and 700e-9 m may differ by the rounding of a factor, which must not put an end of a table outside of it.
+_ROUNDING = 1e-12
 CONFIDENCE: tuple[Confidence, ...] = get_args(Confidence)
 
 
@@ -81,7 +83,7 @@ class Property:
         if not self.wavelengths_m:
             return self.values[0]
         low, high = self.wavelengths_m[0], self.wavelengths_m[-1]
-        if not low <= wavelength_m <= high:
+        if not low * (1.0 - _ROUNDING) <= wavelength_m <= high * (1.0 + _ROUNDING):
             raise ValueError(
                 f"wavelength_m = {wavelength_m} m; the table ({self.source}) covers {low * 1e9:.4g} to "
                 f"{high * 1e9:.4g} nm; give a value for this wavelength"

@@ -122,7 +122,7 @@ def mueller(theta_i_rad: ArrayLike, theta_r_rad: ArrayLike, phi_rad: ArrayLike, 
 
     References
     ----------
-    [MK14] section II-A, eq. (2); Priest and Meier (2002), doi:10.1117/1.1467360.
+    [MK14] section II-A, eq. (2); Priest and Meier (2002), Optical Engineering 41(5), 988-993.
     Differs from [MK14]: half-vector form instead of the rotation angles' arccosines, shadowing, choice of the diffuse
     term, weight of the lobe; sign and frame of S1 and S2, which the paper leaves open, as said here.
     """

@@ -51,7 +51,7 @@ def shadowed_prefactor(
     ----------
     "v-cavity": Torrance and Sparrow (1967), doi:10.1364/JOSA.57.001105. Smith: Smith (1967),
     doi:10.1109/TAP.1967.1138991, for Gaussian slopes; the correlated form: Heitz (2014), J. Computer Graphics
-    Techniques 3(2), 48-107.
+    Techniques 3(2).
     """
     if shadowing == "none":
         return 0.25 / (cos_i * cos_r)

@@ -1,12 +1,14 @@
 """Fits of simulated regions: truth comes back, intervals cover it, and what cannot be known is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import bdtr, bdtrc, chdtrc
 
-from model.surface.fit import fit_surface, gauss_interval
+from model.surface.fit import fit_surface
+from model.surface.fit_interval import gauss_interval, profile_interval
 from model.surface.fit_observation import Observation, sunlit
-from model.surface.fit_profile import profile_interval
 from model.surface.identifiability import information
 from model.surface.pbrdf import Surface, mueller
 
@@ -36,6 +38,19 @@ def regions(surface: Surface, angles_deg: list, *, relative: float, seed: int) -
             )
         )
     return observations
+
+
+def counted(observations: list[Observation], *, gain: float, scale: str) -> list[Observation]:
+    """The same regions in counts of a camera whose calibration nobody knows."""
+    return [
+        replace(
+            observation,
+            stokes=gain * np.asarray(observation.stokes),
+            covariance=gain**2 * np.asarray(observation.covariance),
+            scale=scale,
+        )
+        for observation in observations
+    ]
 
 
 def require_rate(hits: int, trials: int, level: float) -> None:
@@ -124,6 +139,49 @@ def test_sky_light_is_summed_over_its_sources() -> None:
     # No noise: what is left is the search's own tolerance, 1e-8 of chi-square.
     np.testing.assert_allclose(fit.values, [1.5, 0.2, 0.1], atol=1e-4)
     assert fit.chi_square < 1e-4
+
+
+def test_counts_of_unknown_scale_give_the_same_surface_whatever_the_scale() -> None:
+    seen = regions(PAINT, WIDE, relative=0.003, seed=10)
+    fits = [fit_surface(counted(seen, gain=gain, scale="run"), start=PAINT) for gain in (1.0, 1e6)]
+    # The factor drops out of the residuals up to rounding, which the search magnifies to its own tolerance at most.
+    np.testing.assert_allclose(fits[1].values, fits[0].values, rtol=1e-7)
+    assert fits[0].chi_square == pytest.approx(fits[1].chi_square, rel=1e-7)
+    assert fits[0].degrees_of_freedom == fit_surface(seen, start=PAINT).degrees_of_freedom - 1
+
+
+def test_each_scale_has_its_own_factor() -> None:
+    seen = regions(PAINT, WIDE, relative=1e-4, seed=11)
+    runs = [*counted(seen[:3], gain=50.0, scale="morning"), *counted(seen[3:], gain=0.2, scale="noon")]
+    start = Surface(n=1.4, slope_rms=0.25, dhr=0.2, shadowing="smith", diffuse="lambert")
+    fit = fit_surface(runs, start=start)
+    # Five standard uncertainties; three parameters, so a chance of 2e-6.
+    assert np.all(np.abs(fit.values - [1.5, 0.2, 0.1]) < 5.0 * fit.information.standard_uncertainty)
+    assert fit.degrees_of_freedom == 21 - 3 - 2
+
+
+def test_intervals_cover_the_truth_where_every_region_has_a_scale_of_its_own() -> None:
+    trials, hits = 120, dict.fromkeys(("n", "slope_rms", "dhr"), 0)
+    for seed in range(trials):
+        seen = regions(PAINT, WIDE, relative=0.003, seed=seed)
+        fit = fit_surface([replace(region, scale=str(i)) for i, region in enumerate(seen)], start=PAINT)
+        for name in hits:
+            low, high = gauss_interval(fit, name)
+            hits[name] += low <= getattr(PAINT, name) <= high
+    for name in hits:
+        require_rate(hits[name], trials, 0.95)
+
+
+def test_the_weight_of_a_bare_lobe_needs_a_known_scale() -> None:
+    bare = Surface(n=1.5, slope_rms=0.2, specular_weight=0.7, shadowing="smith")
+    seen = regions(bare, WIDE[:4], relative=0.003, seed=12)
+    run = counted(seen, gain=3.0, scale="run")
+    with pytest.raises(ValueError, match="unknown: give the start a dhr"):
+        fit_surface(run, start=bare, free=("n", "slope_rms", "specular_weight"))
+    fit = fit_surface([*run, seen[0]], start=bare, free=("n", "slope_rms", "specular_weight"))
+    weight = fit.names.index("specular_weight")
+    # Five standard uncertainties: a chance of 6e-7.
+    assert abs(fit.values[weight] - 0.7) < 5.0 * fit.information.standard_uncertainty[weight] < 0.1
 
 
 def test_directions_without_the_glint_cannot_tell() -> None:

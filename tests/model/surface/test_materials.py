@@ -16,6 +16,13 @@ def test_a_table_is_interpolated() -> None:
     assert table.at(600e-9) == 2.0
 
 
+@pytest.mark.parametrize(("ulps", "value"), [(-4, 1.0), (4, 2.0)])
+def test_rounding_does_not_leave_the_table(ulps: int, value: float) -> None:
+    table = Property(values=(1.0, 2.0), wavelengths_m=(400e-9, 600e-9), **PLAIN)
+    end = table.wavelengths_m[0] if ulps < 0 else table.wavelengths_m[1]
+    assert table.at(end + ulps * np.spacing(end)) == value
+
+
 @pytest.mark.parametrize("wavelength_m", [399e-9, 601e-9])
 def test_nothing_is_extrapolated(wavelength_m: float) -> None:
     table = Property(values=(1.0, 2.0), wavelengths_m=(400e-9, 600e-9), **PLAIN)

@@ -46,6 +46,8 @@ NASTY = [
     ("grazing both, off plane", 89.99, 89.98, 179.97),
     ("grazing sun", 89.99, 40.0, 170.0),
     ("grazing camera", 35.0, 89.99, -175.0),
+    ("both a hair above the horizon, forward", 89.9999999, 89.99999999, 180.0),
+    ("both a hair above the horizon, off plane", 89.99999999, 89.9999999, 179.99999999),
     ("nadir and next to it", 0.0, 1e-7, 37.0),
     ("both next to nadir", 1e-6, 2e-6, 121.0),
     ("both at nadir", 0.0, 0.0, 73.0),

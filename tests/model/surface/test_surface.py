@@ -156,6 +156,13 @@ def test_a_perfect_mirror_leaves_nothing_to_diffuse() -> None:
     np.testing.assert_array_equal(whole, mueller(*angles, surface=Surface(**mirror)))
 
 
+def test_a_mirror_that_no_light_enters_has_no_light_to_polarise_on_its_way_out() -> None:
+    # Rough: the lobe loses light between its facets, so that a DHR of 1 leaves something, which could not have entered.
+    mirror = Surface(n=1.0, k=1e9, slope_rms=0.2, dhr=1.0, shadowing="smith", diffuse="polarised")
+    with pytest.raises(ValueError, match="choose 'coupled'"):
+        mueller(0.3, 0.4, 3.0, surface=mirror)
+
+
 def test_weight_scales_the_lobe() -> None:
     angles = (0.7, 0.6, 3.0)
     full = mueller(*angles, surface=Surface(n=1.5, slope_rms=0.2))
@@ -173,6 +180,8 @@ def test_a_sound_surface_has_no_findings() -> None:
         ({**WHITE, "diffuse": "lambert"}, "unpolarised light"),
         (WHITE, "polarised light from 86 deg"),
         ({**WHITE, "shadowing": "none"}, "neighbouring facets"),
+        ({**WHITE, "shadowing": "none"}, " unpolarised light from 89 deg"),
+        ({**WHITE, "shadowing": "none"}, " polarised light from 8"),
         ({"n": 1.5, "slope_rms": 0.15, "dhr": 0.05, "diffuse": "balance"}, "no diffuse term is left"),
     ],
 )

@@ -1,16 +1,49 @@
-"""Confidence intervals of a surface's parameters from the profile of chi-square."""
+"""Confidence intervals of a surface's parameters: to first order, and from the profile of chi-square."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from scipy.special import ndtri
 
-from model.surface.fit import SurfaceFit, normal_quantile, parameter_index, solved
+from model.surface.fit import SurfaceFit, solved
 from model.surface.fit_problem import difference_jacobian, physical_values, residuals
 
 FloatArray = NDArray[np.float64]
 
 # The parameter is held by a spring this many times stiffer than the data.
 _STIFFNESS = 1e4
+
+
+def gauss_interval(fit: SurfaceFit, name: str, *, level: float = 0.95) -> tuple[float, float]:
+    """Return the first-order confidence interval of a parameter.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    name
+        A fitted parameter.
+    level
+        Probability with which such intervals hold the truth, between 0 and 1.
+
+    Returns
+    -------
+    tuple of float
+        Value plus and minus the normal quantile times the standard uncertainty; infinite where not determined.
+        May reach beyond the bounds.
+
+    Raises
+    ------
+    ValueError
+        If the name was not fitted or the level is not between 0 and 1.
+
+    References
+    ----------
+    Definition.
+    """
+    index, quantile = _parameter_index(fit, name), _normal_quantile(level)
+    reach = quantile * float(fit.information.standard_uncertainty[index])
+    return float(fit.values[index]) - reach, float(fit.values[index]) + reach
 
 
 def profile_interval(fit: SurfaceFit, name: str, *, level: float = 0.95) -> tuple[float, float]:
@@ -45,11 +78,24 @@ def profile_interval(fit: SurfaceFit, name: str, *, level: float = 0.95) -> tupl
     ----------
     Venzon and Moolgavkar (1988), doi:10.2307/2347496.
     """
-    index, quantile = parameter_index(fit, name), normal_quantile(level)
+    index, quantile = _parameter_index(fit, name), _normal_quantile(level)
     return (
         _profile_end(fit, index, quantile, direction=-1.0),
         _profile_end(fit, index, quantile, direction=1.0),
     )
+
+
+def _parameter_index(fit: SurfaceFit, name: str) -> int:
+    if name not in fit.names:
+        raise ValueError(f"{name!r} was not fitted; allowed are {', '.join(fit.names)}")
+    return fit.names.index(name)
+
+
+def _normal_quantile(level: float) -> float:
+    """Return the quantile of the standard normal law to which a two-sided interval reaches: 1.96 for 0.95."""
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level = {level}; allowed is between 0 and 1")
+    return float(ndtri(0.5 + 0.5 * level))
 
 
 def _profile_end(fit: SurfaceFit, index: int, quantile: float, *, direction: float) -> float:

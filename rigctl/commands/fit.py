@@ -1,0 +1,65 @@
+"""``rigctl fit``: what measured regions say about a surface."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigctl.comparison.surface_fit import fit_regions
+from rigctl.durable_file import write_durably
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.material_file import material_toml
+from rigctl.files.surface_fit_file import load_surface_fit
+from rigctl.reports.surface_fit_tables import fit_json, fit_tables
+from rigctl.terminal import print_json, progress, results
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
+
+
+@app.callback()
+def fit() -> None:
+    """Find the parameters of a surface from measured regions.
+
+    Example: rigctl fit surface examples/fit-black-panel.toml
+    """
+
+
+@app.command()
+def surface(
+    file: Annotated[Path, typer.Argument(metavar="FIT.toml", help="Which regions, which geometry, what to find.")],
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Intervals from the profile of chi-square: slower, good at a bound too.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Material file to write.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
+) -> None:
+    """Fit refractive index, roughness, reflectance and specular weight to regions of one or several runs.
+
+    The light is taken to be the sun alone, and the scale of each run to be unknown: what tells is the polarization
+    of every region, and how bright the regions of one run are beside each other. Take regions in and beside the
+    glint.
+
+    Example: rigctl fit surface examples/fit-black-panel.toml --out fitted.toml
+    """
+    if out is not None and not out.parent.is_dir():
+        raise ConfigError(f"--out: there is no folder {out.parent}")
+    fitted = fit_regions(load_surface_fit(file), beside=file.parent)
+    content = fit_json(fitted, profile=profile)
+    if as_json:
+        print_json(content)
+    else:
+        for table in fit_tables(content):
+            results().print(table)
+            results().print()
+        results().print(
+            f"chi-square {content['chi_square']:.4g} with {content['degrees_of_freedom']} degrees of freedom, "
+            f"p = {content['p_value']:.2g}"
+        )
+        for words in (*content["findings"], *content["assumptions"]):
+            results().print(words)
+    if out is None:
+        return
+    if fitted.material is None:
+        raise DataError(f"{out} is not written: {'; '.join(content['findings'])}")
+    write_durably(out, material_toml(fitted.material).encode())
+    progress().print(f"material: {out}")

@@ -1,0 +1,155 @@
+"""The material file: a surface of one's own, each property with its uncertainty and where it comes from."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from model.surface.material_library import MATERIALS, material
+from model.surface.materials import Confidence, Material, Property, properties
+from rigctl.config import Section, load
+from rigctl.errors import ConfigError
+
+# Dividing by a whole number rounds once, so that 550 becomes 550e-9 to the last digit.
+NM_PER_M = 1e9
+
+Number = Annotated[float, Field(strict=True)]
+Wavelengths = Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=2)]
+
+
+def _listed(given: object) -> object:
+    return given if isinstance(given, list) else [given]
+
+
+class PropertySection(Section):
+    """One property: a plain number, ``{value, std, ...}``, or lists of the same length as a table over wavelength.
+
+    Whoever gives no source has not measured: such a value counts as assumed unless the file says otherwise.
+    """
+
+    value: Annotated[list[Number], BeforeValidator(_listed)]
+    wavelength_nm: Wavelengths | None = None
+    std: Annotated[float, Field(ge=0)] = 0.0
+    source: Annotated[str, Field(pattern=r"\S")] = "no source given"
+    confidence: Confidence = "low"
+    assumed: bool = True
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_number(cls, given: object) -> object:
+        return given if isinstance(given, dict) else {"value": given}
+
+    @model_validator(mode="after")
+    def _one_value_for_each_wavelength(self) -> "PropertySection":
+        expected = 1 if self.wavelength_nm is None else len(self.wavelength_nm)
+        if len(self.value) != expected:
+            raise ValueError(f"has {len(self.value)} values, needs one, or as many as it has wavelength_nm")
+        if self.wavelength_nm is not None and sorted(set(self.wavelength_nm)) != self.wavelength_nm:
+            raise ValueError("has a wavelength_nm that does not ascend")
+        return self
+
+
+def _within(words: str, fits: Callable[[float], bool]) -> AfterValidator:
+    def check(given: PropertySection) -> PropertySection:
+        outside = [value for value in given.value if not fits(value)]
+        if outside:
+            raise ValueError(f"is {outside[0]:g}, must {words}")
+        return given
+
+    return AfterValidator(check)
+
+
+Above0 = Annotated[PropertySection, _within("be above 0", lambda value: value > 0)]
+NotBelow0 = Annotated[PropertySection, _within("not be below 0", lambda value: value >= 0)]
+From0To1 = Annotated[PropertySection, _within("lie in [0, 1]", lambda value: 0 <= value <= 1)]
+
+
+class MaterialFile(Section):
+    """What a material file holds; `model.surface.pbrdf.Surface` says what the properties mean."""
+
+    schema_version: Literal[1] = 1
+    name: Annotated[str, Field(pattern=r"\S")]
+    n: Above0
+    k: NotBelow0 = PropertySection(value=[0.0], source="not in the file: taken as 0, no absorption")
+    slope_rms: Above0
+    dhr: From0To1 | None = None
+    dhr_angle_deg: Annotated[float, Field(ge=0, lt=90)] = 8.0
+    specular_weight: From0To1 = PropertySection(value=[1.0], source="not in the file: taken as 1, a clean surface")
+
+
+def load_material(path: Path) -> Material:
+    """Return the material of a material file.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read or has problems: all of them, each with its key.
+    """
+    file = load(path, MaterialFile)
+    return Material(
+        name=file.name,
+        n=_property(file.n),
+        k=_property(file.k),
+        slope_rms=_property(file.slope_rms),
+        dhr=None if file.dhr is None else _property(file.dhr),
+        specular_weight=_property(file.specular_weight),
+        dhr_angle_rad=math.radians(file.dhr_angle_deg),
+    )
+
+
+def find_material(name_or_path: str, *, beside: Path) -> Material:
+    """Return a material of the library by its name, or one from a file; the library's names come first.
+
+    `beside` is the folder from which a relative path counts: that of the file which names the material.
+
+    Raises
+    ------
+    ConfigError
+        There is no such material and no such file, or the file has problems.
+    """
+    if name_or_path in MATERIALS:
+        return material(name_or_path)
+    path = beside / name_or_path
+    if not path.is_file():
+        known = ", ".join(MATERIALS)
+        raise ConfigError(f"material {name_or_path!r}: must be one of {known}, or a material file; none at {path}")
+    return load_material(path)
+
+
+def material_toml(material: Material) -> str:
+    """Return a material as the text of a material file, which `load_material` reads back."""
+    lines = [
+        f"name = {_quoted(material.name)}",
+        f"dhr_angle_deg = {math.degrees(material.dhr_angle_rad):.12g}",
+    ]
+    for name, given in properties(material).items():
+        lines += ["", f"[{name}]"]
+        if given.wavelengths_m:
+            lines.append(f"wavelength_nm = {[round(w * NM_PER_M, 6) for w in given.wavelengths_m]}")
+        lines += [
+            f"value = {list(given.values) if given.wavelengths_m else given.values[0]}",
+            f"std = {given.standard_uncertainty}",
+            f"source = {_quoted(given.source)}",
+            f"confidence = {_quoted(given.confidence)}",
+            f"assumed = {'true' if given.assumed else 'false'}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    # A JSON string is a TOML basic string too.
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _property(section: PropertySection) -> Property:
+    return Property(
+        values=tuple(section.value),
+        wavelengths_m=tuple(wavelength / NM_PER_M for wavelength in section.wavelength_nm or ()),
+        standard_uncertainty=section.std,
+        source=section.source,
+        confidence=section.confidence,
+        assumed=section.assumed,
+    )

@@ -1,0 +1,98 @@
+"""A fitted surface as JSON and as tables for the terminal."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from model.surface.fit import SurfaceFit
+from model.surface.fit_interval import gauss_interval, profile_interval
+from model.surface.materials import properties
+from rigctl.comparison.surface_fit import FittedMaterial
+
+_LEVEL = 0.95
+
+
+def fit_json(fitted: FittedMaterial, *, profile: bool) -> dict[str, Any]:
+    """Return all that a fit found as plain data; intervals hold the truth in 95 % of such fits.
+
+    Parameters
+    ----------
+    fitted : FittedMaterial
+        The fit.
+    profile : bool
+        Intervals from the profile of chi-square, good at a bound too, instead of first-order ones.
+    """
+    fit = fitted.fit
+    return {
+        "parameters": {name: _parameter(fit, index, profile=profile) for index, name in enumerate(fit.names)},
+        "interval_method": "profile of chi-square" if profile else "first order",
+        "correlation": {"names": list(fit.names), "matrix": fit.information.correlation.tolist()},
+        "held": {
+            name: {"value": getattr(fit.surface, name), "assumed": given.assumed, "source": given.source}
+            for name, given in properties(fitted.start).items()
+            if name not in fit.names
+        },
+        "shadowing": fit.surface.shadowing,
+        "diffuse": fit.surface.diffuse,
+        "chi_square": fit.chi_square,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "p_value": fit.p_value,
+        "observations": [
+            {
+                "run": seen.run,
+                "region": seen.region,
+                "measured": seen.measured.mean.tolist(),
+                "std_error": np.sqrt(np.diag(seen.measured.cov)).tolist(),
+                "fitted": seen.fitted.tolist(),
+                "chi_square": seen.chi_square,
+            }
+            for seen in fitted.regions
+        ],
+        "assumptions": list(fitted.assumptions),
+        "findings": list(fit.findings),
+    }
+
+
+def fit_tables(content: dict[str, Any]) -> Iterable[Table]:
+    """Return the parameters and the observations of `fit_json` as tables."""
+    parameters = _table(f"95 % interval: {content['interval_method']}", "parameter", ("value", "± std", "from", "to"))
+    for name, found in content["parameters"].items():
+        numbers = (found["value"], found["std_error"], *found["interval_95"])
+        parameters.add_row(name, *("unknown" if number is None else f"{number:.5g}" for number in numbers))
+    for name, held in content["held"].items():
+        parameters.add_row(name, f"{held['value']:.5g}", "held, assumed" if held["assumed"] else "held")
+    yield parameters
+    columns = ("S1/S0 measured", "fitted", "S2/S0 measured", "fitted", "chi-square")
+    observations = _table("normalised Stokes parameters in the camera's axes", "region", columns)
+    for seen in content["observations"]:
+        cells = [
+            text
+            for mean, error, model in zip(seen["measured"], seen["std_error"], seen["fitted"], strict=True)
+            for text in (f"{mean:+.4f} ± {error:.1g}", f"{model:+.4f}")
+        ]
+        observations.add_row(f"{seen['run']}: {seen['region']}", *cells, f"{seen['chi_square']:.3g}")
+    yield observations
+
+
+def _parameter(fit: SurfaceFit, index: int, *, profile: bool) -> dict[str, Any]:
+    name, error = fit.names[index], float(fit.information.standard_uncertainty[index])
+    interval = (profile_interval if profile else gauss_interval)(fit, name, level=_LEVEL)
+    return {
+        "value": float(fit.values[index]),
+        "std_error": _finite(error),
+        "interval_95": [_finite(end) for end in interval],
+    }
+
+
+def _finite(number: float) -> float | None:
+    return number if np.isfinite(number) else None
+
+
+def _table(title: str, first: str, others: tuple[str, ...]) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column(first)
+    for column in others:
+        table.add_column(column, justify="right")
+    return table

@@ -1,0 +1,185 @@
+"""What a material does to sunlight, in numbers: reflection in the principal plane, reflectance, and their sources."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.stokes import dolp
+from model.surface.energy import findings, hemispherical_reflectance
+from model.surface.materials import Material, properties
+from model.surface.pbrdf import Surface, mueller
+from model.surface.reflectance import lobe_reflectance
+from rigctl.files.material_file import NM_PER_M
+
+FloatArray = NDArray[np.float64]
+
+_CAMERA_ZENITHS_DEG = np.arange(-85.0, 86.0, 5.0)
+_SUN_ZENITHS_DEG = np.append(np.arange(0.0, 81.0, 10.0), [85.0, 89.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReflectedLight:
+    """Unpolarised light after reflection into one direction of the principal plane.
+
+    Attributes
+    ----------
+    camera_zenith_deg : float
+        Positive on the side to which a mirror would throw the light, negative on the sun's side.
+    f00_per_sr : float
+        Reflected radiance by irradiance.
+    s1n, dolp : float or None
+        S1 / S0 and DoLP; None where nothing is reflected.
+    """
+
+    camera_zenith_deg: float
+    f00_per_sr: float
+    s1n: float | None
+    dolp: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reflectance:
+    """Directional-hemispherical reflectance at one angle of incidence.
+
+    Attributes
+    ----------
+    zenith_deg : float
+        Angle of incidence.
+    total, specular : float
+        Of unpolarised light: of the surface, and the part of it that is the specular lobe's.
+    horizontal, vertical : float
+        Of light that is fully polarised that way.
+    error : float
+        Estimated numerical error.
+    """
+
+    zenith_deg: float
+    total: float
+    specular: float
+    horizontal: float
+    vertical: float
+    error: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PropertyValue:
+    """A property of the material at the wavelength, and how far to trust it."""
+
+    name: str
+    value: float
+    std: float
+    assumed: bool
+    confidence: str
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceSheet:
+    """All that is said of a material at one wavelength and one angle of the sun.
+
+    Attributes
+    ----------
+    material : str
+        Name.
+    surface : Surface
+        What the material makes at the wavelength.
+    wavelength_nm, sun_zenith_deg : float
+        At which.
+    properties : tuple of PropertyValue
+        Every value that went into it.
+    principal_plane : tuple of ReflectedLight
+        In the plane of sun and normal.
+    reflectance : tuple of Reflectance
+        Over angles of incidence.
+    findings : tuple of str
+        What no real surface does, in words.
+    """
+
+    material: str
+    surface: Surface
+    wavelength_nm: float
+    sun_zenith_deg: float
+    properties: tuple[PropertyValue, ...]
+    principal_plane: tuple[ReflectedLight, ...]
+    reflectance: tuple[Reflectance, ...]
+    findings: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content as plain data."""
+        return asdict(self)
+
+
+def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float, sun_zenith_deg: float) -> SurfaceSheet:
+    """Return all that is said of a material.
+
+    Parameters
+    ----------
+    material : Material
+        The material.
+    surface : Surface
+        What it makes at the wavelength.
+    wavelength_nm : float
+        Wavelength in air.
+    sun_zenith_deg : float
+        Angle of incidence for the principal plane, 0 to below 90.
+    """
+    stokes = principal_plane(surface, np.deg2rad(_CAMERA_ZENITHS_DEG), sun_zenith_rad=float(np.deg2rad(sun_zenith_deg)))
+    return SurfaceSheet(
+        material=material.name,
+        surface=surface,
+        wavelength_nm=wavelength_nm,
+        sun_zenith_deg=sun_zenith_deg,
+        properties=_property_values(material, wavelength_nm / NM_PER_M),
+        principal_plane=tuple(_light(angle, row) for angle, row in zip(_CAMERA_ZENITHS_DEG, stokes, strict=True)),
+        reflectance=_reflectances(surface),
+        findings=findings(surface),
+    )
+
+
+def principal_plane(surface: Surface, camera_zenith_rad: FloatArray, *, sun_zenith_rad: float) -> FloatArray:
+    """Return Stokes radiance by irradiance of unpolarised light, shape (N, 3) [sr^-1]; see `ReflectedLight`."""
+    phi = np.where(camera_zenith_rad >= 0.0, np.pi, 0.0)
+    return mueller(sun_zenith_rad, np.abs(camera_zenith_rad), phi, surface=surface)[..., 0]
+
+
+def _property_values(material: Material, wavelength_m: float) -> tuple[PropertyValue, ...]:
+    return tuple(
+        PropertyValue(
+            name=name,
+            value=found.at(wavelength_m),
+            std=found.standard_uncertainty,
+            assumed=found.assumed,
+            confidence=found.confidence,
+            source=found.source,
+        )
+        for name, found in properties(material).items()
+    )
+
+
+def _light(camera_zenith_deg: float, stokes: FloatArray) -> ReflectedLight:
+    seen = stokes[0] > 0.0
+    return ReflectedLight(
+        camera_zenith_deg=float(camera_zenith_deg),
+        f00_per_sr=float(stokes[0]),
+        s1n=float(stokes[1] / stokes[0]) if seen else None,
+        dolp=float(dolp(stokes)) if seen else None,
+    )
+
+
+def _reflectances(surface: Surface) -> tuple[Reflectance, ...]:
+    zenith_rad = np.deg2rad(_SUN_ZENITHS_DEG)
+    total = hemispherical_reflectance(zenith_rad, surface=surface)
+    specular = surface.specular_weight * lobe_reflectance(zenith_rad, lobe=surface.lobe).s0
+    return tuple(
+        Reflectance(
+            zenith_deg=float(angle),
+            total=float(total.s0[i]),
+            specular=float(specular[i]),
+            horizontal=float(total.s0[i] + total.s1[i]),
+            vertical=float(total.s0[i] - total.s1[i]),
+            error=float(total.error[i]),
+        )
+        for i, angle in enumerate(_SUN_ZENITHS_DEG)
+    )

@@ -1,0 +1,121 @@
+"""``rigctl surface`` from the command line to tables, numbers and plots."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model.surface.pbrdf import Surface, mueller
+from rigctl.cli import EXIT_USAGE, main
+from tests.rigctl.example_files import EXAMPLES
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def _answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert main(["surface", *arguments, "--json"]) == 0
+    answer: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return answer
+
+
+def test_the_glint_side_has_positive_angles_and_horizontal_polarization(capsys):
+    answer = _answer(capsys, "glass", "--sun-zenith-deg", "50")
+    seen = {light["camera_zenith_deg"]: light for light in answer["principal_plane"]}
+    there = mueller(np.deg2rad(50.0), np.deg2rad(50.0), np.pi, surface=Surface(n=1.51852, slope_rms=0.02))
+    # The same function at the same angles: equal but for the rounding of degrees to radians.
+    assert seen[50.0]["f00_per_sr"] == pytest.approx(there[0, 0], rel=1e-12)
+    assert seen[50.0]["s1n"] == pytest.approx(there[1, 0] / there[0, 0], rel=1e-12)
+    assert seen[50.0]["s1n"] > 0.9
+
+
+def test_no_light_has_no_degree_of_polarization(capsys):
+    seen = {light["camera_zenith_deg"]: light for light in _answer(capsys, "glass")["principal_plane"]}
+    assert (seen[-85.0]["f00_per_sr"], seen[-85.0]["s1n"], seen[-85.0]["dolp"]) == (0.0, None, None)
+
+
+def test_the_reflectance_at_the_angle_of_measurement_is_that_of_the_material(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\ndhr_angle_deg = 30\nn = 1.5\nslope_rms = 0.2\ndhr = 0.4\n')
+    rows = {row["zenith_deg"]: row for row in _answer(capsys, str(path))["reflectance"]}
+    # The diffuse term is fixed by the DHR there; the series of the lobe's share is good to 1e-7 and its quadrature too.
+    assert rows[30.0]["total"] == pytest.approx(0.4, abs=2e-7)
+    assert rows[30.0]["horizontal"] + rows[30.0]["vertical"] == pytest.approx(2 * rows[30.0]["total"], rel=1e-14)
+
+
+def test_the_table_says_which_values_are_assumed_and_whence_they_come(capsys):
+    assert main(["surface", "glass"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    index = next(line for line in lines if line.startswith("n "))
+    slope = next(line for line in lines if line.startswith("slope_rms"))
+    assert "1.5185" in index
+    assert "0.005" in index
+    assert "measured" in index
+    assert "SCHOTT" in index
+    assert "assumed" in slope
+
+
+def test_columns_keep_their_units(capsys):
+    main(["surface", "glass"])
+    assert "camera [deg] F00 [1/sr]" in " ".join(capsys.readouterr().out.split())
+
+
+def test_findings_are_printed(capsys):
+    main(["surface", "white-paint", "--shadowing", "none"])
+    assert "finding: reflects more" in capsys.readouterr().out
+
+
+def test_another_wavelength_takes_other_values_of_the_tables(capsys):
+    values = {
+        wavelength: next(p["value"] for p in _answer(capsys, "glass", "--wavelength-nm", wavelength)["properties"])
+        for wavelength in ("400", "550", "1000")
+    }
+    assert values == {"400": 1.53085, "550": 1.51852, "1000": 1.50750}
+
+
+def test_forms_of_shadowing_and_of_the_diffuse_term_are_taken(capsys):
+    answer = _answer(capsys, "white-paint", "--shadowing", "smith", "--diffuse", "polarised")
+    assert (answer["surface"]["shadowing"], answer["surface"]["diffuse"]) == ("smith", "polarised")
+
+
+def test_plots_and_numbers_go_into_the_folder(tmp_path):
+    out = tmp_path / "plots"
+    assert main(["surface", str(EXAMPLES / "material-mine.toml"), "--out", str(out)]) == 0
+    assert {path.name for path in out.iterdir()} == {"surface.png", "hemisphere.png", "surface.json"}
+    assert all((out / name).read_bytes().startswith(PNG) for name in ("surface.png", "hemisphere.png"))
+    assert json.loads((out / "surface.json").read_text())["material"] == "my weathered panel"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["teflon"], "teflon"),
+        (["glass", "--sun-zenith-deg", "90"], "--sun-zenith-deg"),
+        (["glass", "--wavelength-nm", "300"], "covers 400 to 1000 nm"),
+        (["glass", "--shadowing", "deep"], "smith-correlated"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_reason(capsys, arguments, said):
+    assert main(["surface", *arguments]) == EXIT_USAGE
+    assert said in capsys.readouterr().err
+
+
+def test_an_index_that_the_reflectance_does_not_converge_for_is_refused(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\nn = 0.5\nslope_rms = 0.2\ndhr = 0.9\nspecular_weight = 0.5\n')
+    assert main(["surface", str(path)]) == EXIT_USAGE
+    assert "give the absorption k" in capsys.readouterr().err
+
+
+def test_a_reflectance_below_that_of_the_index_is_inconsistent(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\nn = 1.5\nslope_rms = 0.2\ndhr = 0.02\n')
+    assert main(["surface", str(path)]) == EXIT_USAGE
+    assert "dhr = 0.02 is inconsistent" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("dhr", ["0.0", "0.5"])
+def test_a_surface_that_is_the_same_from_everywhere_can_be_plotted(tmp_path, dhr):
+    path = tmp_path / "dull.toml"
+    path.write_text(f'name = "dull"\nn = 1.5\nslope_rms = 0.2\nspecular_weight = 0\ndhr = {dhr}\n')
+    assert main(["surface", str(path), "--diffuse", "lambert", "--out", str(tmp_path)]) == 0
