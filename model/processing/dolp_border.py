@@ -15,6 +15,11 @@ _TOLERANCE = 1e-12
 _CLOSE = 0.5
 _COARSE = np.linspace(-np.pi, np.pi, 33)
 _GRADED = np.pi * 4.0 ** -np.arange(1.0, 23.0)
+_CLOSELY_GRADED = np.pi * 1.5 ** -np.arange(1.0, 61.0)
+# Height of the barrier between two peaks, as an exponent, below which they count as one.
+_MERGED = 0.05
+_STEPS = np.linspace(-1.0, 1.0, 17)
+_REFINEMENTS = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,48 +89,103 @@ def _rounding_noise(border: Border) -> FloatArray:
 
 
 def _nearest_points(border: Border) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the two places of a border that come nearest to the mean, their widths, and the least half square."""
+    """Return the two places of a border that come nearest to the mean, their widths, and the least half square.
+
+    The second is looked for on a grid graded towards the first: where a thin ellipse touches the border from
+    within, the two lie as close together as the ellipse is thin.
+    """
     grid = _starting_grid(border)
-    values = nearness(directions(border, grid))
-    place, reach = _two_minima(grid, values)
-    for _ in range(10):
-        place, reach = _refined(border, place, reach)
+    first, reach = _lowest(grid, nearness(directions(border, grid)))
+    first = _refined(border, first, reach)
+    away = np.sort(
+        np.concatenate([_turned_back(grid - first[:, None]), _close_grid(len(border.frame))], axis=1), axis=1
+    )
+    values = nearness(directions(border, first[:, None] + away))
+    second, reach = _lowest(away, np.where(_barrier(away, values) > values + _MERGED, values, np.inf))
+    second = _refined(border, first + second, np.minimum(reach, 0.5 * np.abs(second)))
+    place = np.stack([first, second], axis=1)
     at_place = nearness(directions(border, place))
     return place, _widths(border, place, at_place), np.min(at_place, axis=1)
 
 
 def _starting_grid(border: Border) -> FloatArray:
-    """Return offsets over the full turn, graded towards the mean and towards the thin ends of the ellipse."""
+    """Return offsets over the full turn, graded towards every place where a narrow peak can be.
+
+    That is the mean; the thin ends of the ellipse of (S1, S2) given S0; and where the long axis of the whole
+    ellipsoid meets the border, for a covariance like a needle.
+    """
     f = border.frame
     angle = np.arctan2(f.mean_2, f.mean_1)
-    centres = np.stack([np.zeros_like(angle), -angle, np.pi - angle], axis=1)
+    axis = [place - angle for place in _needle_ends(border)]
+    centres = np.stack([np.zeros_like(angle), -angle, np.pi - angle, *axis], axis=1)
     graded = np.concatenate([-_GRADED, [0.0], _GRADED])
     around = (centres[:, :, None] + graded).reshape(angle.size, -1)
-    wrapped = np.where(np.abs(around) > np.pi, np.remainder(around + np.pi, 2.0 * np.pi) - np.pi, around)
     uniform = np.broadcast_to(_COARSE, (angle.size, _COARSE.size))
-    return np.sort(np.concatenate([wrapped, uniform], axis=1), axis=1)
+    return np.sort(np.concatenate([_turned_back(around), uniform], axis=1), axis=1)
 
 
-def _two_minima(grid: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the places of the two lowest local minima on a circular grid, and their distance to the next points."""
-    lower = (values <= np.roll(values, 1, axis=1)) & (values <= np.roll(values, -1, axis=1))
-    ranked = np.argsort(np.where(lower, values, np.inf), axis=1, kind="stable")
-    first = ranked[:, :1]
-    apart = np.abs(np.arange(grid.shape[1]) - first) > 1
-    second = np.argmin(np.where(lower & apart, values, np.inf), axis=1)[:, None]
-    index = np.concatenate([first, second], axis=1)
-    place = np.take_along_axis(grid, index, axis=1)
-    after = np.take_along_axis(grid, np.minimum(index + 1, grid.shape[1] - 1), axis=1) - place
-    before = place - np.take_along_axis(grid, np.maximum(index - 1, 0), axis=1)
+def _needle_ends(border: Border) -> tuple[FloatArray, FloatArray]:
+    """Return beta where the line through the mean along the largest fluctuation meets the cone, or passes closest."""
+    f, zero = border.frame, np.zeros_like(border.a)
+    columns = [f.sigma_0, zero, zero, f.slope_1, f.radius_1, zero, f.slope_2, zero, f.radius_2]
+    factor = np.stack(columns, axis=-1).reshape(-1, 3, 3)
+    along_0, along_1, along_2 = np.linalg.svd(factor)[0][:, :, 0].T
+    a2, b2 = border.a**2, border.b**2
+    square = a2 * (along_1**2 + along_2**2) - b2 * along_0**2
+    half = a2 * (f.mean_1 * along_1 + f.mean_2 * along_2) - b2 * f.mean_0 * along_0
+    constant = -border.gap * (border.a * f.polarized + border.b * f.mean_0)
+    turn = -half - np.copysign(np.sqrt(np.maximum(half**2 - square * constant, 0.0)), half)
+    steps = [_ratio(turn, square), _ratio(constant, turn)]
+    first, second = (
+        np.arctan2(f.mean_2 + step * along_2, f.mean_1 + step * along_1)
+        + np.where(f.mean_0 + step * along_0 < 0.0, np.pi, 0.0)
+        for step in steps
+    )
+    return first, second
+
+
+def _ratio(above: FloatArray, below: FloatArray) -> FloatArray:
+    """Return above / below; 0 where the quotient is not finite."""
+    tiny = np.abs(below) <= 1e-150 * np.abs(above)
+    return np.where(tiny, 0.0, above / np.where(tiny | (below == 0.0), 1.0, below))
+
+
+def _turned_back(offset: FloatArray) -> FloatArray:
+    """Return the same directions with offsets from -pi to pi; those in range keep their digits."""
+    return np.where(np.abs(offset) > np.pi, np.remainder(offset + np.pi, 2.0 * np.pi) - np.pi, offset)
+
+
+def _lowest(grid: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the place of the lowest value on a sorted grid, and its distance to the next points."""
+    index, row = np.argmin(values, axis=1), np.arange(grid.shape[0])
+    place = grid[row, index]
+    after = grid[row, np.minimum(index + 1, grid.shape[1] - 1)] - place
+    before = place - grid[row, np.maximum(index - 1, 0)]
     return place, np.maximum(after, before)
 
 
-def _refined(border: Border, place: FloatArray, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
-    steps = np.linspace(-1.0, 1.0, 17)
-    points = place[:, :, None] + reach[:, :, None] * steps
-    values = nearness(directions(border, points.reshape(len(border.frame), -1))).reshape(points.shape)
-    best = np.argmin(values, axis=2)[..., None]
-    return np.take_along_axis(points, best, axis=2)[..., 0], 0.25 * reach
+def _close_grid(borders: int) -> FloatArray:
+    """Return offsets from a place, graded so closely that a second minimum at any distance is not jumped over."""
+    return np.broadcast_to(
+        np.concatenate([-_CLOSELY_GRADED, [0.0], _CLOSELY_GRADED]), (borders, 2 * _CLOSELY_GRADED.size + 1)
+    )
+
+
+def _barrier(away: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the highest value on the way from the place at 0 to each point of a sorted grid."""
+    right = np.maximum.accumulate(np.where(away >= 0.0, values, -np.inf), axis=1)
+    left = np.maximum.accumulate(np.where(away <= 0.0, values, -np.inf)[:, ::-1], axis=1)[:, ::-1]
+    return np.where(away >= 0.0, right, left)
+
+
+def _refined(border: Border, place: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return the lowest place within reach, by grids of which each is four times finer."""
+    row = np.arange(place.size)
+    for _ in range(_REFINEMENTS):
+        points = place[:, None] + reach[:, None] * _STEPS
+        place = points[row, np.argmin(nearness(directions(border, points)), axis=1)]
+        reach = 0.25 * reach
+    return place
 
 
 def _widths(border: Border, place: FloatArray, lowest: FloatArray) -> FloatArray:
@@ -145,6 +205,5 @@ def _cuts(place: FloatArray, width: FloatArray) -> FloatArray:
     distance = np.minimum(width[:, :, None] * growth, np.pi)
     near = np.concatenate([place[:, :, None] - distance, place[:, :, None], place[:, :, None] + distance], axis=2)
     flat = near.reshape(place.shape[0], -1)
-    wrapped = np.where(np.abs(flat) > np.pi, np.remainder(flat + np.pi, 2.0 * np.pi) - np.pi, flat)
     uniform = np.broadcast_to(_COARSE[::8], (place.shape[0], _COARSE[::8].size))
-    return np.sort(np.concatenate([wrapped, uniform], axis=1), axis=1)
+    return np.sort(np.concatenate([_turned_back(flat), uniform], axis=1), axis=1)

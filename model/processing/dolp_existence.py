@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 # Cut-offs between this share of the mean of S0 and the mean itself are taken to be equally good.
 _CUT_OFF = 0.01
-_PANEL_ENDS = (1e-12, 1e-6, 1e-3, 0.05, 0.5, 0.95, 1.0 - 1e-3, 1.0 - 1e-6, 1.0 - 1e-12)
+_PANEL_ENDS = (1e-10, 1e-4, 0.05, 0.5, 0.95, 1.0 - 1e-4, 1.0 - 1e-10)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,6 +148,6 @@ def _clipped(frame: DolpFrame, ends: FloatArray) -> tuple[FloatArray, FloatArray
         return np.stack([tail, 2.0 * away * tail])
 
     cuts = np.sort(cuts, axis=1)
-    found = integrate_panels(integrand, cuts=cuts, tolerance=1e-11, noise=np.full(len(frame), 1e-13))
+    found = integrate_panels(integrand, cuts=cuts, tolerance=1e-9, noise=np.full(len(frame), 1e-13))
     shift, square = found.value[:, 0], found.value[:, 1]
     return centre + shift, np.sqrt(np.maximum(square - shift**2, 0.0))

@@ -19,7 +19,8 @@ from model.processing.dolp_tails import Tails, tails
 
 FloatArray = NDArray[np.float64]
 
-_CHUNK = 512
+# Pairs at once: the arrays then stay in the cache.
+_CHUNK = 32
 
 
 def cdf(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArray:

@@ -75,14 +75,14 @@ def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
     [MK14] eq. (24)-(28).
     """
     mean, cov = _checked(stokes_mean, stokes_cov)
-    s0 = mean[..., 0]
     cos, sin, p = _direction(mean)
-    gradient = np.stack([-p, cos, sin], axis=-1)
-    variance = np.einsum("...i,...ij,...j->...", gradient, cov, gradient) / s0**2
-    scale = np.einsum("...i,...ii->...", gradient**2, cov) / s0**2
-    if np.any(variance < -_ROUNDING * scale):
+    own = p**2 * cov[..., 0, 0] + cos**2 * cov[..., 1, 1] + sin**2 * cov[..., 2, 2]
+    shared = cos * sin * cov[..., 1, 2] - p * (cos * cov[..., 0, 1] + sin * cov[..., 0, 2])
+    total = own + 2.0 * shared
+    if np.any(total < -_ROUNDING * own):
         raise ValueError("stokes_cov gives a negative variance of DoLP: it is not positive semi-definite")
-    return Expansion(mean=p + np.zeros_like(variance), variance=np.maximum(variance, 0.0))
+    variance = np.maximum(total, 0.0) / mean[..., 0] ** 2
+    return Expansion(mean=np.broadcast_to(p, variance.shape)[()], variance=variance)
 
 
 def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:

@@ -6,12 +6,10 @@ from scipy.special import ndtri
 
 from model.processing.dolp_frame import DolpFrame
 from model.processing.dolp_law import pair_tails, paired
+from model.processing.quantile_search import find_quantiles
 
 FloatArray = NDArray[np.float64]
 
-_MAX_STEPS = 200
-# Error of the normal score at which a Newton step ends the search: what remains is of the order of its square.
-_SETTLED = 1e-8
 # The search runs over the logarithm of DoLP.
 _LOG_RANGE = 700.0
 
@@ -40,8 +38,7 @@ def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Flo
 
     Notes
     -----
-    Newton's method on the normal score of the smaller tail over the logarithm of DoLP, within a shrinking
-    bracket.
+    The search runs over the logarithm of DoLP, with the smaller tail.
 
     References
     ----------
@@ -57,41 +54,12 @@ def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Flo
 
 
 def _solve(frame: DolpFrame, p: FloatArray) -> FloatArray:
-    log_x = np.log(_guess(frame, p))
-    low, high = np.full_like(p, -_LOG_RANGE), np.full_like(p, _LOG_RANGE)
-    wanted = ndtri(p)
-    active = np.arange(p.size)
-    for _ in range(_MAX_STEPS):
-        error, slope = _score_error(frame[active], log_x[active], wanted[active])
-        low[active] = np.where(error < 0.0, log_x[active], low[active])
-        high[active] = np.where(error < 0.0, high[active], log_x[active])
-        step = _step(error, slope, low[active] - log_x[active], high[active] - log_x[active])
-        log_x[active] += step
-        settled = np.abs(error) * (1.0 + np.abs(wanted[active])) < _SETTLED
-        unresolved = high[active] - low[active] <= 1e-15 * (1.0 + np.abs(log_x[active]))
-        active = active[~(settled | unresolved)]
-        if active.size == 0:
-            break
-    return np.exp(log_x)
+    def law(index: NDArray[np.int64], log_x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        x = np.exp(log_x)
+        found = pair_tails(frame[index], x)
+        return found.lower, found.upper, found.density * x
 
-
-def _score_error(frame: DolpFrame, log_x: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return normal score of the law at x less the one wanted, and its slope over log x."""
-    x = np.exp(log_x)
-    found = pair_tails(frame, x)
-    score = np.where(found.lower < found.upper, ndtri(found.lower), -ndtri(found.upper))
-    with np.errstate(over="ignore", invalid="ignore"):
-        slope = found.density * x * np.sqrt(2.0 * np.pi) * np.exp(0.5 * score**2)
-    return score - wanted, slope
-
-
-def _step(error: FloatArray, slope: FloatArray, to_low: FloatArray, to_high: FloatArray) -> FloatArray:
-    """Return Newton's step where it stays within the bracket, else half of the bracket or one, if that is less."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        newton = -error / slope
-    usable = np.isfinite(newton) & (newton >= to_low) & (newton <= to_high)
-    bisection = np.where(error < 0.0, np.minimum(0.5 * to_high, 1.0), np.maximum(0.5 * to_low, -1.0))
-    return np.where(usable, np.clip(newton, -3.0, 3.0), bisection)
+    return np.exp(find_quantiles(law, p=p, start=np.log(_guess(frame, p)), reach=_LOG_RANGE))
 
 
 def _guess(frame: DolpFrame, p: FloatArray) -> FloatArray:
@@ -106,5 +74,5 @@ def _guess(frame: DolpFrame, p: FloatArray) -> FloatArray:
     safe = np.where(trace > 0.0, trace, 1.0)
     narrow = spread / (9.0 * safe**2)
     root = 1.0 - narrow + ndtri(p) * np.sqrt(narrow)
-    square = safe * np.maximum(root, 0.1 * np.minimum(p, 0.1)) ** 3
+    square = safe * np.maximum(root, 0.1 * np.maximum(np.minimum(p, 0.1), 1e-60)) ** 3
     return np.asarray(np.sqrt(square) / bright)

@@ -51,7 +51,7 @@ def between(ratio: NormalRatio, lower: FloatArray, upper: FloatArray) -> FloatAr
     high = _direction(ratio, upper)[1]
     # Angles run from -pi to pi about the mean; the half plane X > 0 is one connected piece of them.
     high = np.where(high < low, high + 2.0 * np.pi, high)
-    return sector_probability(distance, low, high)
+    return sector_probability(distance, low, high, _opening(ratio, lower, upper))
 
 
 def density(ratio: NormalRatio, value: FloatArray) -> FloatArray:
@@ -93,14 +93,32 @@ def _sigma_x(ratio: NormalRatio) -> FloatArray:
     return np.maximum(ratio.sigma_x, np.abs(ratio.mean_x) / _FAR)
 
 
+def _opening(ratio: NormalRatio, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the angle between two directions; as a difference of angles it would lose a far tail."""
+    ahead_low, side_low = _components(ratio, lower)
+    ahead_high, side_high = _components(ratio, upper)
+    finite = np.isfinite(lower) & np.isfinite(upper)
+    difference = np.where(finite, upper, 0.0) - np.where(finite, lower, 0.0)
+    cross = np.where(
+        finite, difference / (_sigma_x(ratio) * ratio.sigma_y), ahead_low * side_high - side_low * ahead_high
+    )
+    return np.arctan2(cross, ahead_low * ahead_high + side_low * side_high)
+
+
+def _components(ratio: NormalRatio, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the whitened direction of (1, value)."""
+    infinite = np.isinf(value)
+    ahead = np.where(infinite, 0.0, 1.0 / _sigma_x(ratio))
+    return ahead, np.where(infinite, np.sign(value), np.where(infinite, 0.0, value) / ratio.sigma_y)
+
+
 def _direction(ratio: NormalRatio, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return distance of the whitened mean, angle of the direction (1, value) from it, and d angle / d value."""
     sigma_x = _sigma_x(ratio)
     mean_x, mean_y = ratio.mean_x / sigma_x, ratio.mean_y / ratio.sigma_y
+    ahead, side = _components(ratio, value)
     infinite = np.isinf(value)
     finite = np.where(infinite, 0.0, value)
-    ahead = np.where(infinite, 0.0, 1.0 / sigma_x)
-    side = np.where(infinite, np.sign(value), finite / ratio.sigma_y)
     # Cross product with the mean from the difference, so that nothing cancels at high signal to noise.
     apart = np.where(infinite, side * mean_x, (finite * ratio.mean_x - ratio.mean_y) / (sigma_x * ratio.sigma_y))
     along = ahead * mean_x + side * mean_y

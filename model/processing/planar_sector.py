@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfcx, ndtr
 
-from model.quadrature import integrate_panels
+from model.quadrature import gauss_legendre, integrate_panels
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +38,9 @@ def direction_density(distance: FloatArray, angle_rad: FloatArray) -> FloatArray
     return np.where(along >= 0.0, front, np.exp(-0.5 * distance**2) * back / (2.0 * np.pi))
 
 
-def sector_probability(distance: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
+def sector_probability(
+    distance: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray, opening_rad: FloatArray
+) -> FloatArray:
     """Return the probability that the direction of a vector with unit covariance lies in a sector.
 
     Parameters
@@ -47,6 +49,8 @@ def sector_probability(distance: FloatArray, lower_rad: FloatArray, upper_rad: F
         Length of the mean, shape (M,), >= 0, finite.
     lower_rad, upper_rad
         Angles from the direction of the mean, shape (M,), -2 pi <= lower <= upper <= 2 pi [rad].
+    opening_rad
+        upper - lower, known better than their difference; used where the sector is slender [rad].
 
     Returns
     -------
@@ -57,6 +61,21 @@ def sector_probability(distance: FloatArray, lower_rad: FloatArray, upper_rad: F
     ----------
     Definition.
     """
+    slender = opening_rad * (1.0 + distance) ** 2 < 0.1
+    wide = ~slender
+    result = np.empty_like(distance)
+    result[slender] = _slender(distance[slender], lower_rad[slender], opening_rad[slender])
+    result[wide] = _wide(distance[wide], lower_rad[wide], upper_rad[wide])
+    return result
+
+
+def _slender(distance: FloatArray, lower_rad: FloatArray, opening_rad: FloatArray) -> FloatArray:
+    nodes, weights = gauss_legendre(10)
+    angle = lower_rad[:, None] + np.multiply.outer(opening_rad, nodes)
+    return np.asarray(opening_rad * (direction_density(distance[:, None], angle) @ weights))
+
+
+def _wide(distance: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
     width = 1.0 / (1.0 + distance)
     marks = np.multiply.outer(width, np.concatenate([-_GROWTH[::-1], _GROWTH]))
     marks = np.concatenate([np.tile([[-np.pi, np.pi]], (width.size, 1)), marks], axis=1)

@@ -10,9 +10,10 @@ FloatArray = NDArray[np.float64]
 # From this many standard deviations on, the kink of the length at the origin is out of reach of the Hermite rule.
 _SMOOTH = 10.0
 _HERMITE_NODES = 12
-_LOG_STEP = 0.25
+_LOG_STEP = 0.28
 _LOG_TIMES = np.arange(-26.0, 40.0, _LOG_STEP)
-_CHUNK = 4096
+# Rows at once: the arrays then stay in the cache.
+_CHUNK = 128
 
 
 def rice_moments(

@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model.processing import dolp
+from tests.model.oracles import covariance, dolp_tails
+from tests.model.processing.dolp_reference import case_id, dolp_cases
+
+# What the reference gives: 20 digits, but 2e-11 where the SNR of S0 is below 8.
+LOW_SNR_DIGITS = 4e-11
+
+
+def _case_tolerance(case):
+    return 1e-12 if case["mean"] is not None else LOW_SNR_DIGITS
+
+
+@pytest.mark.parametrize("case", dolp_cases(), ids=case_id)
+def test_quantiles_of_the_reference(case):
+    probability = [float(p) for p in case["quantiles"]]
+    expected = np.array([float(x) for x in case["quantiles"].values()])
+    # At SNR 1e6 the input mean alone, rounded, moves a quantile by 1e-16 of its value.
+    found = dolp.quantile(probability, case["stokes"], case["cov"])
+    np.testing.assert_allclose(found, expected, rtol=_case_tolerance(case))
+
+
+@pytest.mark.parametrize("case", dolp_cases(), ids=case_id)
+def test_cdf_returns_the_probabilities_of_the_reference(case):
+    probability = np.array([float(p) for p in case["quantiles"]])
+    x = np.array([float(x) for x in case["quantiles"].values()])
+    # A quantile rounded to a double moves the cdf by x f(x) 1e-16, up to 1e-10 at SNR 1e6.
+    slack = (
+        x * dolp.pdf(x, case["stokes"], case["cov"]) * max(1e-15, _case_tolerance(case) if case["mean"] is None else 0)
+    )
+    found = dolp.cdf(x, case["stokes"], case["cov"])
+    assert np.all(np.abs(found - probability) <= 1e-13 * probability + slack)
+
+
+NASTY = {
+    "low SNR, lower tail": ((1.0, 0.1, 0.05), covariance((0.3, 0.4, 0.4)), 1e-3),
+    "low SNR, upper tail": ((1.0, 0.1, 0.05), covariance((0.3, 0.4, 0.4)), 30.0),
+    "SNR 0.1": ((1.0, 0.3, 0.1), covariance((10.0, 8.0, 5.0), r01=0.3), 1.0),
+    "thin ellipse": ((1.0, 0.3, 0.05), covariance((0.1, 0.1, 1e-7), psi_deg=20.0), 0.2),
+    "thin ellipse, tilted": ((1.0, 0.3, 0.0), covariance((0.01, 0.02, 1e-8), psi_deg=15.0), 0.2),
+    "thin across the mean": ((1.0, 0.3, 0.0), covariance((0.01, 1e-7, 0.05)), 0.2999999),
+    "correlation .9999": ((1.0, 0.3, 0.1), covariance((0.12, 0.08, 0.05), r01=0.9999, psi_deg=10.0), 0.1),
+    "correlation -.9999": ((1.0, 0.3, 0.1), covariance((0.12, 0.08, 0.05), r01=-0.9999), 0.6),
+    "mean far behind the apex's shadow": ((1.0, 0.5, 0.0), covariance((1 / 3, 0.1, 0.1), r01=0.97), 0.01),
+    "SNR 8.01, fully polarized": ((1.0, 1.0, 0.0), covariance((1 / 8.01, 1 / 8.01, 0.1), r01=0.9), 0.5),
+    "SNR 8.01, upper tail": ((1.0, 0.05, 0.0), covariance((1 / 8.01, 0.1, 0.1), r01=0.5), 0.9),
+    "S0 without noise": ((1.0, 0.3, 0.0), covariance((0.0, 0.1, 0.05), r12=0.3), 0.5),
+    "mean of S0 negative": ((-1.0, 0.3, 0.0), covariance((0.5, 0.5, 0.6), r01=0.7), 5.0),
+    "no light at all": ((0.0, 0.0, 0.0), covariance((0.5, 0.5, 0.6), r01=0.7), 0.3),
+}
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_both_tails_against_the_double_integral(name):
+    mean, cov, x = NASTY[name]
+    lower, upper = dolp_tails(mean, cov, x)
+    # The oracle is good to about 1e-12 in the worst of these (thin, tilted: rounding of a ratio of 1e6).
+    np.testing.assert_allclose(dolp.cdf(x, mean, cov), lower, rtol=2e-11)
+    np.testing.assert_allclose(dolp.probability_above(x, mean, cov), upper, rtol=2e-11)
+
+
+@pytest.mark.parametrize("p", [1e-300, 1e-12, 1e-3, 0.5, 1.0 - 1e-3, 1.0 - 1e-12])
+@pytest.mark.parametrize(
+    ("mean", "cov"),
+    [
+        ((1.0, 0.3, 0.1), covariance((0.1, 0.14, 0.1))),
+        ((1.0, 0.05, 0.0), covariance((1.0, 1.0, 1.0))),
+        ((1.0, 0.5, 0.0), covariance((1 / 8.01, 1 / 8.01, 1 / 8.01))),
+        ((1.0, 1e-6, 0.0), covariance((1e-6, 1.4e-6, 1.4e-6))),
+        ((1.0, 1.0, 0.0), covariance((1e-6, 1e-6, 1e-6), r01=0.5)),
+    ],
+)
+def test_quantile_inverts_the_tails_far_out(p, mean, cov):
+    x = dolp.quantile(p, mean, cov)
+    tails = dolp.law_tails(x, mean, cov)
+    smaller = tails.lower / p if p <= 0.5 else tails.upper / (1.0 - p)
+    # The search runs over log x, up to 700 in size: rounding 1e-13. Rounding of x alone changes the tail by
+    # 1e-16 x f / tail, 1e-9 at SNR 1e6.
+    assert abs(smaller - 1.0) < 1e-12 + 4e-16 * abs(x * tails.density / min(tails.lower, tails.upper))
+
+
+def test_lower_and_upper_tail_add_to_one():
+    x = np.geomspace(1e-6, 1e6, 25)
+    tails = dolp.law_tails(x, (1.0, 0.4, 0.1), covariance((0.4, 0.2, 0.1), r01=0.6))
+    np.testing.assert_allclose(tails.lower + tails.upper, 1.0, rtol=1e-14)
+
+
+def test_density_is_the_derivative_of_the_cdf():
+    mean, cov = (1.0, 0.4, 0.1), covariance((0.2, 0.2, 0.05), r01=0.6, psi_deg=30.0)
+    x, step = np.linspace(0.05, 1.5, 15), 1e-4
+    # Central difference of fourth order: its error is (step / width)^4 / 30, about 1e-11.
+    c = [dolp.cdf(x + k * step, mean, cov) for k in (-2, -1, 1, 2)]
+    slope = (c[0] - 8.0 * c[1] + 8.0 * c[2] - c[3]) / (12.0 * step)
+    np.testing.assert_allclose(dolp.pdf(x, mean, cov), slope, rtol=1e-7, atol=1e-11)
+
+
+def test_ends_of_the_range():
+    mean, cov = (1.0, 0.4, 0.1), covariance((0.2, 0.2, 0.05))
+    np.testing.assert_array_equal(dolp.cdf([-1.0, 0.0, np.inf], mean, cov), [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(dolp.quantile([0.0, 1.0], mean, cov), [0.0, np.inf])
+
+
+def test_arguments_broadcast():
+    means = np.array([[1.0, 0.4, 0.1], [1.0, 0.1, 0.0]])
+    cov = covariance((0.1, 0.1, 0.05))
+    x = np.array([[0.1], [0.3], [0.5]])
+    found = dolp.cdf(x, means, cov)
+    assert found.shape == (3, 2)
+    np.testing.assert_allclose(found[1, 1], dolp.cdf(0.3, means[1], cov), rtol=1e-14)
+
+
+@settings(deadline=None, max_examples=20)
+@given(angle=st.floats(-3.0, 3.0), x=st.floats(0.01, 2.0))
+def test_turning_the_axes_changes_nothing(angle, x):
+    mean, cov = np.array([1.0, 0.3, 0.1]), covariance((0.3, 0.2, 0.02), r01=0.8, psi_deg=12.0)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
+    turned = turn @ cov @ turn.T
+    # The thin axis has 1e-2 of the variance's root: rounding of the turned covariance enters as 1e-16 1e4.
+    np.testing.assert_allclose(dolp.cdf(x, turn @ mean, 0.5 * (turned + turned.T)), dolp.cdf(x, mean, cov), rtol=1e-11)
+
+
+@settings(deadline=None, max_examples=20)
+@given(exponent=st.floats(-9.0, 9.0), x=st.floats(0.01, 2.0))
+def test_unit_of_the_stokes_parameters_changes_nothing(exponent, x):
+    mean, cov = np.array([1.0, 0.3, 0.1]), covariance((0.3, 0.2, 0.1), r01=0.8, psi_deg=12.0)
+    k = 10.0**exponent
+    np.testing.assert_allclose(dolp.cdf(x, k * mean, k * k * cov), dolp.cdf(x, mean, cov), rtol=1e-12)
+
+
+def test_median_of_unpolarized_light_with_known_intensity_is_rayleigh():
+    found = dolp.quantile([0.1, 0.5, 0.9], (2.0, 0.0, 0.0), np.diag([0.0, 0.04, 0.04]))
+    np.testing.assert_allclose(found, 0.1 * np.sqrt(-2.0 * np.log([0.9, 0.5, 0.1])), rtol=1e-14)
+
+
+@pytest.mark.parametrize("bad", [-0.1, 1.1, np.nan])
+def test_probability_outside_of_its_range_is_refused(bad):
+    with pytest.raises(ValueError, match="allowed is 0 to 1"):
+        dolp.quantile(bad, (1.0, 0.1, 0.0), np.eye(3))
+
+
+def test_s0_that_is_never_positive_is_refused():
+    with pytest.raises(ValueError, match="no probability"):
+        dolp.cdf(0.5, (-1.0, 0.1, 0.0), np.diag([0.0, 1.0, 1.0]))
+
+
+def test_value_that_is_not_a_number_is_refused():
+    with pytest.raises(ValueError, match="not a number"):
+        dolp.cdf(np.nan, (1.0, 0.1, 0.0), np.eye(3))

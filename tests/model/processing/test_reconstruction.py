@@ -1,0 +1,149 @@
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from model.moments import Moments
+from model.processing.dolp import first_order
+from model.processing.reconstruction import (
+    FESSENKOV_RAD,
+    MODIFIED_PICKERING_RAD,
+    PICKERING_RAD,
+    design,
+    design_from_system,
+    reconstruct,
+    stokes_moments,
+)
+from model.stokes import analyzer_row, from_dolp
+
+
+@settings(deadline=None, max_examples=60)
+@given(angles=st.lists(st.floats(0.0, 6.0), min_size=3, max_size=8), extinction=st.floats(5.0, 1e6))
+def test_inverse_undoes_the_system(angles, extinction):
+    try:
+        plan = design(angles, extinction)
+    except ValueError:
+        assume(False)
+    assert np.max(np.abs(plan.inverse @ plan.system - np.eye(3))) <= 1e-13 * plan.condition
+
+
+@settings(deadline=None, max_examples=60)
+@given(angles=st.lists(st.floats(0.0, 3.0), min_size=3, max_size=8))
+def test_offset_adds_to_s0_only(angles):
+    try:
+        plan = design(angles)
+    except ValueError:
+        assume(False)
+    offset = plan.inverse @ np.ones(len(angles))
+    np.testing.assert_allclose(offset, [2.0, 0.0, 0.0], atol=1e-13 * plan.condition)
+
+
+ADDITIVE = [
+    (PICKERING_RAD, 1.0 + np.sqrt(2.0), (2.0, 2.0, 6.0)),
+    (FESSENKOV_RAD, np.sqrt(2.0), (4 / 3, 8 / 3, 8 / 3)),
+    (MODIFIED_PICKERING_RAD, np.sqrt(2.0), (1.0, 2.0, 2.0)),
+    (tuple(np.pi * np.arange(7) / 7), np.sqrt(2.0), (4 / 7, 8 / 7, 8 / 7)),
+]
+
+
+@pytest.mark.parametrize(("angles", "condition", "variances"), ADDITIVE)
+def test_variances_under_additive_noise(angles, condition, variances):
+    plan = design(angles)
+    assert plan.condition == pytest.approx(condition, rel=1e-13)
+    np.testing.assert_allclose(np.diag(plan.inverse @ plan.inverse.T), variances, rtol=1e-13)
+    assert plan.ewv == pytest.approx(sum(variances), rel=1e-13)
+
+
+@pytest.mark.parametrize("leak", [0.0, 1e-3, 0.1, 0.5])
+def test_condition_with_leakage(leak):
+    extinction = np.inf if leak == 0.0 else 1.0 / leak
+    expected = np.sqrt(2.0) * (1.0 + leak) / (1.0 - leak)
+    assert design(MODIFIED_PICKERING_RAD, extinction).condition == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("angles_deg", [(0, 0, 90), (0, 180, 45), (0, 90, 180, 270), (5, 185, 95)])
+def test_angles_equal_modulo_180_do_not_count_twice(angles_deg):
+    with pytest.raises(ValueError, match="modulo 180 deg"):
+        design(np.deg2rad(angles_deg))
+
+
+def test_message_names_the_angles():
+    with pytest.raises(ValueError, match="0, 0, 45 deg"):
+        design(np.deg2rad([0, 180, 45]))
+
+
+def test_repeats_are_allowed_beside_three_angles():
+    plan = design(np.deg2rad([0, 60, 120, 180]))
+    np.testing.assert_allclose(plan.inverse[:, 0], plan.inverse[:, 3], atol=1e-15)
+
+
+def test_nearly_equal_angles_are_flagged():
+    plan = design(np.deg2rad([0, 90, 90.1]))
+    assert plan.condition == pytest.approx(810.3, abs=0.1)
+    assert "condition number" in plan.warnings[0]
+
+
+def test_good_angles_are_not_flagged():
+    assert design(PICKERING_RAD).warnings == ()
+
+
+def test_condition_beyond_a_million_is_refused():
+    with pytest.raises(ValueError, match="allowed is at most 1e\\+06"):
+        design(np.deg2rad([0.0, 0.08, 0.16]))
+
+
+@pytest.mark.parametrize(("angles", "extinction"), [((0.0, 1.0), np.inf), ((0.0, 1.0, np.nan), 10), (PICKERING_RAD, 1)])
+def test_arguments_out_of_range_are_refused(angles, extinction):
+    with pytest.raises(ValueError, match="allowed"):
+        design(angles, extinction)
+
+
+def test_measured_system_needs_no_angles():
+    rows = analyzer_row(np.array(MODIFIED_PICKERING_RAD), 0.8, 0.01) * np.array([[1.0], [1.02], [0.97], [1.01]])
+    np.testing.assert_allclose(design_from_system(rows).inverse @ rows, np.eye(3), atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (4, 4), (4,)])
+def test_system_of_another_shape_is_refused(shape):
+    with pytest.raises(ValueError, match=r"allowed is \(N, 3\)"):
+        design_from_system(np.ones(shape))
+
+
+def test_pictures_have_their_angles_first():
+    plan = design(MODIFIED_PICKERING_RAD, 500.0)
+    stokes = np.random.default_rng(1).normal(size=(3, 5, 6))
+    channels = np.tensordot(plan.system, stokes, axes=1)
+    np.testing.assert_allclose(reconstruct(plan, channels), stokes, atol=1e-14)
+
+
+def test_single_precision_pictures_stay_single():
+    assert reconstruct(design(PICKERING_RAD), np.ones((3, 4, 4), dtype=np.float32)).dtype == np.float32
+
+
+def test_counts_are_no_integers_afterwards():
+    assert reconstruct(design(PICKERING_RAD), np.ones((3, 2), dtype=np.uint16)).dtype == np.float64
+
+
+def test_wrong_number_of_channels_is_refused():
+    with pytest.raises(ValueError, match="must hold the 3 angles"):
+        reconstruct(design(PICKERING_RAD), np.ones((4, 2)))
+
+
+@pytest.mark.parametrize(("degree", "angle"), [(0.05, 0.3), (0.6, 1.2), (1.0, 2.0)])
+def test_shot_noise_closed_form_of_modified_pickering(degree, angle):
+    plan = design(MODIFIED_PICKERING_RAD)
+    s0, s1, s2 = from_dolp(intensity=1000.0, dolp_value=degree, aolp_rad_value=angle)
+    light = plan.system @ [s0, s1, s2]
+    found = stokes_moments(plan, Moments(mean=light, cov=np.diag(light)))
+    expected = 0.5 * np.array([[s0, s1, s2], [s1, 2 * s0, 0.0], [s2, 0.0, 2 * s0]])
+    np.testing.assert_allclose(found.cov, expected, atol=1e-13 * s0)
+    # var DoLP = (1 - DoLP^2 / 2) / S0 at every angle.
+    np.testing.assert_allclose(first_order(found.mean, found.cov).variance, (1 - degree**2 / 2) / s0, rtol=1e-12)
+
+
+def test_additive_closed_form_of_modified_pickering():
+    plan = design(MODIFIED_PICKERING_RAD)
+    found = stokes_moments(plan, Moments(mean=[60.0, 55.0, 40.0, 45.0], cov=9.0 * np.eye(4)))
+    np.testing.assert_allclose(found.cov, 9.0 * np.diag([1.0, 2.0, 2.0]), atol=1e-13)
+    degree = np.hypot(20.0, 10.0) / 100.0
+    np.testing.assert_allclose(first_order(found.mean, found.cov).variance, 9.0 * (2 + degree**2) / 1e4, rtol=1e-13)
