@@ -1,43 +1,91 @@
-"""`rigctl acquire` killed at random moments: what the manifest names is whole, what is not whole has no final name."""
+"""`rigctl acquire` killed at random moments and gone on with: no frame is lost, torn, doubled or mislabelled.
 
+Usage: python -m benchmarks.trial_kills [--kills 200] [--seed 1]
+"""
+
+import argparse
 import random
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rigctl.runs.fits_frame import decode_frame
-from rigctl.runs.run_folder import EVENTS_FILE, FRAMES_FOLDER, MANIFEST_FILE
+from rigctl.runs.run_folder import EVENTS_FILE, FRAMES_FOLDER, MANIFEST_FILE, Run, read_run
+from rigctl.runs.run_state import read_event_lines
 from rigctl.runs.verification import verify_run
+from rigctl.utc_time import NS_PER_S
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 _START_TIMEOUT_S = 60.0
-# A session takes about this long after its first event; the kill falls anywhere in it [s].
-_SESSION_S = 5.0
+# Without landing errors of the stage the light of each frame is that of the undisturbed session, whose labels are
+# the simulator's truth.
+_STAGE, _EXACT_STAGE = "sim:ellx?speed=20", "sim:ellx?speed=60&landing=0"
+_SESSION = """
+name = "killed"
+[[take]]
+kind = "dark"
+exposure_ms = 0.03
+cycles = 4
+[[take]]
+kind = "scene"
+exposure_ms = 0.03
+cycles = 4
+"""
+_OF_THE_MOMENT = ("start_utc", "end_utc", "start_monotonic_ns", "settle_s", "checksum")
 
 
 def run_kills(kills: int, *, seed: int = 1) -> bool:
-    """Kill so many sessions; print what was left of each; return whether nothing was lost or torn."""
+    """Kill so many sessions and go on with each; return whether all became the undisturbed one."""
     moments = random.Random(seed)
-    sound = True
-    for kill in range(kills):
-        with tempfile.TemporaryDirectory() as folder:
-            run = Path(folder) / "run"
-            named, files = killed_session(run, delay_s=moments.uniform(0.0, _SESSION_S))
-            bad = problems_of(run)
-            sound &= not bad
+    with tempfile.TemporaryDirectory() as folder:
+        files = write_files(Path(folder))
+        undisturbed = undisturbed_run(files)
+        session_s = duration_s(undisturbed)
+        failures = 0
+        for kill in range(kills):
+            run = Path(folder) / "killed"
+            named, there = killed_session(run, files, delay_s=moments.uniform(0.0, session_s))
+            bad = problems_of(run) + problems_after_resume(run, undisturbed)
+            failures += bool(bad)
             print(
-                f"kill {kill + 1:3d}: {named:3d} frames in the manifest, {files:3d} files: {'; '.join(bad) or 'sound'}"
+                f"kill {kill + 1:3d}: {named:3d} frames named, {there:3d} there: {'; '.join(bad) or 'sound, and whole'}"
             )
-    print(f"{kills} kills: {'every named frame whole, nothing torn under a final name' if sound else 'FAILED'}")
-    return sound
+            shutil.rmtree(run)
+    print(f"{kills} kills: {failures} failures")
+    return failures == 0
 
 
-def killed_session(run: Path, *, delay_s: float) -> tuple[int, int]:
+def write_files(folder: Path) -> tuple[Path, Path]:
+    """Write a rig file and a session file; return both."""
+    rig, session = folder / "rig.toml", folder / "session.toml"
+    rig.write_text((EXAMPLES / "rig-sim.toml").read_text().replace(_STAGE, _EXACT_STAGE))
+    shutil.copyfile(EXAMPLES / "scene-panels.toml", folder / "scene-panels.toml")
+    session.write_text(_SESSION)
+    return rig, session
+
+
+def undisturbed_run(files: tuple[Path, Path]) -> Run:
+    """Return the run that nobody kills."""
+    out = files[0].parent / "undisturbed"
+    subprocess.run(_acquire(files, out), check=True, stderr=subprocess.DEVNULL)
+    return read_run(out)
+
+
+def duration_s(run: Run) -> float:
+    """Return how long a session took from its first event to its last."""
+    times = [event["monotonic_ns"] for event in read_event_lines(run.path)]
+    return float((times[-1] - times[0]) / NS_PER_S)
+
+
+def killed_session(run: Path, files: tuple[Path, Path], *, delay_s: float) -> tuple[int, int]:
     """Start a session, kill it with SIGKILL after its first event and a delay; return frames named and files there."""
-    command = [sys.executable, "-m", "rigctl", "acquire", EXAMPLES / "rig-sim.toml", EXAMPLES / "session.toml"]
-    with subprocess.Popen([*command, "--out", run], stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(_acquire(files, run), stderr=subprocess.DEVNULL) as process:
         deadline = time.monotonic() + _START_TIMEOUT_S
         while not (run / EVENTS_FILE).exists() and time.monotonic() < deadline:
             time.sleep(0.01)
@@ -56,3 +104,40 @@ def problems_of(run: Path) -> list[str]:
         except Exception as error:
             found.append(f"{file.name} has a final name and is not whole: {error}")
     return found
+
+
+def problems_after_resume(run: Path, undisturbed: Run) -> list[str]:
+    """Go on with a run; return in what it differs from the undisturbed one, times apart."""
+    result = subprocess.run(
+        [sys.executable, "-m", "rigctl", "resume", run], stderr=subprocess.PIPE, text=True, check=False
+    )
+    if result.returncode:
+        return [f"resume ends with {result.returncode}: {result.stderr[-300:]}"]
+    found = [f"{finding.file}: {finding.problem}" for finding in (*verify_run(run).bad, *verify_run(run).leftovers)]
+    resumed = read_run(run)
+    if [record.sequence for record in resumed.frames] != [record.sequence for record in undisturbed.frames]:
+        return [*found, "not every planned frame is there once"]
+    for one, two in zip(resumed.frames, undisturbed.frames, strict=True):
+        moment = {name: getattr(two, name) for name in _OF_THE_MOMENT}
+        if replace(one, **moment) != two:
+            found.append(f"{one.file}: another label than the truth")
+        if not np.array_equal(resumed.counts(one), undisturbed.counts(two)):
+            found.append(f"{one.file}: other counts than undisturbed")
+    return found
+
+
+def _acquire(files: tuple[Path, Path], out: Path) -> list[str | Path]:
+    return [sys.executable, "-m", "rigctl", "acquire", *files, "--out", out]
+
+
+def main() -> int:
+    """Run the trial; return 1 where a kill cost anything."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    return 0 if run_kills(arguments.kills, seed=arguments.seed) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.brighter_fatter import brighter_fatter
 from calibration.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal
 from calibration.flags import Flag
 from calibration.frame_statistics import LevelStatistics
@@ -51,8 +52,16 @@ def curve_flags(
 
 def _relative_bend(transfer: PhotonTransfer) -> float:
     """Return by which share the curve departs from its first slope, at the brightest point of the fit."""
-    top_dn = float(transfer.points.signal_dn[transfer.used].max())
-    return transfer.bend * top_dn / transfer.gain_dn_per_e
+    top_dn = transfer.top_dn
+    return (transfer.bend + transfer.cubic * top_dn) * top_dn / transfer.gain_dn_per_e
+
+
+def _relative_bend_error(transfer: PhotonTransfer) -> float:
+    """Return the standard error of the bend at the brightest point of the fit."""
+    top_dn = transfer.top_dn
+    gradient = top_dn ** np.arange(1, len(transfer.fit.parameters))
+    own = gradient @ transfer.fit.covariance[1:, 1:] @ gradient
+    return float(np.sqrt(own)) / transfer.gain_dn_per_e
 
 
 def _not_photon_noise(transfer: PhotonTransfer) -> Flag | None:
@@ -94,14 +103,26 @@ def _saturation_not_reached(transfer: PhotonTransfer) -> Flag | None:
 
 def _bent(transfer: PhotonTransfer) -> Flag | None:
     bend = _relative_bend(transfer)
-    if abs(bend) < _BEND or abs(transfer.bend) < _BEND_SIGMA * transfer.bend_std_error:
+    if abs(bend) < _BEND or abs(bend) < _BEND_SIGMA * _relative_bend_error(transfer):
         return None
     return Flag(
         name="bent_photon_transfer",
-        message=f"at {transfer.points.signal_dn[transfer.used].max():.4g} DN the photon-transfer curve is {bend:+.1%} "
-        f"off its slope at no signal (more than {_BEND:.0%} and than noise): the sensor is not linear, or charge "
-        f"spreads between pixels; the gain given is the one at no signal, and noise predicted for bright scenes is "
-        f"off by as much",
+        message=f"at {transfer.top_dn:.4g} DN the photon-transfer curve is {bend:+.1%} off its slope at no signal "
+        f"(more than {_BEND:.0%} and than noise): {_cause(transfer)}; the gain given is the one at no signal, and "
+        f"noise predicted for bright scenes is off by as much",
+    )
+
+
+def _cause(transfer: PhotonTransfer) -> str:
+    """Return what bends the curve, as far as the response of the sensor tells."""
+    spreading, curve = brighter_fatter(transfer), transfer.linearity
+    if spreading is None or curve is None:
+        return "the sensor is not linear, or charge spreads between pixels"
+    top_dn = transfer.top_dn
+    response = (curve.quadratic_per_dn + curve.cubic_per_dn2 * top_dn) * top_dn
+    return (
+        f"mean against {curve.light} is {response:+.2%} off its line there, and {spreading.value:+.2%} +- "
+        f"{spreading.std_error:.2%} is left for charge that spreads between pixels"
     )
 
 

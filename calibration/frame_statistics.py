@@ -1,13 +1,15 @@
 """Mean, temporal and spatial variance of one level of light, in one pass over its frames."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.pattern_parts import PatternParts, pattern_parts
 from calibration.sample_tally import SampleCounter, SampleTally
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +23,10 @@ _OUTLIER_PASSES = 5
 _LEAST_PIXELS = 4
 # The coarse grid on which uneven light is told from pixel noise.
 _BLOCKS_ACROSS = 16
+# Pixels that are worked on at a time: 128 kB of float64.
+_BLOCK_PIXELS = 16384
+# Sums of samples fit into 32 bits.
+_MOST_FRAMES = 65536
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +39,8 @@ class LevelStatistics:
         Without light, or with even light.
     exposure_s : float or None
         Exposure time [s], None where it is not known.
+    photons : float or None
+        Mean photons that a pixel received, as somebody measured them; None where they are not known.
     n_frames : int
         At least 2.
     shape : (int, int)
@@ -52,12 +60,15 @@ class LevelStatistics:
         Covariance of the errors of these two [DN^4].
     large_scale_variance_dn2 : float
         The part of the spatial variance that is smooth on a sixteenth of the picture [DN^2].
+    pattern : PatternParts
+        The spatial variance by rows, columns and pixels.
     samples : SampleTally
         The samples as integers.
     """
 
     kind: LevelKind
     exposure_s: float | None
+    photons: float | None
     n_frames: int
     shape: tuple[int, int]
     n_pixels: int
@@ -69,11 +80,12 @@ class LevelStatistics:
     spatial_std_error_dn2: float
     temporal_spatial_cov_dn4: float
     large_scale_variance_dn2: float
+    pattern: PatternParts
     samples: SampleTally
 
 
 def level_statistics(
-    frames: Iterable[NDArray[np.uint16]], *, kind: LevelKind, exposure_s: float | None
+    frames: Iterable[NDArray[np.uint16]], *, kind: LevelKind, exposure_s: float | None, photons: float | None = None
 ) -> LevelStatistics:
     """Return the statistics of one level.
 
@@ -85,6 +97,8 @@ def level_statistics(
         Without light, or with even light.
     exposure_s : float or None
         Exposure time of each frame [s], None where it is not known.
+    photons : float or None
+        Mean photons that a pixel receives in a frame, None where they are not known.
 
     Raises
     ------
@@ -117,7 +131,7 @@ def level_statistics(
     accumulator = _Accumulator(first)
     for frame in sequence:
         accumulator.add(frame)
-    return accumulator.result(kind=kind, exposure_s=exposure_s)
+    return accumulator.result(kind=kind, exposure_s=exposure_s, photons=photons)
 
 
 class _Accumulator:
@@ -127,9 +141,8 @@ class _Accumulator:
         self._shape = (first.shape[0], first.shape[1])
         self._counter = SampleCounter()
         self._means: list[float] = []
-        self._sum = np.zeros(self._shape, dtype=np.int64)
-        self._square_sum = np.zeros(self._shape)
-        self._work = np.empty(self._shape)
+        self._sum = np.zeros(self._shape, dtype=np.uint32)
+        self._square_sum: FloatArray | None = None
         self._outlier: NDArray[np.bool_] | None = None
         self._previous = first
         self._add_frame(first)
@@ -140,66 +153,92 @@ class _Accumulator:
                 f"frames of one level differ in size: {self._shape} and {frame.shape} (rows, columns); "
                 f"all must be of one region of the sensor"
             )
-        self._add_difference(frame)
+        if len(self._means) == _MOST_FRAMES:
+            raise CalibrationError(f"a level has more than {_MOST_FRAMES} frames; make several levels of them")
         self._add_frame(frame)
+        self._add_difference(frame)
         self._previous = frame
 
     def _add_frame(self, frame: NDArray[np.uint16]) -> None:
         self._sum += frame
-        self._means.append(float(frame.mean()))
+        self._means.append(cv2.mean(frame)[0])
         self._counter.add(frame)
 
     def _add_difference(self, frame: NDArray[np.uint16]) -> None:
-        square = self._squared_deviation(frame, kept=None)
-        outlier = _outliers(square)
-        if outlier is not None:
-            square = self._squared_deviation(frame, kept=~outlier)
+        square = np.empty(self._shape)
+        total, peak = self._square_deviation(frame, self._means[-1] - self._means[-2], out=square)
+        if peak > _outlier_limit(total / square.size):
+            outlier = _outliers(square)
+            kept = ~outlier
+            offset = float(frame[kept].mean()) - float(self._previous[kept].mean())
+            self._square_deviation(frame, offset, out=square)
             self._outlier = outlier if self._outlier is None else self._outlier | outlier
-        self._square_sum += square
+        if self._square_sum is None:
+            self._square_sum = square
+        else:
+            self._square_sum += square
 
-    def _squared_deviation(self, frame: NDArray[np.uint16], *, kept: NDArray[np.bool_] | None) -> FloatArray:
-        """Return the squares of the difference to the frame before, less its mean over the kept pixels."""
-        deviation = self._work
-        np.subtract(frame, self._previous, out=deviation, dtype=np.float64)
-        deviation -= deviation.mean() if kept is None else deviation[kept].mean()
-        return np.square(deviation, out=deviation)
+    def _square_deviation(self, frame: NDArray[np.uint16], offset_dn: float, *, out: FloatArray) -> tuple[float, float]:
+        """Fill in the squares of the difference to the frame before, less its mean; return their sum and largest."""
+        total = peak = 0.0
+        for rows in _row_blocks(self._shape):
+            block = out[rows]
+            cv2.subtract(frame[rows], self._previous[rows], dst=block, dtype=cv2.CV_64F)
+            block -= offset_dn
+            np.square(block, out=block)
+            total += float(block.sum())
+            peak = max(peak, float(block.max()))
+        return total, peak
 
-    def result(self, *, kind: LevelKind, exposure_s: float | None) -> LevelStatistics:
+    def result(self, *, kind: LevelKind, exposure_s: float | None, photons: float | None) -> LevelStatistics:
         n_frames = len(self._means)
-        if n_frames < 2:
+        if self._square_sum is None:
             raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has {n_frames}")
         mean_picture = self._sum / n_frames
-        temporal, pixel_means = self._kept(self._square_sum), self._kept(mean_picture)
-        n_pixels = temporal.size
-        temporal = temporal * (n_pixels / (n_pixels - 1) / (2.0 * (n_frames - 1)))
-        spatial = np.square(pixel_means - pixel_means.mean()) * (n_pixels / (n_pixels - 1)) - temporal / n_frames
-        covariance = _covariance_of_means(temporal, spatial)
+        kept_means = self._kept(mean_picture)
+        n_pixels, mean_dn = kept_means.size, float(kept_means.mean())
+        moments = _variance_moments(self._kept(self._square_sum), kept_means, mean_dn=mean_dn, n_frames=n_frames)
         return LevelStatistics(
             kind=kind,
             exposure_s=exposure_s,
+            photons=photons,
             n_frames=n_frames,
             shape=self._shape,
             n_pixels=n_pixels,
-            mean_dn=float(pixel_means.mean()),
+            mean_dn=mean_dn,
             frame_means_dn=tuple(self._means),
-            temporal_variance_dn2=float(temporal.mean()),
-            temporal_std_error_dn2=float(np.sqrt(covariance[0])),
-            spatial_variance_dn2=float(spatial.mean()),
-            spatial_std_error_dn2=float(np.sqrt(covariance[1])),
-            temporal_spatial_cov_dn4=float(covariance[2]),
+            temporal_variance_dn2=moments.temporal_dn2,
+            temporal_std_error_dn2=float(np.sqrt(moments.temporal_error_dn4)),
+            spatial_variance_dn2=moments.spatial_dn2,
+            spatial_std_error_dn2=float(np.sqrt(moments.spatial_error_dn4)),
+            temporal_spatial_cov_dn4=moments.covariance_dn4,
             large_scale_variance_dn2=_large_scale_variance(mean_picture),
+            pattern=pattern_parts(
+                self._filled(mean_picture, mean_dn),
+                spatial_variance_dn2=moments.spatial_dn2,
+                noise_dn2=moments.temporal_dn2 / n_frames,
+            ),
             samples=self._counter.tally(),
         )
 
     def _kept(self, picture: FloatArray) -> FloatArray:
         return picture.ravel() if self._outlier is None else picture[~self._outlier]
 
+    def _filled(self, picture: FloatArray, mean_dn: float) -> FloatArray:
+        """Return the picture with the mean of the others in place of outliers."""
+        return picture if self._outlier is None else np.where(self._outlier, mean_dn, picture)
 
-def _outliers(square: FloatArray) -> NDArray[np.bool_] | None:
-    """Return where a squared difference is too large to be noise, None if nowhere."""
+
+def _row_blocks(shape: tuple[int, int]) -> Iterator[slice]:
+    """Yield slices of rows with so few pixels that a block of them stays in the processor's cache."""
+    step = max(1, _BLOCK_PIXELS // shape[1])
+    for start in range(0, shape[0], step):
+        yield slice(start, start + step)
+
+
+def _outliers(square: FloatArray) -> NDArray[np.bool_]:
+    """Return where a squared difference is too large to be noise."""
     limit = _outlier_limit(square.mean())
-    if square.max() <= limit:
-        return None
     for _ in range(_OUTLIER_PASSES):
         # An outlier raises the mean that it is judged by: judge again without it.
         tighter = _outlier_limit(square[square <= limit].mean())
@@ -213,12 +252,44 @@ def _outlier_limit(mean_square: float) -> float:
     return _OUTLIER_SIGMA**2 * max(mean_square, _ROUNDING_DIFFERENCE_VAR_DN2)
 
 
-def _covariance_of_means(first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
-    """Return the variances of two means over pixels, and their covariance."""
-    first = first - first.mean()
-    second = second - second.mean()
-    scale = 1.0 / (first.size * (first.size - 1))
-    return float(first @ first) * scale, float(second @ second) * scale, float(first @ second) * scale
+@dataclass(frozen=True, kw_only=True)
+class _VarianceMoments:
+    """Means over pixels of temporal and spatial variance, and the covariance of their errors."""
+
+    temporal_dn2: float
+    spatial_dn2: float
+    temporal_error_dn4: float
+    spatial_error_dn4: float
+    covariance_dn4: float
+
+
+def _variance_moments(
+    square_sum: FloatArray, pixel_means: FloatArray, *, mean_dn: float, n_frames: int
+) -> _VarianceMoments:
+    n = square_sum.size
+    correction = n / (n - 1)
+    sums = np.zeros(5)
+    for start in range(0, n, _BLOCK_PIXELS):
+        block = slice(start, start + _BLOCK_PIXELS)
+        temporal = square_sum[block] * (correction / (2.0 * (n_frames - 1)))
+        spatial = pixel_means[block] - mean_dn
+        np.square(spatial, out=spatial)
+        spatial *= correction
+        spatial -= temporal / n_frames
+        # Not `@`: for sums this short its threads cost more than they save.
+        products = [
+            np.einsum("i,i->", *pair) for pair in ((temporal, temporal), (spatial, spatial), (temporal, spatial))
+        ]
+        sums += [temporal.sum(), spatial.sum(), *products]
+    first, second = sums[:2] / n
+    errors = (sums[2:] / n - [first * first, second * second, first * second]) / (n - 1)
+    return _VarianceMoments(
+        temporal_dn2=float(first),
+        spatial_dn2=float(second),
+        temporal_error_dn4=max(float(errors[0]), 0.0),
+        spatial_error_dn4=max(float(errors[1]), 0.0),
+        covariance_dn4=float(errors[2]),
+    )
 
 
 def _large_scale_variance(picture: FloatArray) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.curve_checks import curve_flags
 from calibration.dark_signal import fit_dark_signal, match_darks
+from calibration.emva1288 import EmvaFigure, emva1288_figures
 from calibration.errors import CalibrationError, RefusedFramesError
 from calibration.estimate import Estimate, JointCovariance
 from calibration.flags import Flag
@@ -43,6 +44,8 @@ class NoiseCalibration:
         What is to be known of the frames. None of them refuses: a refused set has no calibration.
     transfer : PhotonTransfer
         The photon-transfer curve.
+    emva1288 : dict
+        The numbers of EMVA 1288 by its own unweighted fits, by the names of `calibration.emva1288.EMVA_SYMBOLS`.
     """
 
     gain_dn_per_e: Estimate
@@ -55,6 +58,7 @@ class NoiseCalibration:
     covariance: JointCovariance
     flags: tuple[Flag, ...]
     transfer: PhotonTransfer
+    emva1288: dict[str, EmvaFigure | None]
 
 
 def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> NoiseCalibration:
@@ -85,8 +89,8 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
 
     References
     ----------
-    EMVA Standard 1288, Release 4.0 Linear, sections 6 to 8. Different from it: weights, bend of the curve,
-    several exposures for the read noise, standard errors.
+    EMVA Standard 1288, Release 4.0 Linear, sections 6 to 8. Different from it: the response of the sensor, weights,
+    bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
     """
     flats, darks = _sorted_levels(levels, bit_depth)
     flags = (*sample_flags(levels, bit_depth=bit_depth), *level_flags(levels))
@@ -95,7 +99,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     match = match_darks(flats, darks)
     full_scale_dn = 2**bit_depth - 1
     points = transfer_points(flats, dark, match, full_scale_dn=full_scale_dn)
-    transfer = fit_photon_transfer(points, full_signal_dn=full_scale_dn - float(dark.means_dn.min()))
+    transfer = fit_photon_transfer(flats, points, full_signal_dn=full_scale_dn - float(dark.means_dn.min()))
     flags += curve_flags(flats, transfer, dark, match)
     _refuse_if_any(flags)
     spatial = choose_spatial_levels(flats, darks, transfer=transfer, match=match)
@@ -112,6 +116,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         covariance=figures.covariance,
         flags=flags + figures.flags,
         transfer=transfer,
+        emva1288=emva1288_figures(flats, darks, bit_depth=bit_depth),
     )
 
 

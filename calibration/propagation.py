@@ -51,8 +51,9 @@ def measured_covariance(
     statistics = _statistics_covariance(flats, darks, transfer, dark)
     covariance = np.zeros((6, 6))
     covariance[:4, :4] = response @ statistics @ response.T
-    scattered = transfer.fit.response[0] * transfer.points.signal_dn[transfer.used]
+    scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
     covariance[GAIN, GAIN] += float(scattered @ scattered) * transfer.fit.scatter**2
+    covariance[GAIN, GAIN] += transfer.gain_error_of_linearity_dn_per_e**2
     size = len(dark.mean_fit.parameters)
     covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance
     level = darks[spatial.dark]
@@ -64,7 +65,7 @@ def _response(transfer: PhotonTransfer, dark: DarkSignal, match: DarkMatch, spat
     """Return derivatives by flat and dark temporal variances, then flat and dark spatial variances."""
     n_flat, n_dark = match.weights.shape
     gain = np.zeros(n_flat)
-    gain[transfer.used] = transfer.fit.response[0]
+    gain[transfer.used] = transfer.gain_response
     response = np.zeros((4, 2 * (n_flat + n_dark)))
     temporal, pattern = response[:, : n_flat + n_dark], response[:, n_flat + n_dark :]
     temporal[GAIN, :n_flat] = gain

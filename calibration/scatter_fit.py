@@ -49,7 +49,7 @@ def fit_with_scatter(
     sampling_covariance : (n, n) array
         Covariance of the values by their own sampling, positive definite.
     scatter_shape : (n,) array
-        Standard deviation of one unit of extra, independent scatter of each value, > 0.
+        Standard deviation of one unit of extra, independent scatter of each value, >= 0, not all 0.
 
     Notes
     -----
@@ -96,7 +96,8 @@ def _scatter_bound(
     excess: Callable[[float], float], sampling_covariance: FloatArray, scatter_shape: FloatArray
 ) -> float:
     """Return a variance of scatter at which chi-squared is too small."""
-    bound = float(np.max(np.diag(sampling_covariance) / np.square(scatter_shape)))
+    scatters = scatter_shape > 0.0
+    bound = float(np.max(np.diag(sampling_covariance)[scatters] / np.square(scatter_shape[scatters])))
     while excess(bound) > 0.0:
         bound *= 10.0
     return bound

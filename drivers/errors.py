@@ -25,13 +25,13 @@ class DeviceFaultError(DeviceError):
 
     Attributes
     ----------
-    code : int
-        The device's own number for the fault.
+    code : int or str
+        The device's own number or letters for the fault.
     meaning : str
-        What the device's manual says that the number means.
+        What the device's manual says that the code means.
     """
 
-    def __init__(self, message: str, *, code: int, meaning: str) -> None:
+    def __init__(self, message: str, *, code: int | str, meaning: str) -> None:
         super().__init__(message)
         self.code = code
         self.meaning = meaning

@@ -4,7 +4,7 @@ Real and simulated devices keep the same promises; the suites in ``tests/contrac
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,32 @@ class Move:
     remarks: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class StageStatus:
+    """What a stage is doing, in its own words.
+
+    Attributes
+    ----------
+    moving : bool
+        Whether it turns.
+    homed : bool
+        Whether it is known to have found its reference mark since its power-up.
+    code : int or str
+        The device's own status: a number, its status bits, or its flags; 0 or "--" for nothing to tell.
+    meaning : str
+        What the device's manual says that the code means.
+    """
+
+    moving: bool
+    homed: bool
+    code: int | str
+    meaning: str
+
+
+Way = Literal["short", "forward", "backward"]
+"""Which way round: the shorter one, or always towards larger or smaller angles (to take up backlash)."""
+
+
 class RotationStage(Protocol):
     """A stage that turns the polarizer. A context manager: leaving it closes the port."""
 
@@ -65,8 +91,11 @@ class RotationStage(Protocol):
     def home(self) -> StagePosition:
         """Search the reference mark; return the readback."""
 
-    def move_to(self, angle_deg: float) -> Move:
+    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
         """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
+
+        Where a first try lands outside of the tolerance, the correction goes the short way. A target that is
+        within the tolerance already is not gone round to.
 
         Raises
         ------
@@ -81,6 +110,9 @@ class RotationStage(Protocol):
 
     def position(self) -> StagePosition:
         """Read the encoder."""
+
+    def status(self) -> StageStatus:
+        """Ask the device what it is doing; a fault that it remembers is told here and raises nothing."""
 
     def stop(self) -> None:
         """Stop any motion that the device is able to stop."""

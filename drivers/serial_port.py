@@ -1,4 +1,4 @@
-"""A stream of bytes to a device, and its form over a serial port. The only file that imports pyserial."""
+"""A stream of bytes to a device, and its form over a serial port."""
 
 import errno
 import termios
@@ -9,6 +9,13 @@ import serial
 from drivers.errors import DeviceTimeoutError, NotConnectedError
 
 _WRITE_TIMEOUT_S = 1.0
+UDEV_RULE = """\
+SUBSYSTEM=="tty", ATTRS{idVendor}=="0403|2939", GROUP="dialout", MODE="0660", TAG+="uaccess"
+ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
+"""
+"""Lets those at the computer, and the group dialout, use the ports of the supported stages, without long waits."""
+
+_NO_MODEM_LINES = (errno.ENOTTY, errno.EINVAL)
 
 
 class BytePort(Protocol):
@@ -72,6 +79,14 @@ class SerialPort:
         except (OSError, termios.error) as error:
             self._gone(error)
 
+    def request_to_send(self) -> None:
+        """Set the modem line RTS, which some controllers wait for; a pseudo-terminal has no such lines."""
+        try:
+            self._port.rts = True
+        except OSError as error:
+            if error.errno not in _NO_MODEM_LINES:
+                self._gone(error)
+
     def close(self) -> None:
         """Release the port. May be called twice."""
         self._port.close()
@@ -112,7 +127,8 @@ def _why_not_opened(path: str, error: Exception) -> str:
     if number in (errno.EACCES, errno.EPERM):
         return (
             f"{path}: no permission to open it. Serial ports belong to the group dialout: "
-            "`sudo usermod -aG dialout $USER`, then log in again"
+            "`sudo usermod -aG dialout $USER`, then log in again. Or put these lines into "
+            f"/etc/udev/rules.d/70-rigctl.rules, `sudo udevadm control --reload`, and plug it in anew:\n{UDEV_RULE}"
         )
     if number in (errno.EAGAIN, errno.EBUSY):
         return f"{path}: another program is using it. `fuser -v {path}` names that program"

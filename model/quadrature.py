@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# One panel: nodes of a Clenshaw-Curtis rule of this degree and of the nested one of half of it.
-_DEGREE = 24
 _MAX_HALVINGS = 48
 # Panels open at once, per domain: more than any integrand here needs, so what asks for more is noise.
 _MAX_OPEN = 300
@@ -113,6 +111,7 @@ def integrate_panels(
     cuts: FloatArray,
     tolerance: float,
     noise: FloatArray,
+    degree: int = 24,
 ) -> PanelIntegrals:
     """Return integrals of vector-valued functions over domains cut into panels, by adaptive halving.
 
@@ -127,6 +126,8 @@ def integrate_panels(
         Wanted error, relative to the integral of the absolute value.
     noise
         Rounding error of the function relative to its size, per domain, shape (M,): halving stops there.
+    degree
+        Of the Clenshaw-Curtis rule in a panel, a multiple of 4; the nested rule has half of it.
 
     Returns
     -------
@@ -146,7 +147,7 @@ def integrate_panels(
     owner, lower, upper = _nonempty_panels(cuts)
     total = _Totals(cuts.shape[0])
     for halving in range(_MAX_HALVINGS + 1):
-        value, size, error = _panel(function, owner, lower, upper)
+        value, size, error = _panel(function, owner, lower, upper, degree)
         allowed = _allowance(total, owner, size, tolerance / cuts.shape[1])
         good = np.all(error <= np.maximum(allowed, noise[owner] * size), axis=0)
         if halving == _MAX_HALVINGS or owner.size > _MAX_OPEN * cuts.shape[0]:
@@ -183,9 +184,13 @@ def _nonempty_panels(cuts: FloatArray) -> tuple[IntArray, FloatArray, FloatArray
 
 
 def _panel(
-    function: Callable[[IntArray, FloatArray], FloatArray], owner: IntArray, lower: FloatArray, upper: FloatArray
+    function: Callable[[IntArray, FloatArray], FloatArray],
+    owner: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    degree: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    nodes, weights = clenshaw_curtis(_DEGREE)
+    nodes, weights = clenshaw_curtis(degree)
     half = 0.5 * (upper - lower)
     # From each end, so that a panel beside zero keeps the relative precision of its abscissae.
     from_lower = lower[:, None] + half[:, None] * (1.0 + nodes)
@@ -193,7 +198,7 @@ def _panel(
     near_lower = np.abs(lower) <= np.abs(upper)
     values = function(owner, np.where(near_lower[:, None], from_lower, from_upper))
     fine = values @ weights * half
-    coarse = values[..., ::2] @ clenshaw_curtis(_DEGREE // 2)[1] * half
+    coarse = values[..., ::2] @ clenshaw_curtis(degree // 2)[1] * half
     return fine, np.abs(values) @ weights * half, np.abs(fine - coarse)
 
 

@@ -15,11 +15,14 @@ from rigctl.sessions.take_session import take_session
 
 EXAMPLES = ("rig-sim.toml", "session-noise.toml", "session.toml", "scene-panels.toml", "regions.toml")
 RUN, NOISE_RUN, NOISE = "run", "noise-run", "noise.json"
+GIGE_ADDRESS = "sim:gige?pixel_format=Mono12Packed"
 
 Say = Callable[[str], None]
 
 
-def run_demo(out: Path, *, seed: int, perturbation: Perturbation | None, alpha: float, say: Say) -> ComparedRun:
+def run_demo(
+    out: Path, *, seed: int, perturbation: Perturbation | None, alpha: float, say: Say, gige: bool = False
+) -> ComparedRun:
     """Run the whole job into a folder; return the comparison, which is written there too.
 
     Parameters
@@ -35,6 +38,8 @@ def run_demo(out: Path, *, seed: int, perturbation: Perturbation | None, alpha: 
         Chance of any false disagreement.
     say : callable
         Told what is being done.
+    gige : bool
+        Pictures come as GigE Vision packets over this machine's own network.
 
     Raises
     ------
@@ -43,6 +48,8 @@ def run_demo(out: Path, *, seed: int, perturbation: Perturbation | None, alpha: 
     """
     copy_examples(out)
     rig = seeded(load_rig(out / "rig-sim.toml"), seed)
+    if gige:
+        rig = rig.model_copy(update={"camera": rig.camera.model_copy(update={"address": GIGE_ADDRESS})})
     say("taking dark and flat frames")
     take(rig, out, session="session-noise.toml", run=NOISE_RUN)
     say("calibrating the sensor's noise from them")

@@ -23,6 +23,11 @@ def progress() -> Console:
     return Console(stderr=True, highlight=False, markup=False)
 
 
+def warn(text: str) -> None:
+    """Tell people something that they had better change."""
+    progress().print(f"rigctl: warning: {text}", markup=False)
+
+
 def print_json(content: Mapping[str, Any]) -> None:
     """Write a result for other programs to read: JSON on standard output."""
     sys.stdout.write(json.dumps(content, indent=2, allow_nan=False) + "\n")

@@ -3,11 +3,13 @@
 import time
 from collections.abc import Callable
 
-from drivers.errors import DeviceTimeoutError, LimitError, ProtocolError
-from drivers.interfaces import DeviceIdentity, Move, StagePosition
+from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
+from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort, open_serial_port
 from drivers.stages import elliptec_protocol as protocol
+from drivers.stages.approach import approach, reachable_tolerance_deg
 from drivers.stages.elliptec_link import EllxLink
+from drivers.stages.turning import distance_deg, require_finite, route_deg
 
 _TRIES = 3
 _SLOWEST_DEG_PER_S = 10.0  # an ELL14 does about 430; slower than this, something is wrong
@@ -31,7 +33,7 @@ class EllxStage:
         self._link = link
         self._information = information
         self._pulses = _plausible_pulses(link.name, information)
-        self._tolerance_deg = _reachable_tolerance_deg(tolerance_deg, pulses=self._pulses)
+        self._tolerance_deg = reachable_tolerance_deg(tolerance_deg, count_deg=360.0 / self._pulses)
         self._homed = False
         self._last_counts: int | None = None
 
@@ -57,7 +59,7 @@ class EllxStage:
         DeviceFaultError
             The stage reports a fault, such as a stall.
         DeviceTimeoutError
-            The stage is silent, or does not get home within 38 s.
+            The stage is silent, or does not get home within 38 s, three times.
         """
         self._homed = False
         for _ in range(_TRIES):
@@ -70,10 +72,11 @@ class EllxStage:
             + "; ".join(self._link.take_notes())
         )
 
-    def move_to(self, angle_deg: float) -> Move:
+    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
         """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
 
-        The stage is commanded anew, at most three times in all, until a readback taken after the move lies
+        Where the wanted way leads through zero, the first try is a relative move; an absolute one does not lead
+        there. The stage is commanded anew, at most three times in all, until a readback taken after the move lies
         within the tolerance of the target.
 
         Raises
@@ -81,33 +84,23 @@ class EllxStage:
         DeviceFaultError
             The stage reports a fault, such as a stall (code 2).
         DeviceTimeoutError
-            The stage is silent, or slower than its deadline: 2 s, and 1 s for each 10 degrees of the way; at most
-            38 s.
+            The stage is silent, or slower than its deadline: 2 s, and 1 s for each 10 degrees of the way.
         ProtocolError
             Its answers are damaged, three times in a row.
         LimitError
             The stage was not homed on this connection, or was seen to restart since; or the angle is not finite;
             or the readback stays further from the target than the tolerance.
         """
-        counts = protocol.counts_from_angle(angle_deg, pulses=self._pulses)
-        command = protocol.move_absolute(self._link.address, counts=counts)
-        start_s = self._link.now_s()
+        require_finite(angle_deg)
         self._require_homed()
-        for tries in range(1, _TRIES + 1):
-            self._link.run_motion(command, timeout_s=self._deadline_s(counts))
-            position = self._read_encoder()
-            self._require_homed()
-            if _distance_deg(position.angle_deg, angle_deg) <= self._tolerance_deg:
-                return Move(
-                    target_deg=angle_deg,
-                    position=position,
-                    tries=tries,
-                    duration_s=self._link.now_s() - start_s,
-                    remarks=self._link.take_notes(),
-                )
-        raise LimitError(
-            f"{self._link.name}: sent to {angle_deg:g} deg {_TRIES} times, it stays at {position.angle_deg:.4f} deg, "
-            f"further off than the tolerance of {self._tolerance_deg:g} deg. Clean the stage's track or allow more"
+        return approach(
+            lambda chosen: self._turn(angle_deg, way=chosen),
+            angle_deg,
+            way=way,
+            tolerance_deg=self._tolerance_deg,
+            name=self._link.name,
+            now_s=self._link.now_s,
+            take_notes=self._link.take_notes,
         )
 
     def position(self) -> StagePosition:
@@ -121,11 +114,24 @@ class EllxStage:
         reading = self._read_encoder()
         for _ in range(_TRIES):
             before, reading = reading, self._read_encoder()
-            if _distance_deg(before.angle_deg, reading.angle_deg) <= self._tolerance_deg:
+            if distance_deg(before.angle_deg, reading.angle_deg) <= self._tolerance_deg:
                 return reading
         raise ProtocolError(
             f"{self._link.name}: readings of the position differ, at last {before.counts} and {reading.counts} "
             "counts. Check the cable, and that nothing turns the stage"
+        )
+
+    def status(self) -> StageStatus:
+        """Ask the stage what it is doing; a fault that it remembers is told, and by that forgotten by the stage."""
+        try:
+            code = self._link.ask(protocol.status(self._link.address), protocol.Status).code
+        except DeviceFaultError as error:
+            code = int(error.code)
+        return StageStatus(
+            moving=code == protocol.BUSY,
+            homed=self._homed and not self._link.restarted,
+            code=code,
+            meaning=protocol.STATUS_MEANINGS.get(code, "reserved"),
         )
 
     def stop(self) -> None:
@@ -152,13 +158,27 @@ class EllxStage:
         self._last_counts = counts
         return StagePosition(angle_deg=angle_deg, counts=counts)
 
-    def _deadline_s(self, counts: int) -> float:
-        """Return how long the way to a reading may take [s]; the stage does not take the short way round zero."""
-        if self._last_counts is None:
-            return _FULL_TURN_S
-        way_deg = abs(counts - self._last_counts) * 360.0 / self._pulses
-        # A last reading that was damaged on its way must not make the wait any longer than a full turn.
-        return min(_FULL_TURN_S, _START_S + way_deg / _SLOWEST_DEG_PER_S)
+    def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
+        """Turn, by an absolute move where that leads the wanted way; return the readback of a stage still homed."""
+        here = self._read_encoder().counts if self._last_counts is None else self._last_counts
+        by = self._route(here, angle_deg, way=way)
+        target = protocol.counts_from_angle(angle_deg, pulses=self._pulses)
+        if abs(here + by - target) > 1:  # each of the two was rounded
+            here = self.position().counts  # one damaged reading must not lead a relative move astray
+            by = self._route(here, angle_deg, way=way)
+        if abs(here + by - target) <= 1:
+            command = protocol.move_absolute(self._link.address, counts=target)
+        else:
+            command = protocol.move_relative(self._link.address, counts=by)
+        self._link.run_motion(command, timeout_s=_START_S + abs(by) * 360.0 / self._pulses / _SLOWEST_DEG_PER_S)
+        position = self._read_encoder()
+        self._require_homed()
+        return position
+
+    def _route(self, here: int, angle_deg: float, *, way: Way) -> int:
+        """Return by how many counts to turn."""
+        from_deg = here * 360.0 / self._pulses
+        return round(route_deg(from_deg, angle_deg, way=way, near_deg=self._tolerance_deg) * self._pulses / 360.0)
 
 
 def connect_elliptec(
@@ -235,18 +255,3 @@ def _plausible_pulses(name: str, information: protocol.Information) -> int:
         return protocol.pulses_per_revolution(information)
     except ProtocolError as error:
         raise ProtocolError(f"{name}: {error}. It is not used, since its angles could not be trusted") from error
-
-
-def _reachable_tolerance_deg(tolerance_deg: float, *, pulses: int) -> float:
-    half_count_deg = 180.0 / pulses
-    if not half_count_deg < tolerance_deg < 180.0:
-        raise LimitError(
-            f"tolerance {tolerance_deg:g} deg: must be above half an encoder count, {half_count_deg:.3g} deg, "
-            "and below 180 deg"
-        )
-    return tolerance_deg
-
-
-def _distance_deg(a_deg: float, b_deg: float) -> float:
-    """Return the angle between two directions [deg], in [0, 180]."""
-    return abs((a_deg - b_deg + 180.0) % 360.0 - 180.0)

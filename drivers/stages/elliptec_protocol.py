@@ -148,6 +148,13 @@ def move_absolute(address: str, *, counts: int) -> bytes:
     return f"{address}ma{counts & 0xFFFFFFFF:08X}".encode()
 
 
+def move_relative(address: str, *, counts: int) -> bytes:
+    """Return the command that moves by a number of counts, answered by `Position` in the end."""
+    if not -(1 << 31) <= counts < 1 << 31:
+        raise LimitError(f"distance {counts} counts: a distance has 32 bits with sign")
+    return f"{address}mr{counts & 0xFFFFFFFF:08X}".encode()
+
+
 def pulses_per_revolution(information: Information) -> int:
     """Return the encoder counts of a full turn, once the stage is plausibly a rotation stage.
 

@@ -1,4 +1,4 @@
-"""Spectral optical properties of the rural and the tropospheric aerosol."""
+"""Kinds of aerosol; tabulated optical properties of the rural and the tropospheric one."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -44,6 +44,15 @@ class AerosolType(StrEnum):
     """Continental aerosol of the lowest 2 km."""
     TROPOSPHERIC = "tropospheric"
     """The same without its large particles, of the free troposphere or a very clear day."""
+    WATER_SOLUBLE = "water-soluble"
+    """Sulfates, nitrates and organic substances."""
+    DUST = "dust"
+    """Mineral dust carried far from its desert."""
+    SOOT = "soot"
+    """Carbon of combustion."""
+
+
+TABULATED = frozenset({AerosolType.RURAL, AerosolType.TROPOSPHERIC})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +75,7 @@ class AerosolOptics:
 
 
 def aerosol_optics(*, kind: AerosolType, wavelength_m: float, relative_humidity: float) -> AerosolOptics:
-    """Optical properties of a standard aerosol at one wavelength.
+    """Optical properties of the rural or the tropospheric aerosol at one wavelength.
 
     Parameters
     ----------
@@ -94,7 +103,7 @@ def relative_extinction(*, kind: AerosolType, wavelength_m: ArrayLike, relative_
     Parameters
     ----------
     kind
-        Which aerosol.
+        Rural or tropospheric.
     wavelength_m
         [m], 0.2e-6 to 1.06e-6.
     relative_humidity
@@ -131,6 +140,8 @@ def _table(kind: AerosolType, relative_humidity: float) -> NDArray[np.float64]:
     """Extinction, absorption and asymmetry over wavelength."""
     if not _RURAL_HUMIDITY[0] <= relative_humidity <= _RURAL_HUMIDITY[-1]:
         raise ValueError(f"relative_humidity = {relative_humidity!r}, allowed is 0 to {_RURAL_HUMIDITY[-1]}")
+    if kind not in TABULATED:
+        raise ValueError(f"aerosol {kind.value!r} has no table, only spheres (`model.atmosphere.aerosol_presets`)")
     return _TROPOSPHERIC if kind is AerosolType.TROPOSPHERIC else _rural_table(relative_humidity)
 
 

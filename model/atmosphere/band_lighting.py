@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.atmosphere.diffuse_light import DiffuseLight
 from model.atmosphere.path import path_radiance, path_transmittance
 from model.atmosphere.profile import Column
-from model.atmosphere.solution import Solution
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class BandLighting:
     """
 
     columns: tuple[Column, ...]
-    solutions: tuple[Solution, ...]
+    solutions: tuple[DiffuseLight, ...]
     irradiance: NDArray[np.float64]
     direct_irradiance: float
     wavelength_error: float

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from model.atmosphere.analytic_sky import AnalyticLighting
 from model.atmosphere.band_lighting import BandLighting
+from model.atmosphere.diffuse_light import DiffuseLight
 from model.atmosphere.layers import Layer
 from model.atmosphere.ozone import ozone_optical_depth
 from model.atmosphere.phase import AerosolKind
@@ -37,6 +38,24 @@ class Solver(Protocol):
         ...
 
 
+class LightSolver(Protocol):
+    """The same call where only the light counts: `Solver`, or `model.atmosphere.sasktran2_engine`."""
+
+    def __call__(
+        self,
+        layers: tuple[Layer, ...],
+        *,
+        mu0: float,
+        albedo: float,
+        aerosol: AerosolKind,
+        nodes: int,
+        element_depth: float,
+        tolerance: float,
+    ) -> DiffuseLight:
+        """Solve one wavelength."""
+        ...
+
+
 def compute_lighting(
     state: AtmosphereState,
     *,
@@ -47,7 +66,7 @@ def compute_lighting(
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
     wavelengths: int = 4,
     dolp_max: float = 0.2,
-    solver: Solver = solve,
+    solver: LightSolver = solve,
 ) -> BandLighting | AnalyticLighting:
     """Light of one sun position in a band.
 
@@ -83,14 +102,15 @@ def compute_lighting(
     """
     if tier is Tier.TABLE:
         raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
+    kind = AerosolKind(aerosol)
     shortest, longest = band.limits_m
     nodes_m = chebyshev_wavelengths_m(shortest_m=shortest, longest_m=longest, count=wavelengths)
     columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in nodes_m)
     settings = TIERS[tier].settings
     solutions = tuple(
-        single_solution(one.layers(fine=True), mu0=mu0, albedo=albedo)
+        single_solution(one.layers(fine=True, aerosol=kind), mu0=mu0, albedo=albedo)
         if settings is None
-        else _solved(solver, one, settings, mu0=mu0, albedo=albedo, aerosol=aerosol)
+        else _solved(solver, one, settings, mu0=mu0, albedo=albedo, aerosol=kind)
         for one in columns
     )
     lighting = _band_lighting(state, band, nodes_m, columns, solutions)
@@ -101,11 +121,11 @@ def compute_lighting(
 
 
 def _solved(
-    solver: Solver, one: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
-) -> Solution:
+    solver: LightSolver, one: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
+) -> DiffuseLight:
     """One wavelength with the settings of a tier."""
     return solver(
-        one.layers(fine=settings.fine_layers),
+        one.layers(fine=settings.fine_layers, aerosol=aerosol, matrix_tolerance=settings.matrix_tolerance),
         mu0=mu0,
         albedo=albedo,
         aerosol=aerosol,
@@ -120,7 +140,7 @@ def _band_lighting(
     band: SolarBand,
     nodes_m: NDArray[np.float64],
     columns: tuple[Column, ...],
-    solutions: tuple[Solution, ...],
+    solutions: tuple[DiffuseLight, ...],
 ) -> BandLighting:
     """Wavelengths put together; ozone, whose spectrum is not smooth, and the beam at all samples of the spectrum."""
     mu0 = solutions[0].mu0

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from model.atmosphere.layers import Layer
 
+_ROUNDING = 1e-9
 _SERIES_TERMS = 18  # what the first guess leaves of an error at 1 is 2/18!
 
 
@@ -40,7 +41,8 @@ def element_edges(
     ----------
     definition
     """
-    counts = [ceil(layer.depth / element_depth) for layer in layers]
+    # A depth that is a multiple of the element's but for rounding must not make one element more.
+    counts = [max(ceil(layer.depth / element_depth - _ROUNDING), 1) for layer in layers]
     depths = [layer.depth / count for layer, count in zip(layers, counts, strict=True)]
     owner = np.repeat(np.arange(len(layers)), counts)
     edges = np.concatenate([[0.0], np.cumsum(np.repeat(depths, counts))])

@@ -1,6 +1,6 @@
 """Light of the beam that has been scattered once: closed forms of depth, the exact scattering matrix in angle."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import pi
 
 import numpy as np
@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from model.atmosphere.depth import slant
 from model.atmosphere.layers import Layer
-from model.atmosphere.phase import henyey_greenstein, rayleigh_column
+from model.atmosphere.phase import henyey_greenstein, matrix_column, rayleigh_column
+from model.atmosphere.scattering_matrix import ScatteringMatrix
 
 
 def beam_share(*, depth: NDArray[np.float64], mu: NDArray[np.float64], mu0: float, upward: bool) -> NDArray[np.float64]:
@@ -85,28 +86,33 @@ def single_scattering(
     depths = np.array([layer.depth for layer in layers])
     tops = np.cumsum(depths) - depths
     reach = _radiance_per_source(tops, depths, mu0=mu0, tau_above=tau_above, mu=mu, upward=upward)
-    asymmetries = sorted({layer.g_aerosol for layer in layers})
-    rayleigh, isotropic, aerosol = _source_strengths(layers, asymmetries)
-    column = rayleigh_column(mu=direction, beam_mu=-mu0, phi_rad=phi_rad)
-    total = (reach @ rayleigh)[:, np.newaxis] * column
-    total[:, 0] += reach @ isotropic
-    peaks = henyey_greenstein(
-        g=np.array(asymmetries), mu=direction[:, np.newaxis], beam_mu=-mu0, phi_rad=phi_rad[:, np.newaxis]
-    )
-    total[:, 0] += np.sum((reach @ aerosol) * peaks, axis=-1)
-    return total / (4.0 * pi)
-
-
-def _source_strengths(
-    layers: Sequence[Layer], asymmetries: list[float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Scattering per extinction of each layer: dipole part, isotropic part of Rayleigh, aerosol of each asymmetry."""
     rayleigh = np.array([layer.tau_rayleigh / layer.depth for layer in layers])
     delta = np.array([layer.delta for layer in layers])
-    aerosol = np.zeros((len(layers), len(asymmetries)))
-    for row, layer in zip(aerosol, layers, strict=True):
-        row[asymmetries.index(layer.g_aerosol)] = layer.tau_aerosol * layer.ssa_aerosol / layer.depth
-    return rayleigh * delta, rayleigh * (1.0 - delta), aerosol
+    column = rayleigh_column(mu=direction, beam_mu=-mu0, phi_rad=phi_rad)
+    total = (reach @ (rayleigh * delta))[:, np.newaxis] * column
+    total[:, 0] += reach @ (rayleigh * (1.0 - delta))
+    for shape, strength in _aerosol_strengths(layers):
+        light = _aerosol_column(shape, mu=direction, beam_mu=-mu0, phi_rad=phi_rad)
+        total += (reach @ strength)[:, np.newaxis] * light
+    return np.asarray(total / (4.0 * pi))
+
+
+def _aerosol_strengths(layers: Sequence[Layer]) -> Iterator[tuple[float | ScatteringMatrix, NDArray[np.float64]]]:
+    """Each matrix or asymmetry of the aerosol, and its scattering per extinction in each layer."""
+    strength = np.array([layer.tau_aerosol * layer.ssa_aerosol / layer.depth for layer in layers])
+    shapes = [layer.g_aerosol if layer.matrix is None else layer.matrix for layer in layers]
+    for shape in dict.fromkeys(shapes):
+        yield shape, np.where([one == shape for one in shapes], strength, 0.0)
+
+
+def _aerosol_column(
+    shape: float | ScatteringMatrix, *, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """First column (I, Q, U) of an aerosol's scattering matrix, shape (R, 3)."""
+    if isinstance(shape, ScatteringMatrix):
+        return matrix_column(matrix=shape, mu=mu, beam_mu=beam_mu, phi_rad=phi_rad)
+    peak = henyey_greenstein(g=shape, mu=mu, beam_mu=beam_mu, phi_rad=phi_rad)
+    return np.stack([peak, np.zeros_like(peak), np.zeros_like(peak)], axis=-1)
 
 
 def _radiance_per_source(

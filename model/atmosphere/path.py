@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.atmosphere.depth import slant
-from model.atmosphere.solution import Solution
+from model.atmosphere.diffuse_light import DiffuseLight
 
 
 def path_transmittance(*, tau_below: ArrayLike, mu: ArrayLike) -> NDArray[np.float64]:
@@ -25,7 +25,7 @@ def path_transmittance(*, tau_below: ArrayLike, mu: ArrayLike) -> NDArray[np.flo
 
 
 def path_radiance(
-    solution: Solution, *, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike
+    solution: DiffuseLight, *, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike
 ) -> NDArray[np.float64]:
     """Stokes radiance that the air below a sensor adds over a black target, per unit beam irradiance [sr-1].
 

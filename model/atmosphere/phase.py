@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.layers import Layer
+from model.atmosphere.scattering_matrix import ScatteringMatrix
 
 
 class AerosolKind(StrEnum):
@@ -21,6 +22,8 @@ class AerosolKind(StrEnum):
     """The scattered light is unpolarized."""
     POLARIZING = "polarizing"
     """Unpolarized light stays so; polarized light keeps its state in and near the forward direction."""
+    SPHERES = "spheres"
+    """As homogeneous spheres do, by their scattering matrix."""
 
 
 def expansion_coefficients(layers: Sequence[Layer], *, degree_max: int, aerosol: AerosolKind) -> NDArray[np.float64]:
@@ -43,25 +46,40 @@ def expansion_coefficients(layers: Sequence[Layer], *, degree_max: int, aerosol:
 
     Notes
     -----
-    Henyey-Greenstein: a1 = (2l + 1) g^l; a polarizing one also has a2 = a3 = a1 from l = 2, the simplest choice that
-    is regular at 180 degrees. Both have b1 = 0: real particles polarize by themselves, these do not.
+    A layer with a scattering matrix has its coefficients, less the share of a forward peak that counts as not
+    scattered (delta-M). Others are Henyey-Greenstein: a1 = (2l + 1) g^l; a polarizing one also has a2 = a3 = a1 from
+    l = 2, the simplest choice that is regular at 180 degrees. Both have b1 = 0: real particles polarize by
+    themselves, these do not.
 
     References
     ----------
     de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237 (b1 there has the other sign, its P^l_02 = -d^l_02);
-    Henyey & Greenstein, Astrophys. J. 93 (1941) 70.
+    Wiscombe, J. Atmos. Sci. 34 (1977) 1408 (delta-M); Henyey & Greenstein, Astrophys. J. 93 (1941) 70.
     """
     coefficients = np.zeros((len(layers), degree_max + 1, 4))
     degree = np.arange(degree_max + 1)
     for row, layer in zip(coefficients, layers, strict=True):
-        aerosol_series = layer.tau_aerosol * layer.ssa_aerosol * (2 * degree + 1) * np.power(layer.g_aerosol, degree)
-        row[:, 0] += aerosol_series
-        if aerosol is AerosolKind.POLARIZING:
-            row[2:, 1:3] += aerosol_series[2:, np.newaxis]
+        row += layer.tau_aerosol * layer.ssa_aerosol * _aerosol_expansion(layer, degree, aerosol)
         row[0, 0] += layer.tau_rayleigh
         row[2] += layer.tau_rayleigh * layer.delta * np.array([0.5, 3.0, 0.0, -sqrt(6.0) / 2.0])
         row /= layer.depth
     return coefficients
+
+
+def _aerosol_expansion(layer: Layer, degree: NDArray[np.int_], aerosol: AerosolKind) -> NDArray[np.float64]:
+    """Expansion of the aerosol's scattering matrix, shape (L, 4)."""
+    series = np.zeros((degree.size, 4))
+    if layer.matrix is not None:
+        known = layer.matrix.coefficients[: degree.size]
+        series[: len(known)] = known
+        peak = layer.forward_share * (2 * degree + 1)
+        series[:, 0] -= peak
+        series[2:, 1:3] -= peak[2:, np.newaxis]
+        return series
+    series[:, 0] = (2 * degree + 1) * np.power(layer.g_aerosol, degree)
+    if aerosol is AerosolKind.POLARIZING:
+        series[2:, 1:3] = series[2:, :1]
+    return series
 
 
 def rayleigh_column(*, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,8 +112,33 @@ def rayleigh_column(*, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray
     return 0.75 * np.stack([theta_power + phi_power, theta_power - phi_power, cross], axis=-1)
 
 
+def matrix_column(
+    *, matrix: ScatteringMatrix, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """First column (I, Q, U for unpolarized light) of a scattering matrix, shape (..., 3); I averages to 1.
+
+    Parameters
+    ----------
+    matrix
+        The scattering matrix in the scattering plane.
+    mu, beam_mu, phi_rad
+        Directions as in `rayleigh_column`.
+
+    References
+    ----------
+    definition
+    """
+    along_theta, along_phi, cosine = _beam_components(mu, beam_mu, phi_rad)
+    sine_square = along_theta**2 + along_phi**2
+    plain, mixed = matrix.first_column(np.arctan2(np.sqrt(sine_square), cosine))
+    # F12 falls like the square of the sine toward both ends, where the scattering plane is undefined.
+    degree = np.zeros_like(mixed)
+    np.divide(mixed, sine_square, out=degree, where=sine_square > 0.0)
+    return np.stack([plain, degree * (along_theta**2 - along_phi**2), degree * 2.0 * along_theta * along_phi], axis=-1)
+
+
 def henyey_greenstein(
-    *, g: NDArray[np.float64], mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
+    *, g: float | NDArray[np.float64], mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Henyey-Greenstein phase function, which averages to 1 over the sphere.
 

@@ -5,15 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.atmosphere.aerosol_models import AerosolOptics, AerosolType, aerosol_optics, relative_extinction
+from model.atmosphere.aerosol_choice import AerosolChoice, extinction_of, optics_of, spheres_of
+from model.atmosphere.aerosol_models import AerosolOptics, AerosolType
 from model.atmosphere.aerosol_profile import BOUNDARY_LAYER_TOP_M, AerosolColumn, aerosol_column
 from model.atmosphere.layers import Layer
+from model.atmosphere.mie_aerosol import aerosol_scattering
 from model.atmosphere.molecules import (
     SEA_LEVEL_PRESSURE_PA,
     pressure_ratio,
     rayleigh_anisotropy,
     rayleigh_optical_depth,
 )
+from model.atmosphere.particle_modes import MieAerosol
+from model.atmosphere.phase import AerosolKind
+from model.atmosphere.scattering_matrix import ScatteringMatrix
 
 _FINE_HEIGHTS_M = 1e3 * np.concatenate(
     [
@@ -35,8 +40,10 @@ class AtmosphereState:
     ----------
     visibility_m, aerosol_optical_depth
         Exactly one of them: meteorological range [m], or vertical optical depth of the aerosol at 550 nm.
-    boundary_aerosol
-        Aerosol of the lowest 2 km; above it is tropospheric.
+    boundary_aerosol, upper_aerosol
+        Aerosol of the lowest 2 km and of the air above: a documented kind, or spheres of one's own.
+    angstrom_exponent
+        Of the aerosol's extinction over wavelength, in place of the spectrum of its kind; or None.
     relative_humidity
         At the ground, 0 to 0.8; the standard atmosphere has about 0.5.
     ozone_m
@@ -47,7 +54,9 @@ class AtmosphereState:
 
     visibility_m: float | None = None
     aerosol_optical_depth: float | None = None
-    boundary_aerosol: AerosolType = AerosolType.RURAL
+    boundary_aerosol: AerosolChoice = AerosolType.RURAL
+    upper_aerosol: AerosolChoice = AerosolType.TROPOSPHERIC
+    angstrom_exponent: float | None = None
     relative_humidity: float = 0.5
     ozone_m: float = 3.44e-3
     surface_pressure_pa: float = SEA_LEVEL_PRESSURE_PA
@@ -69,6 +78,8 @@ class Column:
         Aerosol over height at 550 nm.
     lower, upper
         Optical properties of the aerosol below and above 2 km.
+    lower_spheres, upper_spheres
+        The same aerosols as spheres.
     """
 
     wavelength_m: float
@@ -77,6 +88,8 @@ class Column:
     aerosol: AerosolColumn
     lower: AerosolOptics
     upper: AerosolOptics
+    lower_spheres: MieAerosol
+    upper_spheres: MieAerosol
 
     @property
     def tau_aerosol(self) -> float:
@@ -105,22 +118,43 @@ class Column:
             raise ValueError(f"height_m = {np.min(height)!r} m, allowed is 0 (the ground) or more")
         return np.asarray(self._rayleigh_above(height) + self._aerosol_between(height, np.asarray(np.inf)))
 
-    def layers(self, *, fine: bool) -> tuple[Layer, ...]:
+    def layers(
+        self, *, fine: bool, aerosol: AerosolKind = AerosolKind.DEPOLARIZING, matrix_tolerance: float = 1e-3
+    ) -> tuple[Layer, ...]:
         """Homogeneous layers, top to bottom.
 
         Parameters
         ----------
         fine
             78 layers, within 1e-4 of the radiance of many more; or 15, within 3e-3.
+        aerosol
+            SPHERES gives each layer the scattering matrix of its spheres.
+        matrix_tolerance
+            As in `model.atmosphere.mie_aerosol.aerosol_scattering`.
+
+        Notes
+        -----
+        Optical depth and single-scattering albedo are those of the column for every kind of aerosol.
 
         References
         ----------
         definition
         """
         heights = _FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M
-        return tuple(self._layer(low, high) for high, low in zip(heights[:0:-1], heights[-2::-1], strict=True))
+        lower, upper = self._matrices(matrix_tolerance) if aerosol is AerosolKind.SPHERES else (None, None)
+        return tuple(
+            self._layer(low, high, lower if high <= BOUNDARY_LAYER_TOP_M else upper)
+            for high, low in zip(heights[:0:-1], heights[-2::-1], strict=True)
+        )
 
-    def _layer(self, lower_m: float, upper_m: float) -> Layer:
+    def _matrices(self, tolerance: float) -> list[ScatteringMatrix]:
+        """Scattering matrices of the spheres below and above 2 km."""
+        return [
+            aerosol_scattering(spheres, wavelength_m=self.wavelength_m, tolerance=tolerance).matrix
+            for spheres in (self.lower_spheres, self.upper_spheres)
+        ]
+
+    def _layer(self, lower_m: float, upper_m: float, matrix: ScatteringMatrix | None) -> Layer:
         """Homogeneous mean of the air between two heights on one side of 2 km."""
         low, high = np.asarray(lower_m), np.asarray(upper_m)
         optics = self.lower if upper_m <= BOUNDARY_LAYER_TOP_M else self.upper
@@ -130,6 +164,7 @@ class Column:
             ssa_aerosol=optics.ssa,
             g_aerosol=optics.g,
             delta=self.delta,
+            matrix=matrix,
         )
 
     def _rayleigh_above(self, height_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -163,10 +198,17 @@ def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
     ----------
     U.S. Standard Atmosphere 1976; Shettle & Fenn, AFGL-TR-79-0214 (1979)
     """
-    optics = {
-        kind: aerosol_optics(kind=kind, wavelength_m=wavelength_m, relative_humidity=state.relative_humidity)
-        for kind in AerosolType
-    }
+    choices = (state.boundary_aerosol, state.upper_aerosol)
+    lower, upper = (
+        optics_of(
+            choice,
+            wavelength_m=wavelength_m,
+            relative_humidity=state.relative_humidity,
+            angstrom_exponent=state.angstrom_exponent,
+        )
+        for choice in choices
+    )
+    lower_spheres, upper_spheres = (spheres_of(choice, relative_humidity=state.relative_humidity) for choice in choices)
     return Column(
         wavelength_m=wavelength_m,
         tau_rayleigh=float(
@@ -174,8 +216,10 @@ def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
         ),
         delta=rayleigh_anisotropy(wavelength_m=wavelength_m),
         aerosol=aerosol_column(visibility_m=state.visibility_m, optical_depth=state.aerosol_optical_depth),
-        lower=optics[AerosolType(state.boundary_aerosol)],
-        upper=optics[AerosolType.TROPOSPHERIC],
+        lower=lower,
+        upper=upper,
+        lower_spheres=lower_spheres,
+        upper_spheres=upper_spheres,
     )
 
 
@@ -200,8 +244,13 @@ def optical_depth(state: AtmosphereState, *, wavelength_m: ArrayLike) -> NDArray
     """
     aerosol = aerosol_column(visibility_m=state.visibility_m, optical_depth=state.aerosol_optical_depth)
     lower, upper = (
-        relative_extinction(kind=kind, wavelength_m=wavelength_m, relative_humidity=state.relative_humidity)
-        for kind in (AerosolType(state.boundary_aerosol), AerosolType.TROPOSPHERIC)
+        extinction_of(
+            choice,
+            wavelength_m=wavelength_m,
+            relative_humidity=state.relative_humidity,
+            angstrom_exponent=state.angstrom_exponent,
+        )
+        for choice in (state.boundary_aerosol, state.upper_aerosol)
     )
     molecules = rayleigh_optical_depth(wavelength_m=wavelength_m, surface_pressure_pa=state.surface_pressure_pa)
     depths = aerosol.optical_depth_between([0.0, BOUNDARY_LAYER_TOP_M], [BOUNDARY_LAYER_TOP_M, np.inf])

@@ -6,11 +6,10 @@ from math import exp, pi
 
 import numpy as np
 
+from model.atmosphere.forward_peak import peak_irradiance, with_truncated_matrix
+from model.atmosphere.irradiance import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.layers import Layer, merge_alike
 from model.atmosphere.solution import Solution
-from model.atmosphere.transport import gauss_nodes
-
-_IRRADIANCE_NODES, _IRRADIANCE_AZIMUTHS = 12, 36  # within 1e-3 for the forward peak of aerosol
 
 
 def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solution:
@@ -37,9 +36,20 @@ def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float) -> So
     if not (0.0 < mu0 <= 1.0 and 0.0 <= albedo <= 1.0):
         raise ValueError(f"single_solution: mu0 = {mu0!r} must be above 0 to 1, albedo = {albedo!r} from 0 to 1")
     merged = merge_alike(layers)
-    edges = np.cumsum([0.0, *(layer.depth for layer in merged)])
-    beam_only = Solution(
-        layers=tuple(merged),
+    # The sky's irradiance is that of a matrix without its peak, and the peak's.
+    smooth = with_truncated_matrix(merged, degree=MATRIX_DEGREE)
+    sky = sky_irradiance(_beam_only(smooth, mu0=mu0, albedo=0.0))
+    return replace(
+        _beam_only(merged, mu0=mu0, albedo=albedo),
+        diffuse_irradiance=sky + peak_irradiance(merged, smooth, mu0=mu0),
+    )
+
+
+def _beam_only(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solution:
+    """Light scattered once, its irradiance left open."""
+    edges = np.cumsum([0.0, *(layer.depth for layer in layers)])
+    return Solution(
+        layers=tuple(layers),
         mu0=mu0,
         edges=edges,
         blocks=(),
@@ -49,12 +59,3 @@ def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float) -> So
         converged=False,
         error_estimate=1.0,
     )
-    return replace(beam_only, diffuse_irradiance=_sky_irradiance(beam_only))
-
-
-def _sky_irradiance(solution: Solution) -> float:
-    """Downward irradiance at the ground, over directions."""
-    mu, weights = gauss_nodes(_IRRADIANCE_NODES)
-    phi_rad = 2.0 * pi * np.arange(_IRRADIANCE_AZIMUTHS) / _IRRADIANCE_AZIMUTHS
-    sky = solution.stokes(solution.depth, mu, phi_rad[:, np.newaxis], looking="up")
-    return 2.0 * pi * float(np.mean(sky[..., 0], axis=0) @ (weights * mu))

@@ -43,7 +43,7 @@ class Solution:
     mu0
         Cosine of the solar zenith angle.
     edges
-        Optical depths of the faces of the solver's elements, shape (E + 1,).
+        Optical depths of the faces of the solver's elements, without what counts as not scattered, shape (E + 1,).
     blocks
         The light scattered more than once.
     ground_radiance
@@ -71,8 +71,8 @@ class Solution:
 
     @property
     def depth(self) -> float:
-        """Optical depth of all layers."""
-        return float(self.edges[-1])
+        """Extinction optical depth of all layers."""
+        return sum(layer.full_depth for layer in self.layers)
 
     def stokes(
         self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
@@ -125,11 +125,15 @@ class Solution:
         return observed.reshape(*tau.shape, 3)
 
     def _tau(self, tau: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Depths that were checked, with an overshoot from rounding taken back."""
+        """Depths that were checked, with an overshoot from rounding taken back, as the solver counts them."""
         allowed = (tau >= 0.0) & (tau <= self.depth * (1.0 + _ROUNDING))
         if not np.all(allowed):
             raise ValueError(f"stokes: tau_above = {tau[~allowed][0]!r}, allowed is 0 to {self.depth:.6g}")
-        return np.asarray(np.minimum(tau, self.depth))
+        full, counted = (
+            np.cumsum([0.0, *(getattr(layer, name) for layer in self.layers)]) for name in ("full_depth", "depth")
+        )
+        # Both grow in proportion within a layer; where they are the same, so is the result, to the last digit.
+        return np.asarray(np.minimum(tau - np.interp(tau, full, full - counted), self.edges[-1]))
 
     def _radiance(
         self, tau: NDArray[np.float64], mu: NDArray[np.float64], phi_rad: NDArray[np.float64], *, upward: bool
@@ -143,7 +147,7 @@ class Solution:
         for block in self.blocks:
             total += _block_radiance(block, weights, mu if upward else -mu, propagation_rad)
         if upward:
-            total[:, 0] += self.ground_radiance * np.exp(-slant(self.depth - tau, mu))
+            total[:, 0] += self.ground_radiance * np.exp(-slant(self.edges[-1] - tau, mu))
         return total
 
     def _path_weights(self, tau: NDArray[np.float64], mu: NDArray[np.float64], *, upward: bool) -> NDArray[np.float64]:

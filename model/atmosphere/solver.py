@@ -1,7 +1,8 @@
 """Plane-parallel vector radiative transfer by successive orders of scattering."""
 
 from collections.abc import Sequence
-from math import acos, cos, degrees, inf, pi, radians
+from dataclasses import replace
+from math import acos, cos, degrees, exp, inf, pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from model.atmosphere.blocks import estimate_error, solve_blocks
 from model.atmosphere.depth import element_edges
 from model.atmosphere.expansion_length import degree_max, mode_blocks, truncation_error
+from model.atmosphere.forward_peak import without_forward_peak
 from model.atmosphere.layers import Layer, merge_alike
 from model.atmosphere.orders import Setting, direct_irradiance
 from model.atmosphere.phase import AerosolKind, expansion_coefficients
@@ -44,7 +46,7 @@ def solve(
     albedo
         Albedo of the Lambertian ground, 0 to 1.
     aerosol
-        Whether scattering by the aerosol depolarizes.
+        What scattering by the aerosol does to polarization; spheres ask for a matrix in every layer that has aerosol.
     nodes
         Quadrature directions of each hemisphere, 4 or more; an asymmetry above 0.8 asks for more than 16.
     element_depth
@@ -62,7 +64,9 @@ def solve(
     Notes
     -----
     Light scattered once is exact. Error against published tables for molecules: 2e-5 of the radiance from the zenith
-    to 89 degrees, optical depth 0.005 to 2; Henyey-Greenstein g = 0.65: 2e-5, g = 0.76: 2e-4. The number of orders
+    to 89 degrees, optical depth 0.005 to 2; Henyey-Greenstein g = 0.65: 2e-5, g = 0.76: 2e-4. The forward
+    peak of a scattering matrix that the directions cannot resolve counts as not scattered, except in light scattered
+    once (delta-M with TMS, see `model.atmosphere.forward_peak`). The number of orders
     grows with the depth (70 at 2, conservative), so does the time. Refraction and curvature are left out.
 
     References
@@ -72,12 +76,13 @@ def solve(
     _check_scene(mu0=mu0, albedo=albedo)
     _check_settings(nodes=nodes, element_depth=element_depth, tolerance=tolerance, max_orders=max_orders)
     kind = AerosolKind(aerosol)
-    merged = merge_alike(layers)
+    alike = merge_alike(_of_kind(layers, kind))
+    degree = degree_max(alike, nodes=nodes)
+    merged = without_forward_peak(alike, degree=degree)
     grid, owner = _grid(merged, mu0=mu0, nodes=nodes, element_depth=element_depth)
     setting = Setting(
         grid=grid, transport=transport_of(grid), albedo=albedo, tolerance=tolerance, max_orders=max_orders
     )
-    degree = degree_max(merged, nodes=nodes)
     coefficients = expansion_coefficients(merged, degree_max=degree, aerosol=kind)[owner]
     blocks = solve_blocks(setting, coefficients, mode_blocks(degree, kind))
     irradiance = blocks[0].result.diffuse_irradiance
@@ -90,11 +95,26 @@ def solve(
             for block in blocks
         ),
         ground_radiance=albedo / pi * (direct_irradiance(grid) + irradiance),
-        diffuse_irradiance=irradiance,
+        # The forward peak, which counted as the beam, is diffuse light.
+        diffuse_irradiance=irradiance + direct_irradiance(grid) - mu0 * exp(-_full_depth(merged) / mu0),
         orders=max(block.result.orders for block in blocks),
         converged=all(block.result.tail <= tolerance for block in blocks),
         error_estimate=estimate_error(setting, coefficients, blocks) + truncation_error(merged, degree=degree),
     )
+
+
+def _of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
+    """Layers with the scattering matrices that the kind of aerosol asks for."""
+    if kind is not AerosolKind.SPHERES:
+        return [replace(layer, matrix=None) for layer in layers]
+    if any(layer.matrix is None and layer.tau_aerosol * layer.ssa_aerosol > 0.0 for layer in layers):
+        raise ValueError("solve: aerosol 'spheres' asks for a matrix in every layer whose aerosol scatters")
+    return list(layers)
+
+
+def _full_depth(layers: Sequence[Layer]) -> float:
+    """Extinction optical depth of all layers."""
+    return sum(layer.full_depth for layer in layers)
 
 
 def _grid(layers: Sequence[Layer], *, mu0: float, nodes: int, element_depth: float) -> tuple[Grid, NDArray[np.int_]]:

@@ -1,5 +1,6 @@
 """Wigner functions, and the basis in which the scattering matrix of randomly oriented particles separates."""
 
+from collections.abc import Iterator
 from math import comb, sqrt
 
 import numpy as np
@@ -62,6 +63,42 @@ def _next_degree(
     earlier = np.sqrt((degree**2 - orders**2) * (degree**2 - second**2))[:, np.newaxis] * (upper / divisor)
     rise: NDArray[np.float64] = (2 * degree + 1) * (upper * mu - product) * values[:, degree]
     return (rise - earlier * values[:, divisor - 1]) / scale
+
+
+def matrix_functions(*, degree_max: int, mu: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Functions in which a scattering matrix is expanded, degree by degree from 0.
+
+    Parameters
+    ----------
+    degree_max
+        Largest degree, 0 or more.
+    mu
+        Cosine of the scattering angle, shape (N,), -1 to 1.
+
+    Yields
+    ------
+    ndarray, shape (4, N)
+        d^l_00, d^l_22, d^l_2-2 and d^l_02 of one degree; those but the first are 0 below degree 2.
+
+    References
+    ----------
+    de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237; recurrence as in `wigner_d`.
+    """
+    functions = np.zeros((3, 4, mu.size))
+    functions[0, 0], functions[1, 0], functions[2, 0] = 1.0, mu, 1.5 * mu**2 - 0.5
+    for row, (order, second) in enumerate(((2, 2), (2, -2), (0, 2)), start=1):
+        functions[2, row] = _lowest_degree(order, second, mu)
+    yield from functions[: degree_max + 1]
+    before, current = functions[1], functions[2]
+    first, second_order = np.array([0, 2, 2, 0])[:, np.newaxis], np.array([0, 2, -2, 2])[:, np.newaxis]
+    degree = np.arange(2.0, max(degree_max, 2))[:, np.newaxis, np.newaxis]
+    scale = degree * np.sqrt(((degree + 1) ** 2 - first**2) * ((degree + 1) ** 2 - second_order**2))
+    rise = (2 * degree + 1) * degree * (degree + 1) / scale
+    shift = (2 * degree + 1) * first * second_order / scale
+    fall = (degree + 1) * np.sqrt((degree**2 - first**2) * (degree**2 - second_order**2)) / scale
+    for factor, constant, back in zip(rise, shift, fall, strict=True):
+        before, current = current, (factor * mu - constant) * current - back * before
+        yield current
 
 
 def stokes_basis(*, degree_max: int, order_max: int, mu: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,12 +26,15 @@ class SolverSettings:
         Whether the profile is cut in many layers.
     nodes, element_depth, tolerance
         As in `model.atmosphere.solver.solve`.
+    matrix_tolerance
+        Of the scattering matrix of spheres, as in `model.atmosphere.mie_aerosol.aerosol_scattering`.
     """
 
     fine_layers: bool
     nodes: int
     element_depth: float
     tolerance: float
+    matrix_tolerance: float = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +73,9 @@ TIERS: Mapping[Tier, TierFacts] = MappingProxyType(
         Tier.FAST: TierFacts(
             accuracy="radiance 0.3 % rms, 0.7 % at most; degree of polarization 1e-3",
             seconds=0.02,
-            settings=SolverSettings(fine_layers=False, nodes=6, element_depth=0.1, tolerance=1e-3),
+            settings=SolverSettings(
+                fine_layers=False, nodes=6, element_depth=0.1, tolerance=1e-3, matrix_tolerance=3e-3
+            ),
         ),
         Tier.STANDARD: TierFacts(
             accuracy="radiance 2e-4, degree of polarization 1e-4",

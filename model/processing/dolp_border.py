@@ -14,11 +14,12 @@ _TOLERANCE = 1e-12
 # From this distance (half its square) of the border from the mean on, the tail form is the smooth one.
 _CLOSE = 0.5
 _COARSE = np.linspace(-np.pi, np.pi, 33)
-_GRADED = np.pi * 4.0 ** -np.arange(1.0, 23.0)
+_GRADED = np.pi * 8.0 ** -np.arange(1.0, 16.0)
+_HALF_WIDTHS = np.pi * 4.0 ** np.arange(-22.0, 1.0)
 _CLOSELY_GRADED = np.pi * 1.5 ** -np.arange(1.0, 61.0)
 # Height of the barrier between two peaks, as an exponent, below which they count as one.
 _MERGED = 0.05
-_STEPS = np.linspace(-1.0, 1.0, 17)
+_STEPS = np.linspace(-1.0, 1.0, 9)
 _REFINEMENTS = 10
 
 
@@ -190,13 +191,12 @@ def _refined(border: Border, place: FloatArray, reach: FloatArray) -> FloatArray
 
 def _widths(border: Border, place: FloatArray, lowest: FloatArray) -> FloatArray:
     """Return the smallest distance from each place at which the integrand has fallen by about e^-1/2."""
-    steps = np.concatenate([[np.pi], _GRADED])[::-1]
-    signed = np.concatenate([steps, -steps])
+    signed = np.concatenate([_HALF_WIDTHS, -_HALF_WIDTHS])
     points = (place[:, :, None] + signed).reshape(len(border.frame), -1)
-    values = nearness(directions(border, points)).reshape(*place.shape, 2, steps.size)
+    values = nearness(directions(border, points)).reshape(*place.shape, 2, _HALF_WIDTHS.size)
     fallen = np.any(values > lowest[:, :, None, None] + 0.5, axis=2)
     fallen[..., -1] = True
-    return np.asarray(steps[np.argmax(fallen, axis=-1)])
+    return np.asarray(_HALF_WIDTHS[np.argmax(fallen, axis=-1)])
 
 
 def _cuts(place: FloatArray, width: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """Both tails and the density of DoLP given S0 > 0, for pairs of a law and a value, each to relative precision."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,12 @@ from scipy.special import ndtr
 from model.processing.dolp_border import BorderIntegrals, border_integrals
 from model.processing.dolp_cone import Border
 from model.processing.dolp_frame import DolpFrame
-from model.quadrature import gauss_legendre
+from model.quadrature import integrate_panels
 
 FloatArray = NDArray[np.float64]
 
 # Below this share of what it is a difference of, a tail is integrated from the density instead.
-_CANCELLED = 1e-3
-_DENSITY_NODES = 12
+_CANCELLED = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,17 +79,28 @@ def _from_turns(frame: DolpFrame, inside: NDArray[np.bool_], found: BorderIntegr
 
 def _near_zero(frame: DolpFrame, x: FloatArray) -> FloatArray:
     """Return the probability inside of a slender cone as the integral of a positive density."""
-    nodes, weights = gauss_legendre(_DENSITY_NODES)
-    index = np.repeat(np.arange(x.size), nodes.size)
-    values = np.multiply.outer(x, nodes)
-    found = border_integrals(Border(frame=frame[index], a=np.ones(index.size), b=values.ravel()))
-    return np.asarray(x * (found.density.reshape(values.shape) @ weights))
+
+    def integrand(index: NDArray[np.int64], values: FloatArray) -> FloatArray:
+        inside = frame[np.repeat(index, values.shape[1])]
+        found = border_integrals(Border(frame=inside, a=np.ones(values.size), b=values.ravel()))
+        return found.density.reshape(1, *values.shape)
+
+    return _integral(integrand, x)
 
 
 def _far_out(frame: DolpFrame, x: FloatArray) -> FloatArray:
     """Return the probability beyond a wide cone, from the density of the inverse of DoLP."""
-    nodes, weights = gauss_legendre(_DENSITY_NODES)
-    index = np.repeat(np.arange(x.size), nodes.size)
-    values = np.multiply.outer(1.0 / x, nodes)
-    found = border_integrals(Border(frame=frame[index], a=values.ravel(), b=np.ones(index.size)))
-    return np.asarray((found.density.reshape(values.shape) @ weights) / x)
+
+    def integrand(index: NDArray[np.int64], values: FloatArray) -> FloatArray:
+        inside = frame[np.repeat(index, values.shape[1])]
+        found = border_integrals(Border(frame=inside, a=values.ravel(), b=np.ones(values.size)))
+        return found.density.reshape(1, *values.shape)
+
+    return _integral(integrand, 1.0 / x)
+
+
+def _integral(integrand: Callable[[NDArray[np.int64], FloatArray], FloatArray], end: FloatArray) -> FloatArray:
+    # At zero itself a direction of a singular covariance may have no density.
+    cuts = np.stack([1e-15 * end, end], axis=1)
+    found = integrate_panels(integrand, cuts=cuts, tolerance=1e-11, noise=np.full(end.shape, 1e-12), degree=12)
+    return np.asarray(found.value[:, 0])

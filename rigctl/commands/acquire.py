@@ -1,18 +1,23 @@
 """``rigctl acquire``: take a session."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
+from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.sessions.plan import Need, Step, estimate, plan_steps
-from rigctl.sessions.take_session import take_session
+from rigctl.sessions.schedule import unix_ns
+from rigctl.sessions.take_session import Outcome, take_session
 from rigctl.terminal import progress, results
 
 _SECONDS_A_MINUTE = 60
+# As sysexits.h has it: a temporary failure, try again.
+EXIT_INCOMPLETE = 75
 
 
 def command(
@@ -22,8 +27,14 @@ def command(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the steps, the time and the disk they need; touch no device.")
     ] = False,
+    at: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Begin then, such as 2026-05-04T10:00Z; a zone is needed.")
+    ] = None,
+    until: Annotated[str | None, typer.Option(metavar="TIME", help="Take no frame from then on.")] = None,
 ) -> None:
-    """Take a session: each frame is on the disk, whole, before the next is taken.
+    """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
+
+    Exit codes: 0 finished, 75 stopped before its end by a signal or by `rigctl stop`, 2, 3 and 4 as everywhere.
 
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels
     """
@@ -32,8 +43,42 @@ def command(
         steps = plan_steps(session_file)
         _print_steps(steps, estimate(steps, rig_file))
         return
-    frames = take_session(rig_file, session_file, out, files={"rig": rig, "session": session})
-    progress().print(f"{frames} frames in {out}", markup=False)
+    outcome = take_session(
+        rig_file,
+        session_file,
+        out,
+        files={"rig": rig, "session": session},
+        at_ns=time_option("--at", at),
+        until_ns=time_option("--until", until),
+    )
+    say_outcome(outcome, out)
+
+
+def time_option(name: str, text: str | None) -> int | None:
+    """Return a time that was given on the command line [ns since 1970 UTC].
+
+    Raises
+    ------
+    ConfigError
+        It is no time, or has no zone.
+    """
+    if text is None:
+        return None
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
+    if time.tzinfo is None:
+        raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
+    return unix_ns(time.astimezone(UTC))
+
+
+def say_outcome(outcome: Outcome, run: Path) -> None:
+    """Say how a session went, and end with the exit code that a scheduler understands."""
+    progress().print(f"{outcome.frames} frames in {run}", markup=False)
+    if not outcome.is_finished:
+        progress().print(f"stopped before its end; `rigctl resume {run}` goes on", markup=False)
+        raise typer.Exit(EXIT_INCOMPLETE)
 
 
 def _print_steps(steps: tuple[Step, ...], need: Need) -> None:
@@ -42,7 +87,8 @@ def _print_steps(steps: tuple[Step, ...], need: Need) -> None:
         table.add_column(title, justify="left" if title == "kind" else "right")
     for step in steps:
         angle = "" if step.polarizer_angle_deg is None else f"{step.polarizer_angle_deg:g}"
-        table.add_row(str(step.sequence), step.kind, str(step.cycle), angle, f"{step.exposure_s * 1000:g}")
+        exposure = "metered" if step.exposure_s is None else f"{step.exposure_s * 1000:g}"
+        table.add_row(str(step.sequence), step.kind, str(step.cycle), angle, exposure)
     console = results()
     console.print(table)
     disk = "not known before the camera is opened" if need.disk_bytes is None else f"{need.disk_bytes / 1e6:.0f} MB"

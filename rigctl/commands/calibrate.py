@@ -1,4 +1,4 @@
-"""``rigctl calibrate``: the sensor's parameters from frames of it."""
+"""``rigctl calibrate``: parameters of the sensor and of the polarizer from frames."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,6 +9,8 @@ from rich.table import Table
 
 from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
+from rigctl.commands.calibrate_axis import axis
+from rigctl.commands.calibrate_registration import registration
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.noise.calibrate_files import FrameCalibration, calibrate_frames
@@ -17,22 +19,42 @@ from rigctl.noise.noise_frames import FrameSet, emva_frames, run_frames
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
+app.command()(axis)
+app.command()(registration)
 
-# Quantity -> (what it is called, unit, factor from the file's unit to this one)
+# Quantity -> (what it is called, unit, factor from the file's unit to this one, the standard's name for it)
 _ROWS = {
-    "gain_dn_per_e": ("gain", "DN/e-", 1.0),
-    "read_noise_e": ("read noise", "e-", 1.0),
-    "dark_current_e_per_s": ("dark current", "e-/s", 1.0),
-    "black_level_dn": ("black level", "DN", 1.0),
-    "saturation_e": ("saturation", "e-", 1.0),
-    "prnu": ("PRNU", "%", 100.0),
-    "dsnu_e": ("DSNU", "e-", 1.0),
+    "gain_dn_per_e": ("gain", "DN/e-", 1.0, "gain_dn_per_e"),
+    "read_noise_e": ("read noise", "e-", 1.0, "temporal_dark_noise_e"),
+    "dark_current_e_per_s": ("dark current", "e-/s", 1.0, "dark_current_mean_e_per_s"),
+    "black_level_dn": ("black level", "DN", 1.0, None),
+    "saturation_e": ("saturation", "e-", 1.0, "saturation_e"),
+    "prnu": ("PRNU", "%", 100.0, "prnu"),
+    "dsnu_e": ("DSNU", "e-", 1.0, "dsnu_e"),
+}
+# Numbers that only the standard has.
+_EMVA_ROWS = {
+    "temporal_dark_noise_dn": ("dark noise, 1/12 DN^2 in it", "DN", 1.0),
+    "quantum_efficiency": ("quantum efficiency", "%", 100.0),
+    "threshold_e": ("absolute sensitivity threshold", "e-", 1.0),
+    "threshold_photons": ("absolute sensitivity threshold", "photons", 1.0),
+    "dynamic_range": ("dynamic range", "", 1.0),
+    "snr_max": ("largest SNR", "", 1.0),
+    "linearity_error_min": ("linearity error, lowest", "%", 100.0),
+    "linearity_error_max": ("linearity error, highest", "%", 100.0),
+    "dark_current_variance_e_per_s": ("dark current by variance", "e-/s", 1.0),
+    "prnu_row": ("PRNU of rows", "%", 100.0),
+    "prnu_column": ("PRNU of columns", "%", 100.0),
+    "prnu_pixel": ("PRNU of pixels", "%", 100.0),
+    "dsnu_row_e": ("DSNU of rows", "e-", 1.0),
+    "dsnu_column_e": ("DSNU of columns", "e-", 1.0),
+    "dsnu_pixel_e": ("DSNU of pixels", "e-", 1.0),
 }
 
 
 @app.callback()
 def calibrate() -> None:
-    """Calibrate the sensor from frames of it."""
+    """Calibrate sensor and polarizer from frames."""
 
 
 @app.command()
@@ -99,10 +121,16 @@ def _write_plot(path: Path, calibration: FrameCalibration) -> None:
 
 def _print_table(content: dict[str, Any], flags: tuple[Flag, ...]) -> None:
     table = Table(box=None, pad_edge=False)
-    for title in ("quantity", "value", "std error", "unit", "frames"):
+    for title in ("quantity", "value", "std error", "EMVA 1288", "std error", "unit", "frames"):
         table.add_column(title, justify="left" if title in ("quantity", "unit") else "right")
-    for name, (title, unit, factor) in _ROWS.items():
-        table.add_row(title, *_cells(content[name], factor)[:2], unit, _cells(content[name], factor)[2])
+    emva = content["emva1288"]
+    for name, (title, unit, factor, emva_name) in _ROWS.items():
+        value, error, frames = _cells(content[name], factor)
+        beside = _cells(emva[emva_name], factor)[:2] if emva_name else ("", "")
+        table.add_row(title, value, error, *beside, unit, frames)
+    for name, (title, unit, factor) in _EMVA_ROWS.items():
+        value, error, frames = _cells(emva[name], factor)
+        table.add_row(title, "", "", value, error, unit, frames)
     console = results()
     console.print(table)
     for flag in flags:
@@ -113,7 +141,10 @@ def _cells(found: dict[str, Any] | None, factor: float) -> tuple[str, str, str]:
     """Return value and standard error to two digits of the error, and the number of frames."""
     if found is None:
         return "not known", "", ""
-    value, error = factor * found["value"], factor * found["std_error"]
+    value = factor * found["value"]
+    if found["std_error"] is None:
+        return f"{value:.4g}", "", str(found["n"])
+    error = factor * found["std_error"]
     digits = max(0, 1 - _exponent(error))
     return f"{value:.{digits}f}", f"{error:.{digits}f}", str(found["n"])
 

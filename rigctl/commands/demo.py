@@ -21,6 +21,9 @@ def command(
         typer.Option(metavar="|".join(PERTURBATIONS), help="Change the rig between calibration and run."),
     ] = None,
     alpha: Annotated[float, typer.Option(metavar="A", help="Chance of any false disagreement.")] = 1e-3,
+    gige: Annotated[
+        bool, typer.Option("--gige", help="Pictures as GigE Vision packets over this machine's network (libaravis).")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Run the whole job on a simulated rig: session, noise calibration, prediction, comparison, report.
@@ -39,6 +42,7 @@ def command(
         perturbation=perturb,
         alpha=alpha,
         say=lambda text: console.print(text, markup=False),
+        gige=gige,
     )
     if as_json:
         print_json(compared.as_json())

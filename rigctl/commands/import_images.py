@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drivers.cameras.raw_files import PLANES
 from rigctl.commands.option_text import OptionTexts
 from rigctl.imports.image_import import Imported, import_images
 from rigctl.imports.import_request import ImportRequest
@@ -16,7 +17,7 @@ _NO_VALUE = "none"
 
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: new, or imported before.")],
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="FITS, PNG or TIFF images.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="FITS, PNG, TIFF or camera RAW images.")],
     angles: Annotated[
         str | None,
         typer.Option(metavar="A,B,...", help="Polarizer angle of each file [deg], as in 0,60,-60."),
@@ -58,6 +59,10 @@ def command(
         str | None,
         typer.Option(metavar="top|bottom", help="First row in the files. FITS: bottom, unless ROWORDER says."),
     ] = None,
+    plane: Annotated[
+        str | None,
+        typer.Option(metavar="|".join(PLANES), help="Colour of RAW files; green-1 stands in the rows of red."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Make a run out of images that exist, or add images of another kind to such a run.
@@ -69,6 +74,9 @@ def command(
 
     rigctl import runs/corona a.fits b.fits c.fits --angles 0,60,-60 --exposure-key EXPTIME
     --black-level-key OFFSET --bit-depth 16
+
+    rigctl import runs/sky a.dng b.dng c.dng --angles 0,60,-60 --plane green-1 --exposure-key EXPTIME
+    --black-level-key BLACK --bit-depth 12
     """
     texts = OptionTexts()
     request = ImportRequest(
@@ -90,6 +98,7 @@ def command(
         missing_dn=None if missing_dn == _NO_VALUE else texts.number("--missing-dn", missing_dn),
         none_missing=missing_dn == _NO_VALUE,
         first_row=texts.choice("--first-row", first_row, ("top", "bottom")),
+        plane=texts.choice("--plane", plane, PLANES),
         misread=texts.problems,
     )
     _report(run, import_images(request), as_json=as_json)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from rigctl.runs.run_folder import read_run
@@ -70,7 +69,7 @@ def _table(groups: Iterable[FrameGroup]) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column("kind")
     for title in _COLUMNS:
-        table.add_column(escape(title), justify="right")
+        table.add_column(title, justify="right")
     for group in groups:
         table.add_row(*_cells(group))
     return table

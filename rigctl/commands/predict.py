@@ -1,19 +1,23 @@
 """``rigctl predict``: what the model says that a scene will give."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from model.prediction import predict
-from rigctl.comparison.scene_inputs import build_scenario, file_readout, gather
+from model.field_light import Source
+from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
+from rigctl.comparison.sweep import Sweep, sweep
+from rigctl.durable_file import write_durably
+from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.noise.noise_file import read_noise_file
 from rigctl.reports.number_table import quantity_tables
+from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
+from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
 from rigctl.reports.tables_json import prediction_json
 from rigctl.terminal import print_json, progress, results
-
-_MS_PER_S = 1000.0
 
 
 def command(
@@ -21,26 +25,57 @@ def command(
     noise: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Noise calibration; takes the place of the assumed noise.")
     ] = None,
+    light: Annotated[
+        Source, typer.Option(metavar="PART", help="Light of materials: total, reflected, reflected_sun, ..., path.")
+    ] = "total",
+    key_and_range: Annotated[
+        str | None, typer.Option("--sweep", metavar="KEY=start:stop:n", help="Any number of the scene, over a range.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for table and plot of a sweep.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Print what the analytical model predicts for each region: counts, Stokes parameters, DoLP, deviations, SNR.
 
-    Example: rigctl predict examples/scene-panels.toml
+    Regions are given by their radiance, or by material, sun and atmosphere; then it also says what the light at the
+    aperture is made of. --light predicts as if only that part of it came.
+
+    Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
-    scene_file = load_scene(scene)
-    inputs = gather(scene_file, None if noise is None else read_noise_file(noise))
-    values = dict(zip(inputs.names, inputs.values.tolist(), strict=True))
-    scenario = build_scenario(
-        scene_file,
-        values,
-        readout=file_readout(scene_file),
-        exposure_s=scene_file.acquisition.exposure_ms / _MS_PER_S,
-    )
-    content = prediction_json(predict(scenario), remarks=inputs.remarks)
+    calibration = None if noise is None else read_noise_file(noise)
+    predictor = ScenePredictor(load_scene(scene), calibration, source=light)
+    if key_and_range is not None:
+        _show_sweep(sweep(predictor, key_and_range), predictor.inputs.remarks, out=out, as_json=as_json)
+        return
+    if out is not None:
+        raise ConfigError("--out: is for a sweep; give --sweep KEY=start:stop:n too")
+    _show(predictor.predict(), as_json=as_json)
+
+
+def _show(found: ScenePrediction, *, as_json: bool) -> None:
+    content = prediction_json(found.predictions, remarks=found.remarks) | light_json(found)
     if as_json:
         print_json(content)
         return
-    for table in quantity_tables(content["regions"]):
+    for line in geometry_lines(found):
+        results().print(line)
+    for table in (*light_tables(found), *quantity_tables(content["regions"])):
         results().print(table)
     for remark in (*content["remarks"], *(w for region in content["warnings"].values() for w in region)):
         progress().print(remark, markup=False)
+
+
+def _show_sweep(found: Sweep, remarks: tuple[str, ...], *, out: Path | None, as_json: bool) -> None:
+    content = sweep_json(found) | {"remarks": list(remarks)}
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        write_durably(out / "sweep.csv", sweep_csv(found))
+        write_durably(out / "sweep.json", (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+        write_durably(out / "sweep.png", sweep_png(found))
+    if as_json:
+        print_json(content)
+        return
+    results().print(sweep_table(found))
+    for remark in remarks:
+        progress().print(remark, markup=False)
+    if out is not None:
+        progress().print(f"sweep.csv, sweep.json and sweep.png in {out}", markup=False)

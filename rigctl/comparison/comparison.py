@@ -13,7 +13,9 @@ from model.processing.agreement import propagate_inputs
 from model.scenario import Readout
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.rows import Row, decide, off_prediction, pair, scored
+from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.scene_inputs import Inputs, build_scenario, gather
+from rigctl.comparison.scene_light import SceneLight
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
@@ -83,9 +85,11 @@ def compare_with_scene(
     DataError
         The run cannot be predicted: exposures differ or are not known.
     """
+    stated, (scene, moved) = scene, _scene_of_run(scene, measurement)
     inputs = gather(scene, noise)
     exposure_s = _one_exposure_s(measurement)
-    predicted = partial(_predicted, measurement, scene, inputs.names)
+    light = SceneLight()
+    predicted = partial(_predicted, measurement, scene, light, inputs.names)
     predictions = predicted(inputs.values)
     rows = tuple(_paired(predictions, measurement))
     errors = _input_errors(rows, inputs, predicted)
@@ -96,8 +100,15 @@ def compare_with_scene(
         rows=decided,
         diagnosis=diagnose(decided),
         predictions=predictions,
-        remarks=(*inputs.remarks, *_overruled(scene, measurement, exposure_s), *_model_warnings(predictions)),
-        not_tested=_not_tested(measurement),
+        remarks=(
+            *inputs.remarks,
+            *_overruled(stated, measurement, exposure_s),
+            *moved,
+            *light.remarks(scene, inputs.named),
+            *_made_of(scene, light, inputs),
+            *_model_warnings(predictions),
+        ),
+        not_tested=_not_tested(measurement, scene),
     )
 
 
@@ -111,16 +122,36 @@ def predict_run(
     DataError
         Exposures differ or are not known.
     """
+    scene, _ = _scene_of_run(scene, measurement)
     inputs = gather(scene, noise)
-    return _predicted(measurement, scene, inputs.names, inputs.values)
+    return _predicted(measurement, scene, SceneLight(), inputs.names, inputs.values)
 
 
 def _predicted(
-    measurement: Measurement, scene: SceneFile, names: tuple[str, ...], values: FloatArray
+    measurement: Measurement, scene: SceneFile, light: SceneLight, names: tuple[str, ...], values: FloatArray
 ) -> dict[str, RegionPrediction]:
     named = dict(zip(names, values.tolist(), strict=True))
     exposure_s = _one_exposure_s(measurement)
-    return predict(build_scenario(scene, named, readout=_run_readout(measurement), exposure_s=exposure_s))
+    return predict(build_scenario(scene, named, readout=_run_readout(measurement), exposure_s=exposure_s, light=light))
+
+
+def _scene_of_run(scene: SceneFile, measurement: Measurement) -> tuple[SceneFile, tuple[str, ...]]:
+    frames = [record for cycle in measurement.grid.records for record in cycle]
+    return scene_of_run(scene, measurement.run, frames)
+
+
+def _made_of(scene: SceneFile, light: SceneLight, inputs: Inputs) -> Iterable[str]:
+    """Return what the light of each region given by its material is made of, in words."""
+    for region in scene.regions:
+        if region.material is not None:
+            found = light.region(scene, region, inputs.named)
+            sun, sky, path, total = (
+                found.mean(part)[0] for part in ("reflected_sun", "reflected_sky", "path", "total")
+            )
+            yield (
+                f"{region.name}: {sun / total:.1%} of S0 is reflected sun, {sky / total:.1%} reflected sky, "
+                f"{path / total:.1%} path"
+            )
 
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:
@@ -187,8 +218,15 @@ def _model_warnings(predictions: Mapping[str, RegionPrediction]) -> Iterable[str
             yield f"{name}: {warning}"
 
 
-def _not_tested(measurement: Measurement) -> tuple[str, ...]:
-    found = ["the radiance of the scene: the model was given it, it did not compute it from surface, sun and sky"]
+def _not_tested(measurement: Measurement, scene: SceneFile) -> tuple[str, ...]:
+    given = [region.name for region in scene.regions if region.material is None]
+    found = []
+    if len(given) == len(scene.regions):
+        found.append(
+            "the radiance of the scene: the model was given it, it did not compute it from surface, sun and sky"
+        )
+    elif given:
+        found.append(f"the radiance of {', '.join(given)}: the model was given it")
     if measurement.run.session.get("origin") == "simulated":
         found.append("any real device: stage, camera and light are simulated, with assumed numbers")
     if measurement.grid.cycles < 2:

@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model.field_light import Source
 from model.scenario import Readout, RegionLight, Scenario
 from model.sensor import Sensor, SensorNoise
-from rigctl.config import Uncertain
-from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion, SensorSection
+from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.scene_numbers import Stated, assumed_materials, light_numbers, region_numbers, sensor_numbers
+from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion
 
 FloatArray = NDArray[np.float64]
 
 NOISE_NAMES = tuple(NoiseSection.model_fields)
 # Of these there may be less than nothing in an estimate, and never in a sensor.
 _NOT_NEGATIVE = frozenset({"read_noise_e", "dark_current_e_per_s", "prnu", "dsnu_e"})
+# A choice of the user's, not a property of a sensor: no calibration gives it.
+_CHOSEN = frozenset({"noise.noise_factor"})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +47,11 @@ class Inputs:
     least: FloatArray
     remarks: tuple[str, ...]
 
+    @property
+    def named(self) -> dict[str, float]:
+        """The values by their names."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
 
 def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
     """Return the numbers of a scene file; those of a noise calibration take the place of the assumed noise.
@@ -53,6 +62,11 @@ def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
         The scene.
     noise : dict or None
         A noise calibration as its file holds it.
+
+    Raises
+    ------
+    ConfigError
+        A material is not found, or does not cover the sensor's wavelength.
     """
     stated = _stated(scene)
     remarks: list[str] = []
@@ -63,7 +77,7 @@ def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
         calibrated = {f"noise.{n}": float(noise[n]["value"]) for n in NOISE_NAMES if noise.get(n) is not None}
         deviations |= {f"noise.{n}": float(noise[n]["std_error"]) for n in NOISE_NAMES if noise.get(n) is not None}
     values |= {name: _physical(name, value, remarks) for name, value in calibrated.items()}
-    assumed = [name for name in values if name.startswith("noise.") and name not in calibrated]
+    assumed = [name for name in values if name.startswith("noise.") and name not in _CHOSEN.union(calibrated)]
     if assumed:
         remarks.append("assumed, not calibrated: " + ", ".join(f"{n} = {values[n]:g}" for n in assumed))
     names = tuple(values)
@@ -71,12 +85,20 @@ def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
         names=names,
         values=np.array([values[name] for name in names]),
         cov=_covariance(names, deviations, noise),
-        least=np.array([-np.inf if ".stokes_radiance." in name else 0.0 for name in names]),
-        remarks=tuple(remarks),
+        least=np.array([stated[name].least for name in names]),
+        remarks=(*remarks, *assumed_materials(scene)),
     )
 
 
-def build_scenario(scene: SceneFile, values: Mapping[str, float], *, readout: Readout, exposure_s: float) -> Scenario:
+def build_scenario(
+    scene: SceneFile,
+    values: Mapping[str, float],
+    *,
+    readout: Readout,
+    exposure_s: float,
+    light: SceneLight | None = None,
+    source: Source = "total",
+) -> Scenario:
     """Return the scenario of a scene file with the given numbers in place of the file's.
 
     Parameters
@@ -89,9 +111,19 @@ def build_scenario(scene: SceneFile, values: Mapping[str, float], *, readout: Re
         Angles and cycles, of a run or of the file.
     exposure_s : float
         Exposure of a frame [s].
+    light : SceneLight or None
+        Computes the light of materials; whoever asks more than once gives the same one.
+    source : str
+        Which light of the regions that are given by a material.
+
+    Raises
+    ------
+    ConfigError
+        The light of a material cannot be computed.
     """
+    computer = SceneLight() if light is None and scene.has_materials else light
     return Scenario(
-        regions=tuple(_light(region, values) for region in scene.regions),
+        regions=tuple(_light(scene, region, values, computer, source) for region in scene.regions),
         sensor=_sensor(scene, values, exposure_s),
         readout=readout,
     )
@@ -108,17 +140,14 @@ def file_readout(scene: SceneFile) -> Readout:
     )
 
 
-def _stated(scene: SceneFile) -> dict[str, Uncertain]:
-    found: dict[str, Uncertain] = {}
-    for name in SensorSection.model_fields:
-        if name != "bit_depth":
-            found[f"sensor.{name}"] = getattr(scene.sensor, name)
+def _stated(scene: SceneFile) -> dict[str, Stated]:
+    found = sensor_numbers(scene)
     for name in NOISE_NAMES:
-        found[f"noise.{name}"] = getattr(scene.noise, name)
+        found[f"noise.{name}"] = Stated.of(getattr(scene.noise, name))
+    found |= light_numbers(scene)
+    wavelength_m = found["sensor.wavelength_nm"].value * 1e-9
     for region in scene.regions:
-        for k, component in enumerate(region.stokes_radiance):
-            found[f"regions.{region.name}.stokes_radiance.{k}"] = component
-        found[f"regions.{region.name}.texture_rms"] = region.texture_rms
+        found |= region_numbers(region, wavelength_m=wavelength_m)
     return found
 
 
@@ -143,15 +172,20 @@ def _covariance(names: tuple[str, ...], deviations: Mapping[str, float], noise: 
     return cov
 
 
-def _light(region: SceneRegion, values: Mapping[str, float]) -> RegionLight:
+def _light(
+    scene: SceneFile, region: SceneRegion, values: Mapping[str, float], computer: SceneLight | None, source: Source
+) -> RegionLight:
     prefix = f"regions.{region.name}"
     covariance = np.zeros((3, 3)) if region.texture_covariance is None else np.array(region.texture_covariance)
-    return RegionLight(
-        name=region.name,
-        stokes_radiance=np.array([values[f"{prefix}.stokes_radiance.{k}"] for k in range(3)]),
-        texture_rms=values[f"{prefix}.texture_rms"],
-        texture_cov=covariance,
+    texture_rms = values[f"{prefix}.texture_rms"]
+    if region.material is None or computer is None:
+        radiance = np.array([values[f"{prefix}.stokes_radiance.{k}"] for k in range(3)])
+        return RegionLight(name=region.name, stokes_radiance=radiance, texture_rms=texture_rms, texture_cov=covariance)
+    r0, r1, r2 = (values.get(f"{prefix}.texture_diagonal.{k}", 0.0) for k in range(3))
+    moments = computer.region(scene, region, values).moments(
+        source, texture_rms=texture_rms, texture_diagonal=(r0, r1, r2), texture_cov=covariance
     )
+    return RegionLight(name=region.name, stokes_radiance=moments.mean, texture_rms=0.0, texture_cov=moments.cov)
 
 
 def _sensor(scene: SceneFile, values: Mapping[str, float], exposure_s: float) -> Sensor:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from rigctl.config import Section, load
+from rigctl.files.place import GeometrySection, SiteSection
 
 PositiveNumber = Annotated[float, Field(gt=0)]
 NotNegativeNumber = Annotated[float, Field(ge=0)]
@@ -13,13 +14,19 @@ FractionNumber = Annotated[float, Field(gt=0, le=1)]
 
 
 class StageSection(Section):
-    """How to reach the rotation stage."""
+    """How to reach the rotation stage.
+
+    `options` are what the driver takes beside: see its documentation. `characterisation` is a file that
+    `rigctl stage characterise` made of this stage; each move then waits until the stage rests.
+    """
 
     driver: str
     port: str
-    address: str = "0"
+    address: str | None = None
     serial_number: str | None = None
     tolerance_deg: Annotated[float, Field(gt=0, le=5)] = 0.02
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    characterisation: Path | None = None
 
 
 class PolarizerSection(Section):
@@ -83,13 +90,15 @@ class SimulationSection(Section):
 
 
 class RigFile(Section):
-    """What a rig file holds."""
+    """What a rig file holds. Where it stands and how its camera points may stand here, or in session and scene file."""
 
     schema_version: Literal[1] = 1
     name: str
     stage: StageSection
     polarizer: PolarizerSection
     camera: CameraSection
+    site: SiteSection | None = None
+    geometry: GeometrySection | None = None
     simulation: SimulationSection | None = None
 
     @property
@@ -105,8 +114,11 @@ class RigFile(Section):
 
 
 def load_rig(path: Path) -> RigFile:
-    """Return the checked rig file; a scene that it names is sought beside it."""
+    """Return the checked rig file; a scene and a characterisation that it names are sought beside it."""
     rig = load(path, RigFile)
+    if rig.stage.characterisation is not None:
+        beside = (path.parent / rig.stage.characterisation).resolve()
+        rig = rig.model_copy(update={"stage": rig.stage.model_copy(update={"characterisation": beside})})
     if rig.simulation is None:
         return rig
     scene = (path.parent / rig.simulation.scene).resolve()

@@ -5,25 +5,44 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from model.surface.diffuse import DiffuseKind
+from model.surface.material_library import MATERIALS
+from model.surface.shadowing import Shadowing
 from rigctl.config import Fraction, NotNegative, Positive, Section, Uncertain, load
+from rigctl.errors import ConfigError
+from rigctl.files.light_sections import AtmosphereSection, FieldSection, ResponseSection, SunSection
+from rigctl.files.material_file import find_material
+from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.regions import Region, require_distinct
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 
 StokesValues = tuple[Uncertain, Uncertain, Uncertain]
 Row = tuple[float, float, float]
+Limits = tuple[float, float]
 
 
 class SensorSection(Section):
-    """Optics and sensor; efficiency and transmittance are those at the effective wavelength."""
+    """Optics and sensor; efficiency and transmittance are those at the effective wavelength.
+
+    The band is a table of the sensor's relative response, or two wavelengths between which it is flat. The effective
+    wavelength follows from the band unless it is given.
+    """
 
     pixel_pitch_um: Positive
     f_number: Positive
     optics_transmittance: Fraction
     quantum_efficiency: Fraction
-    wavelength_nm: Positive
+    wavelength_nm: Positive | None = None
+    response: ResponseSection | None = None
+    band_nm: Limits | None = None
     bit_depth: Annotated[int, Field(ge=8, le=16)]
     polarizer_transmittance: Fraction
     extinction_ratio: Positive
+
+    @property
+    def has_band(self) -> bool:
+        """Whether it is known which wavelengths the sensor sees."""
+        return self.response is not None or self.band_nm is not None
 
     @model_validator(mode="after")
     def _polarizes(self) -> "SensorSection":
@@ -31,9 +50,20 @@ class SensorSection(Section):
             raise ValueError(f"extinction_ratio is {self.extinction_ratio.value:g}, must be above 1")
         return self
 
+    @model_validator(mode="after")
+    def _one_band(self) -> "SensorSection":
+        if self.response is not None and self.band_nm is not None:
+            raise ValueError("needs one of response and band_nm, not both")
+        if self.wavelength_nm is None and not self.has_band:
+            raise ValueError("needs wavelength_nm, or a band (response or band_nm) from which it follows")
+        return self
+
 
 class NoiseSection(Section):
-    """The sensor's noise where no calibration is given. These numbers are assumed, and called so."""
+    """The sensor's noise where no calibration is given. These numbers are assumed, and called so.
+
+    `noise_factor` is Kn of [MK14] eq. (32): it multiplies the deviation of all temporal noise.
+    """
 
     gain_dn_per_e: Positive
     read_noise_e: NotNegative
@@ -41,6 +71,7 @@ class NoiseSection(Section):
     black_level_dn: NotNegative
     prnu: NotNegative
     dsnu_e: NotNegative
+    noise_factor: NotNegative = Uncertain(value=1.0)
 
 
 class AcquisitionSection(Section):
@@ -52,24 +83,60 @@ class AcquisitionSection(Section):
 
 
 class SceneRegion(Region):
-    """A region and the radiance that comes from it to the aperture.
+    """A region, by the radiance that comes from it to the aperture, or by what it is made of and how it stands.
 
-    `texture_rms` multiplies the whole Stokes vector of a pixel by one random factor; `texture_covariance` is
-    a further covariance of the pixels' Stokes radiance. Both are of the surface, not of the sensor.
+    `texture_rms` multiplies the whole Stokes vector that a pixel reflects by one random factor; `texture_diagonal` are
+    deviations of S0, S1 and S2 independent of one another, as a share of the S0 that a material reflects (the form of
+    [MK14]); `texture_covariance` is a further covariance of the pixels' Stokes radiance. All are of the surface, not of
+    the sensor.
+    `extent` says which part of the field of view a material fills: the point on the axis, all of it, or the region's
+    own rectangle of the picture (that around a polygon).
     """
 
-    stokes_radiance: StokesValues
+    stokes_radiance: StokesValues | None = None
+    material: str | None = None
+    tilt_deg: NotNegative = Uncertain(value=0.0)
+    tilt_azimuth_deg: Uncertain = Uncertain(value=0.0)
+    shadowing: Shadowing = "v-cavity"
+    diffuse: DiffuseKind = "coupled"
+    extent: Literal["point", "field", "rectangle"] = "point"
     texture_rms: NotNegative = Uncertain(value=0.0)
+    texture_diagonal: tuple[NotNegative, NotNegative, NotNegative] | None = None
     texture_covariance: tuple[Row, Row, Row] | None = None
 
     @model_validator(mode="after")
+    def _one_source(self) -> "SceneRegion":
+        if (self.stokes_radiance is None) == (self.material is None):
+            raise ValueError("needs exactly one of stokes_radiance and material")
+        if self.texture_diagonal is not None and self.material is None:
+            raise ValueError("texture_diagonal is for a material; with stokes_radiance give a texture_covariance")
+        return self
+
+    @model_validator(mode="after")
     def _physical(self) -> "SceneRegion":
+        if self.stokes_radiance is None:
+            return self
         s0, s1, s2 = (component.value for component in self.stokes_radiance)
         if s0 <= 0:
             raise ValueError(f"stokes_radiance has S0 = {s0:g}, must be above 0")
         if s1 * s1 + s2 * s2 > s0 * s0:
             raise ValueError(f"stokes_radiance ({s0:g}, {s1:g}, {s2:g}) has a degree of polarization above 1")
         return self
+
+    def given_radiance(self) -> StokesValues:
+        """Return the radiance that the file states.
+
+        Raises
+        ------
+        ConfigError
+            The region is given by its material.
+        """
+        if self.stokes_radiance is None:
+            raise ConfigError(
+                f"region {self.name} is given by its material; here its stokes_radiance is needed, as a simulated rig "
+                "paints what it is told and computes no light"
+            )
+        return self.stokes_radiance
 
 
 class SceneFile(Section):
@@ -80,15 +147,74 @@ class SceneFile(Section):
     sensor: SensorSection
     noise: NoiseSection
     acquisition: AcquisitionSection
-    background_radiance: Annotated[float, Field(gt=0)]
+    background_radiance: Annotated[float, Field(gt=0)] = 20.0
+    site: SiteSection | None = None
+    sun: SunSection | None = None
+    geometry: GeometrySection | None = None
+    atmosphere: AtmosphereSection | None = None
+    field_of_view: FieldSection | None = None
     regions: Annotated[list[SceneRegion], Field(min_length=1)]
+
+    @property
+    def has_materials(self) -> bool:
+        """Whether any region's light is to be computed."""
+        return any(region.material is not None for region in self.regions)
 
     @model_validator(mode="after")
     def _distinct_names(self) -> "SceneFile":
         require_distinct([region.name for region in self.regions])
         return self
 
+    @model_validator(mode="after")
+    def _a_material_needs_light(self) -> "SceneFile":
+        if not self.has_materials:
+            return self
+        missing = [f"[{name}]" for name in ("sun", "geometry", "atmosphere") if getattr(self, name) is None]
+        if not self.sensor.has_band:
+            missing.append("a band of the sensor (band_nm or response)")
+        if missing:
+            raise ValueError(f"a region given by its material also needs {', '.join(missing)}")
+        if self.field_of_view is None and any(region.extent != "point" for region in self.regions):
+            raise ValueError("a region with an extent also needs [field_of_view]")
+        return self
+
+    @model_validator(mode="after")
+    def _directions_are_known(self) -> "SceneFile":
+        if self.sun is not None and self.sun.time is not None and self.site is None:
+            raise ValueError("sun.time also needs [site] with latitude_deg and longitude_deg")
+        if self.sun is None or self.geometry is None:
+            return self
+        by_phi = self.geometry.phi_deg is not None
+        if not by_phi and self.sun.time is None and self.sun.azimuth_deg is None:
+            raise ValueError("geometry.camera_azimuth_deg also needs sun.azimuth_deg, or give geometry.phi_deg alone")
+        tilted = any(region.tilt_deg.value > 0 for region in self.regions)
+        if by_phi and self.sun.time is None and self.sun.azimuth_deg is None and tilted:
+            raise ValueError("a tilted region needs azimuths: sun.azimuth_deg, and camera_azimuth_deg or phi_deg")
+        return self
+
 
 def load_scene(path: Path) -> SceneFile:
-    """Return the checked scene file."""
-    return load(path, SceneFile)
+    """Return the checked scene file; files that it names are sought beside it, and its materials are there.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read or has problems, or a material that it names.
+    """
+    scene = load(path, SceneFile)
+    regions = [_with_material_found(region, path) for region in scene.regions]
+    scene = scene.model_copy(update={"regions": regions})
+    if scene.atmosphere is None or scene.atmosphere.table is None:
+        return scene
+    table = (path.parent / scene.atmosphere.table).resolve()
+    return scene.model_copy(update={"atmosphere": scene.atmosphere.model_copy(update={"table": table})})
+
+
+def _with_material_found(region: SceneRegion, path: Path) -> SceneRegion:
+    if region.material is None or region.material in MATERIALS:
+        return region
+    try:
+        find_material(region.material, beside=path.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: regions.{region.name}: {error}") from error
+    return region.model_copy(update={"material": str((path.parent / region.material).resolve())})

@@ -1,32 +1,49 @@
-"""The session file: which frames to take, in which order."""
+"""The session file: which frames to take, in which order, when, and what is watched meanwhile."""
 
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AwareDatetime, Field, model_validator
 
 from rigctl.config import Section, load
+from rigctl.files.interlock_section import InterlockSection
 
 # 0 and 90 next to each other, 45 and 135 next to each other: a linear drift of the light then makes half the
 # false polarization that 0, 45, 90, 135 makes.
 DEFAULT_ANGLES_DEG = (0.0, 90.0, 45.0, 135.0)
 
 ExposureMs = Annotated[float, Field(gt=0, le=3_600_000)]
+PositiveNumber = Annotated[float, Field(gt=0)]
+ZenithDeg = Annotated[float, Field(gt=0, lt=180)]
+# cycles: as given, again and again; palindrome: every second cycle backwards, so that a linear drift cancels over
+# two; grouped: all frames of an angle, then the next angle: drift is then taken for polarization.
+Order = Literal["cycles", "palindrome", "grouped"]
 
 
 class Take(Section):
     """One group of frames. `cycles` goes through all angles, then through all angles again."""
 
     kind: Literal["scene", "dark", "flat"]
-    exposure_ms: ExposureMs | Annotated[list[ExposureMs], Field(min_length=1)]
+    exposure_ms: ExposureMs | Literal["auto"] | Annotated[list[ExposureMs], Field(min_length=1)]
     angles_deg: Annotated[list[float], Field(min_length=1)] | None = None
     cycles: Annotated[int, Field(ge=1, le=100_000)] = 1
+    order: Order = "cycles"
+    closing_repeat: bool = False
+    bracket: Annotated[list[PositiveNumber], Field(min_length=1)] | None = None
+    every_rounds: Annotated[int, Field(ge=1)] = 1
 
     @property
-    def exposures_s(self) -> tuple[float, ...]:
-        """The exposures of this take, in seconds."""
+    def exposures_s(self) -> tuple[float | None, ...]:
+        """The exposures of this take, in seconds; None where it is metered."""
+        if self.exposure_ms == "auto":
+            return (None,)
         given = self.exposure_ms if isinstance(self.exposure_ms, list) else [self.exposure_ms]
         return tuple(exposure / 1000 for exposure in given)
+
+    @property
+    def exposure_factors(self) -> tuple[float, ...]:
+        """What each angle's exposure is multiplied by, one frame each."""
+        return (1.0,) if self.bracket is None else tuple(self.bracket)
 
     @property
     def polarizer_angles_deg(self) -> tuple[float | None, ...]:
@@ -41,6 +58,68 @@ class Take(Section):
             raise ValueError("flats for a noise calibration are taken at one angle: give one, or leave angles_deg out")
         return self
 
+    @model_validator(mode="after")
+    def _order_fits(self) -> "Take":
+        if self.closing_repeat and self.order == "grouped":
+            raise ValueError("closing_repeat measures the drift of a cycle, and order 'grouped' has no cycles")
+        if self.exposure_ms == "auto" and self.kind != "scene":
+            raise ValueError("exposure_ms = 'auto' meters the scene: give darks by [darks], flats an exposure")
+        return self
+
+
+class DarkSection(Section):
+    """Dark frames among the scene frames, at their exposures: before the first cycle, every so many, and at the end."""
+
+    frames: Annotated[int, Field(ge=1, le=10_000)] = 4
+    every_cycles: Annotated[int, Field(ge=1)]
+
+
+class MeteringSection(Section):
+    """How an exposure of "auto" is found: the brightest angle near `target`, the darkest at `least` or above.
+
+    Both are shares of the largest count, of the given quantile of the pixels.
+    """
+
+    first_exposure_ms: ExposureMs = 1.0
+    shortest_ms: ExposureMs = 0.01
+    longest_ms: ExposureMs = 1000.0
+    target: Annotated[float, Field(gt=0, lt=1)] = 0.8
+    least: Annotated[float, Field(ge=0, lt=1)] = 0.05
+    quantile: Annotated[float, Field(gt=0, le=1)] = 0.999
+
+
+class ScheduleSection(Section):
+    """When the takes are gone through: each time is a round.
+
+    Times are given (`times`), come every so many minutes between `start` and `end`, or are those at which the sun's
+    zenith angle passes a value. The two `while` conditions leave out the others. Times bear a zone; where the sun
+    is asked for, the rig file needs a [site].
+    """
+
+    times: Annotated[list[AwareDatetime], Field(min_length=1)] | None = None
+    every_min: Annotated[float, Field(gt=0)] | None = None
+    zenith_passes_deg: Annotated[list[ZenithDeg], Field(min_length=1)] | None = None
+    start: AwareDatetime | None = None
+    end: AwareDatetime | None = None
+    duration_h: Annotated[float, Field(gt=0, le=24 * 366)] = 24.0
+    while_zenith_below_deg: ZenithDeg | None = None
+    while_zenith_above_deg: ZenithDeg | None = None
+    late_min: PositiveNumber = 5.0
+
+    @property
+    def needs_sun(self) -> bool:
+        """Whether the schedule asks where the sun stands."""
+        given = (self.zenith_passes_deg, self.while_zenith_below_deg, self.while_zenith_above_deg)
+        return any(value is not None for value in given)
+
+    @model_validator(mode="after")
+    def _has_times(self) -> "ScheduleSection":
+        if self.times is None and self.every_min is None and self.zenith_passes_deg is None:
+            raise ValueError("needs times, every_min or zenith_passes_deg")
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise ValueError(f"end ({self.end.isoformat()}) must lie after start ({self.start.isoformat()})")
+        return self
+
 
 class SessionFile(Section):
     """What a session file holds."""
@@ -48,6 +127,10 @@ class SessionFile(Section):
     schema_version: Literal[1] = 1
     name: str
     take: Annotated[list[Take], Field(min_length=1)]
+    darks: DarkSection | None = None
+    metering: MeteringSection = MeteringSection()
+    schedule: ScheduleSection | None = None
+    interlocks: InterlockSection = InterlockSection()
 
 
 def load_session(path: Path) -> SessionFile:

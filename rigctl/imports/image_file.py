@@ -1,4 +1,4 @@
-"""Images that other programs wrote (FITS, PNG, TIFF), read as whole numbers of counts."""
+"""Images that other programs or cameras wrote (FITS, PNG, TIFF, RAW), read as whole numbers of counts."""
 
 import gzip
 import io
@@ -13,7 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.errors import DataError
+from drivers.cameras.raw_files import RAW_SUFFIXES, Plane
+from rigctl.errors import ConfigError, DataError
+from rigctl.imports.raw_image import RawSettings, raw_header, raw_picture, raw_settings
 
 FirstRow = Literal["top", "bottom"]
 
@@ -44,6 +46,8 @@ class ImageFile:
         Value by keyword; empty where the format has none.
     remarks : tuple of str
         What else one has to know of the file.
+    raw : RawSettings or None
+        How a still camera was set; None for what is no RAW file.
     """
 
     counts: NDArray[np.uint16]
@@ -52,22 +56,31 @@ class ImageFile:
     first_row_stated: bool
     header: Mapping[str, Any]
     remarks: tuple[str, ...] = ()
+    raw: RawSettings | None = None
 
 
-def read_image(path: Path) -> ImageFile:
+def read_image(path: Path, *, plane: Plane | None = None) -> ImageFile:
     """Return the image of a file.
 
     Parameters
     ----------
     path : Path
-        A FITS file (its first image is taken), or a PNG or TIFF file of one grey picture.
+        A FITS file (its first image is taken), a PNG or TIFF file of one grey picture, or a camera's RAW file.
+    plane : str or None
+        Which colour of a RAW file.
 
     Raises
     ------
     DataError
         The file cannot be read, is no such image, is damaged, has colours or several pictures, or samples that are
         not whole numbers from 0 to 65535.
+    ConfigError
+        A colour is said and the file is not RAW, or the other way round.
     """
+    if path.suffix.lower() in RAW_SUFFIXES:
+        return _read_raw(path, plane)
+    if plane is not None:
+        raise ConfigError(f"--plane {plane}: is for RAW files of cameras, which this is not")
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -80,7 +93,21 @@ def read_image(path: Path) -> ImageFile:
         return _read_png(data)
     if data.startswith(_TIFF):
         return _read_tiff(data)
-    raise DataError("is no FITS, PNG or TIFF image; other formats have to be converted without loss first")
+    raise DataError("is no FITS, PNG, TIFF or RAW image; other formats have to be converted without loss first")
+
+
+def _read_raw(path: Path, plane: Plane | None) -> ImageFile:
+    picture = raw_picture(path, plane=plane)
+    white = f"white level {picture.white_level_dn} by its file, {picture.bit_depth} bits; a sensor may saturate below"
+    return ImageFile(
+        counts=picture.counts,
+        sample_bits=16,
+        first_row="top",
+        first_row_stated=False,
+        header=raw_header(picture),
+        remarks=(white, f"plane {plane}") if plane else (white,),
+        raw=raw_settings(picture),
+    )
 
 
 def _uncompressed(data: bytes) -> bytes:

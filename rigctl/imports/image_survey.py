@@ -13,6 +13,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.imports.image_file import FirstRow, ImageFile, read_image
 from rigctl.imports.image_levels import LEVELS, histogram
 from rigctl.imports.import_request import ImportRequest
+from rigctl.imports.raw_image import RawSettings, unlike_settings
 
 _ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)
 _FITS_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?")
@@ -38,6 +39,8 @@ class SurveyedImage:
         Start of the exposure, where the header has it in standard form.
     remarks : tuple of str
         What else one has to know of the file.
+    raw : RawSettings or None
+        How a still camera was set.
     """
 
     path: Path
@@ -49,6 +52,7 @@ class SurveyedImage:
     black_level_dn: float | None
     start_utc: str | None
     remarks: tuple[str, ...]
+    raw: RawSettings | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +85,7 @@ def survey_images(request: ImportRequest) -> Survey:
     unfit: list[str] = []
     for index, path in enumerate(request.files):
         try:
-            image = read_image(path)
+            image = read_image(path, plane=request.plane)
             images.append(_survey(request, index, image))
             levels += histogram(image.counts)
         except DataError as error:
@@ -89,6 +93,8 @@ def survey_images(request: ImportRequest) -> Survey:
         except ConfigError as error:
             unsaid.append(f"{path}: {error}")
     unfit += _size_problems(request, images)
+    stack = [(image.path, image.raw) for image in images if image.raw is not None]
+    unfit += unlike_settings(stack, same_exposure=request.same_exposure)
     return Survey(images=tuple(images), levels=levels, unsaid=tuple(unsaid), unfit=tuple(unfit))
 
 
@@ -103,6 +109,7 @@ def _survey(request: ImportRequest, index: int, image: ImageFile) -> SurveyedIma
         black_level_dn=_number(image.header, "--black-level-key", request.black_level_key, request.black_level_dn),
         start_utc=_start(image.header),
         remarks=image.remarks,
+        raw=image.raw,
     )
 
 

@@ -6,6 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal
 
+from drivers.cameras.raw_files import Plane
 from rigctl.imports.image_file import FirstRow
 from rigctl.runs.run_folder import FrameKind
 
@@ -54,6 +55,8 @@ class ImportRequest:
         No value does.
     first_row : {"top", "bottom"} or None
         Which row of the picture comes first in the files.
+    plane : str or None
+        Which colour of RAW files.
     misread : sequence of str
         What of the command line could not be read.
     """
@@ -76,6 +79,7 @@ class ImportRequest:
     missing_dn: float | None = None
     none_missing: bool = False
     first_row: FirstRow | None = None
+    plane: Plane | None = None
     misread: Sequence[str] = ()
 
 

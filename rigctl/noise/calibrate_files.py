@@ -1,6 +1,8 @@
 """A noise calibration from its frames to its file."""
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,9 @@ from calibration.noise import NoiseCalibration, calibrate_noise
 from rigctl.errors import DataError
 from rigctl.noise.noise_file import noise_json, write_noise_file
 from rigctl.noise.noise_frames import FrameGroup, FrameSet, run_frames
+
+# Levels that are measured at a time; more only press on the memory.
+_WORKERS = min(4, os.cpu_count() or 1)
 
 LevelDone = Callable[[int, int], None]
 
@@ -58,10 +63,12 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
     """
     groups = [group for group in frames.groups if len(group.loaders) > 1]
     levels = []
-    for done, group in enumerate(groups, start=1):
-        levels.append(_measure(group))
-        if level_done is not None:
-            level_done(done, len(groups))
+    # Reading and arithmetic both let go of the interpreter; a level in work holds a few pictures.
+    with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
+        for done, level in enumerate(pool.map(_measure, groups), start=1):
+            levels.append(level)
+            if level_done is not None:
+                level_done(done, len(groups))
     noise = calibrate_noise(levels, bit_depth=frames.camera.bit_depth)
     singles = len(frames.groups) - len(groups)
     if singles:
@@ -71,7 +78,9 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
 
 def _measure(group: FrameGroup) -> LevelStatistics:
     try:
-        return level_statistics((load() for load in group.loaders), kind=group.kind, exposure_s=group.exposure_s)
+        return level_statistics(
+            (load() for load in group.loaders), kind=group.kind, exposure_s=group.exposure_s, photons=group.photons
+        )
     except CalibrationError as error:
         raise DataError(f"{group.kind} frames at {group.exposure_s} s: {error}") from error
 

@@ -44,7 +44,7 @@ def _draw_noise(axes: "Axes", calibration: NoiseCalibration) -> None:
     total_dn2 = points.flat_variance_dn2
     dark_dn2 = float(np.median(total_dn2 - points.variance_dn2))
     signal_dn = np.geomspace(points.signal_dn[seen].min() / 2.0, points.signal_dn.max(), 300)
-    fit_dn2 = dark_dn2 + transfer.gain_dn_per_e * signal_dn + transfer.bend * signal_dn**2
+    fit_dn2 = dark_dn2 + transfer.variance_at(signal_dn)
     noisy = total_dn2 > 0.0
     for chosen, colour, label in (
         (transfer.used & noisy, _DATA, "flats used"),
@@ -73,7 +73,7 @@ def _draw_residuals(axes: "Axes", calibration: NoiseCalibration) -> None:
     transfer = calibration.transfer
     used = transfer.used
     signal_dn, variance_dn2 = transfer.points.signal_dn[used], transfer.points.variance_dn2[used]
-    fit_dn2 = transfer.gain_dn_per_e * signal_dn + transfer.bend * signal_dn**2
+    fit_dn2 = transfer.variance_at(signal_dn)
     axes.errorbar(
         signal_dn,
         100.0 * (variance_dn2 / fit_dn2 - 1.0),

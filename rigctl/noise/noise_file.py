@@ -10,6 +10,8 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from calibration.brighter_fatter import brighter_fatter
+from calibration.emva1288 import EMVA_SYMBOLS
 from calibration.flags import Flag
 from calibration.noise import NoiseCalibration
 from calibration.photon_transfer import PhotonTransfer
@@ -62,6 +64,11 @@ def noise_json(
         },
         "flags": flags_json(calibration.flags),
         "photon_transfer": _curve(calibration.transfer),
+        "linearity": _linearity(calibration.transfer),
+        "emva1288": {
+            name: None if figure is None else asdict(figure) | {"symbol": EMVA_SYMBOLS[name]}
+            for name, figure in calibration.emva1288.items()
+        },
     }
 
 
@@ -77,11 +84,27 @@ def _curve(transfer: PhotonTransfer) -> dict[str, Any]:
         "variance_dn2": points.variance_dn2.tolist(),
         "std_error_dn2": points.std_error_dn2.tolist(),
         "used": transfer.used.tolist(),
-        "fit": "variance_dn2 = gain_dn_per_e * signal_dn + bend * signal_dn**2",
+        "fit": "variance_dn2 = gain_dn_per_e * signal_dn + bend * signal_dn**2 + cubic * signal_dn**3",
         "gain_dn_per_e": transfer.gain_dn_per_e,
         "bend": transfer.bend,
+        "cubic": transfer.cubic,
         "relative_scatter": transfer.fit.scatter / transfer.gain_dn_per_e,
         "chi2_per_dof": transfer.fit.chi2_per_dof,
+    }
+
+
+def _linearity(transfer: PhotonTransfer) -> dict[str, Any] | None:
+    curve, spreading = transfer.linearity, brighter_fatter(transfer)
+    if curve is None:
+        return None
+    return {
+        "fit": "signal_dn = x * (1 + quadratic_per_dn * x + cubic_per_dn2 * x**2), x proportional to the light",
+        "light": curve.light,
+        "quadratic_per_dn": curve.quadratic_per_dn,
+        "cubic_per_dn2": curve.cubic_per_dn2,
+        "covariance": curve.covariance.tolist(),
+        "relative_scatter": curve.relative_scatter,
+        "brighter_fatter": None if spreading is None else asdict(spreading),
     }
 
 

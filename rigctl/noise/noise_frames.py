@@ -31,6 +31,8 @@ class FrameGroup:
         Without light, or with even light.
     exposure_s : float or None
         Exposure time [s].
+    photons : float or None
+        Mean photons a pixel, where somebody measured them.
     loaders : tuple of callables
         Each reads one frame, in the order in which they were taken.
     """
@@ -38,6 +40,7 @@ class FrameGroup:
     kind: LevelKind
     exposure_s: float | None
     loaders: tuple[Loader, ...]
+    photons: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +177,7 @@ def emva_frames(path: Path) -> FrameSet:
                 kind=group.kind,
                 exposure_s=group.exposure_s,
                 loaders=tuple(partial(_read_emva_image, file, shape) for file in group.files),
+                photons=group.photons or None,
             )
             for group in descriptor.groups
         ),

@@ -45,6 +45,14 @@ _KEYWORDS = tuple(
         ("camera_serial", "CAMSN", "its serial number"),
         ("stage_model", "STAGE", "rotation stage"),
         ("stage_serial", "STAGESN", "its serial number"),
+        ("stage_tries", "POLTRY", "commands of the move until within tolerance"),
+        ("settle_s", "SETTLE", "[s] command of the move to accepted readback"),
+        ("camera_frame", "CAMFRAME", "the camera's own frame counter"),
+        ("round", "ROUND", "round of the schedule, from 0"),
+        ("sun_azimuth_deg", "SUNAZ", "[deg] sun, clockwise from north"),
+        ("sun_elevation_deg", "SUNEL", "[deg] sun, no refraction"),
+        ("site_latitude_deg", "SITELAT", "[deg] north positive"),
+        ("site_longitude_deg", "SITELONG", "[deg] east positive"),
         ("source_file", "SRCFILE", "imported from"),
     )
 )

@@ -73,6 +73,19 @@ class FrameRecord:
         Start of the exposure on the host's monotonic clock [ns].
     camera_model, camera_serial, stage_model, stage_serial : str or None
         Which devices these were.
+    stage_tries : int or None
+        How many times the move was commanded until the readback was within tolerance.
+    settle_s : float or None
+        From the command of the move to the readback that was accepted [s].
+    camera_frame : int or None
+        The camera's own frame counter.
+    round : int or None
+        Which round of a schedule this frame belongs to, from 0.
+    sun_azimuth_deg, sun_elevation_deg : float or None
+        Where the sun stood at the start of the exposure [deg]: azimuth clockwise from north, elevation without
+        refraction.
+    site_latitude_deg, site_longitude_deg : float or None
+        Where the rig stands [deg], north and east positive.
     source_file : str or None
         The file this frame was imported from.
     remarks : tuple of str
@@ -109,6 +122,14 @@ class FrameRecord:
     camera_serial: str | None = None
     stage_model: str | None = None
     stage_serial: str | None = None
+    stage_tries: int | None = None
+    settle_s: float | None = None
+    camera_frame: int | None = None
+    round: int | None = None
+    sun_azimuth_deg: float | None = None
+    sun_elevation_deg: float | None = None
+    site_latitude_deg: float | None = None
+    site_longitude_deg: float | None = None
     source_file: str | None = None
     remarks: tuple[str, ...] = ()
     file: str = ""

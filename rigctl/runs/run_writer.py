@@ -1,6 +1,7 @@
 """A run folder as it is written: each frame durable before the manifest names it."""
 
 import json
+import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
@@ -26,6 +27,7 @@ from rigctl.runs.run_folder import (
     file_checksum,
     read_run,
 )
+from rigctl.runs.run_lock import RunLock, released_on_error
 from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
 
@@ -39,6 +41,8 @@ class RunWriter:
     ----------
     path : Path
         A run folder; use ``create`` or ``append`` to get a writer.
+    lock : RunLock
+        The right to write into it; released with the files.
     sequences : iterable of int
         Sequence numbers that are taken.
     utc_ns, monotonic_ns : callable
@@ -49,16 +53,19 @@ class RunWriter:
         self,
         path: Path,
         *,
+        lock: RunLock,
         sequences: Iterable[int],
         utc_ns: Clock = time.time_ns,
         monotonic_ns: Clock = time.monotonic_ns,
     ) -> None:
         self.path = path
+        self._lock = lock
         self._sequences = set(sequences)
         self._utc_ns = utc_ns
         self._monotonic_ns = monotonic_ns
         self._manifest = Journal(path / MANIFEST_FILE)
         self._events = Journal(path / EVENTS_FILE)
+        self._event_lock = threading.Lock()
         flush_folder(path)
 
     @classmethod
@@ -94,23 +101,37 @@ class RunWriter:
         )
         try:
             _make_folder(path)
-            write_durably(path / SESSION_FILE, encode_description(content))
-            return cls(path, sequences=(), utc_ns=utc_ns, monotonic_ns=monotonic_ns)
+            lock = RunLock(path)
+            with released_on_error(lock):
+                write_durably(path / SESSION_FILE, encode_description(content))
+                return cls(path, lock=lock, sequences=(), utc_ns=utc_ns, monotonic_ns=monotonic_ns)
         except OSError as error:
             raise RunFolderError(f"{path}: cannot make a run folder here: {error.strerror}") from error
 
     @classmethod
-    def append(cls, path: Path) -> "RunWriter":
+    def append(
+        cls, path: Path, *, utc_ns: Clock = time.time_ns, monotonic_ns: Clock = time.monotonic_ns
+    ) -> "RunWriter":
         """Return a writer that adds frames to a run folder that exists.
+
+        Parameters
+        ----------
+        path : Path
+            The folder.
+        utc_ns, monotonic_ns : callable
+            The clocks that stamp events [ns].
 
         Raises
         ------
         RunFolderError
-            The folder is damaged, or cannot be written.
+            The folder is damaged, cannot be written, or another process writes into it.
         """
-        run = read_run(path)
+        read_run(path)
         try:
-            return cls(path, sequences=_taken_sequences(run))
+            lock = RunLock(path)
+            with released_on_error(lock):
+                sequences = _taken_sequences(read_run(path))
+                return cls(path, lock=lock, sequences=sequences, utc_ns=utc_ns, monotonic_ns=monotonic_ns)
         except OSError as error:
             raise RunFolderError(f"{path}: cannot be added to: {error.strerror}") from error
 
@@ -126,6 +147,7 @@ class RunWriter:
         """Close the files. May be called twice."""
         self._manifest.close()
         self._events.close()
+        self._lock.release()
 
     @property
     def next_sequence(self) -> int:
@@ -168,7 +190,7 @@ class RunWriter:
         try:
             for record, counts in frames:
                 written.append(self._write_file(record, counts))
-            self._manifest.append(b"".join(_json_line(asdict(record)) for record in written))
+            self._manifest.append(b"".join(json_line(asdict(record)) for record in written))
         except Exception as error:
             self._take_back(written)
             if isinstance(error, OSError):
@@ -213,17 +235,21 @@ class RunWriter:
         RunFolderError
             The disk is full, or the folder cannot be written.
         """
-        line = {
+        try:
+            # The writer's thread notes events too.
+            with self._event_lock:
+                self._events.append(json_line(self._event_line(name, facts)))
+        except OSError as error:
+            raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
+
+    def _event_line(self, name: str, facts: dict[str, Any]) -> dict[str, Any]:
+        return {
             "id": self._events.lines,
             "utc": utc_text(self._utc_ns()),
             "monotonic_ns": self._monotonic_ns(),
             "event": name,
             "facts": facts,
         }
-        try:
-            self._events.append(_json_line(line))
-        except OSError as error:
-            raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
 
 
 def _make_folder(path: Path) -> None:
@@ -246,5 +272,6 @@ def _file_name(record: FrameRecord) -> str:
     return f"{record.sequence:06d}_{record.kind}{angle}.fits"
 
 
-def _json_line(content: dict[str, Any]) -> bytes:
+def json_line(content: dict[str, Any]) -> bytes:
+    """Return one line of a manifest or of the events."""
     return (json.dumps(content, allow_nan=False) + "\n").encode("ascii")

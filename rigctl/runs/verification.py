@@ -76,7 +76,7 @@ def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
     contents = read_contents(path)
     bad = [Finding(file=file, problem=problem) for file, problem in contents.problems]
     for record in watch(contents.frames):
-        bad += [Finding(file=record.file, problem=text) for text in _frame_problems(path, record)]
+        bad += [Finding(file=record.file, problem=text) for text in frame_problems(path, record)]
     unnamed = _unnamed_files(path, contents.frames)
     damaged = {file: problem for file in unnamed if (problem := _unnamed_problem(path, file))}
     bad += [Finding(file=file, problem=problem) for file, problem in damaged.items()]
@@ -86,7 +86,8 @@ def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
     return Verification(ok=not bad, frames=len(contents.frames), bad=tuple(bad), leftovers=tuple(leftovers))
 
 
-def _frame_problems(path: Path, record: FrameRecord) -> list[str]:
+def frame_problems(path: Path, record: FrameRecord) -> list[str]:
+    """Return what is wrong with the file of one frame that the manifest names."""
     if not (path / record.file).is_file():
         return ["missing"]
     try:

@@ -3,16 +3,16 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
 from typing import Literal
 
-from drivers.errors import NotConnectedError
 from drivers.interfaces import Camera, DeviceIdentity, RotationStage
-from rigctl.errors import ConfigError
+from drivers.serial_ports import resolve_port
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_folder import FrameKind
 from rigctl.sessions.operator_at_rig import ask_operator
 from rigctl.sessions.simulation import Simulation, simulate
+from rigctl.sessions.stages import SIMULATED, connect_stage, find_driver, require_serial
+from rigctl.terminal import warn
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,10 +67,9 @@ def open_rig(rig: RigFile, *, session_name: str) -> Iterator[Rig]:
 
 @contextmanager
 def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
-    with _stage(rig, simulation) as stage, _camera(rig, simulation) as camera:
+    with connect_stage(rig.stage, _stage_port(rig, simulation)) as stage, _camera(rig, simulation) as camera:
         stage_identity, camera_identity = stage.identify(), camera.identify()
-        _require_serial("stage", rig.stage.serial_number, stage_identity)
-        _require_serial("camera", rig.camera.serial_number, camera_identity)
+        require_serial("camera", rig.camera.serial_number, camera_identity)
         yield Rig(
             stage=stage,
             camera=camera,
@@ -81,33 +80,18 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
         )
 
 
-def _stage(rig: RigFile, simulation: Simulation | None) -> RotationStage:
-    factory = _driver("rigctl.stages", rig.stage.driver, key="stage.driver").load()
-    port = simulation.stage_port if simulation and rig.stage.port.startswith("sim:") else rig.stage.port
-    stage: RotationStage = factory(port, address=rig.stage.address, tolerance_deg=rig.stage.tolerance_deg)
-    return stage
+def _stage_port(rig: RigFile, simulation: Simulation | None) -> str:
+    if simulation is not None and rig.stage.port.startswith(SIMULATED):
+        return simulation.stage_port
+    return resolve_port(rig.stage.port, warn=warn)
 
 
 def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
     scheme, _, place = rig.camera.address.partition(":")
     if scheme == "sim" and simulation is not None:
-        return simulation.camera
-    factory = _driver("rigctl.cameras", scheme, key="camera.address").load()
+        if simulation.gige_place is None:
+            return simulation.camera
+        scheme, place = "gige", simulation.gige_place
+    factory = find_driver("rigctl.cameras", scheme, key="camera.address").load()
     camera: Camera = factory(place)
     return camera
-
-
-def _driver(group: str, name: str, *, key: str) -> EntryPoint:
-    installed = {entry.name: entry for entry in entry_points(group=group)}
-    if name not in installed:
-        known = ", ".join(sorted(installed)) or "none"
-        raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}")
-    return installed[name]
-
-
-def _require_serial(what: str, configured: str | None, found: DeviceIdentity) -> None:
-    if configured is not None and configured != found.serial_number:
-        raise NotConnectedError(
-            f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
-            f"{configured}: another device is on this port. Mend the port or the serial number"
-        )

@@ -12,13 +12,14 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import masks
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
+from rigctl.sessions.simulated_gige import serve_if_gige
 from sim_devices.camera import SimCamera
 from sim_devices.clock import SimClock
 from sim_devices.detector import Detector, Lens
 from sim_devices.scene_truth import Region, Surface, paint_scene
-from sim_devices.stages.ellx import SimulatedEllx
-from sim_devices.stages.ellx_address import EllxOptions, parse_address
+from sim_devices.stages.catalogue import StageOptions, make_stage, parse_stage_address
 from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.simulated_stage import SimulatedStage
 from sim_devices.world import Polarizer, World
 
 FloatArray = NDArray[np.float64]
@@ -39,11 +40,14 @@ class Simulation:
         Looks at it.
     stage_port : str
         Pseudo-terminal on which the simulated stage answers.
+    gige_place : str or None
+        Where the camera is served as a GigE Vision camera, with its driver's options; None if it is not.
     """
 
     world: World
     camera: SimCamera
     stage_port: str
+    gige_place: str | None = None
 
 
 @contextmanager
@@ -68,21 +72,21 @@ def simulate(rig: RigFile, *, session_name: str) -> Iterator[Simulation]:
     try:
         options = _stage_options(rig.stage.port, rig.simulation.seed)
         clock = SimClock(speed=options.speed)
-        stage = SimulatedEllx(options, clock=clock)
+        stage = make_stage(options, clock=clock)
         world = _world(rig.simulation, stage)
         camera = _camera(rig.simulation, world, session_name)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
-    with serve_on_pty(stage, clock=clock) as port, camera:
-        yield Simulation(world=world, camera=camera, stage_port=port)
+    with serve_on_pty(stage, clock=clock) as port, camera, serve_if_gige(rig.camera.address, camera) as gige_place:
+        yield Simulation(world=world, camera=camera, stage_port=port, gige_place=gige_place)
 
 
-def _stage_options(port: str, seed: int) -> EllxOptions:
-    options = parse_address(port)
+def _stage_options(port: str, seed: int) -> StageOptions:
+    options = parse_stage_address(port)
     return options if "seed=" in port else replace(options, seed=seed)
 
 
-def _world(simulation: SimulationSection, stage: SimulatedEllx) -> World:
+def _world(simulation: SimulationSection, stage: SimulatedStage) -> World:
     scene = load_scene(simulation.scene)
     return World(
         radiance=_radiance(scene, simulation.camera, simulation.seed),
@@ -104,7 +108,7 @@ def _radiance(scene: SceneFile, camera: SimulatedCamera, seed: int) -> FloatArra
 
 
 def _surface(region: SceneRegion) -> Surface:
-    s0, s1, s2 = (component.value for component in region.stokes_radiance)
+    s0, s1, s2 = (component.value for component in region.given_radiance())
     covariance = region.texture_covariance
     return Surface(
         mean_stokes=(s0, s1, s2),

@@ -3,9 +3,10 @@
 import string
 from collections.abc import Callable
 
+from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.ellx_address import EllxOptions
-from sim_devices.stages.ellx_mechanics import EllxMechanics
 from sim_devices.stages.ellx_receiver import Command, EllxReceiver
+from sim_devices.stages.simulated_stage import Reply
 
 _ADDRESS = "0"
 _YEAR = "2025"
@@ -13,24 +14,19 @@ _FIRMWARE, _HARDWARE = "18", "01"
 
 _OK, _TIMEOUT, _STALLED, _UNSUPPORTED, _OUT_OF_RANGE, _BUSY = 0, 1, 2, 3, 4, 9
 _STALL_S = 2.0
-_JOG_COUNTS = 2000
 _FULL_SPEED_PERCENT = 100
-
-Reply = tuple[float, bytes]
-"""When it is sent [s], and what."""
 
 
 class EllxLanguage:
     """The stage's side of the conversation. The time is an argument, and never goes back."""
 
-    def __init__(self, options: EllxOptions, mechanics: EllxMechanics) -> None:
+    def __init__(self, options: EllxOptions, drive: Drive) -> None:
         self._options = options
-        self._mechanics = mechanics
+        self._drive = drive
         self._receiver = EllxReceiver()
         self._error = _OK
         self._velocity_percent = _FULL_SPEED_PERCENT
-        self._moves = 0
-        self._heard = 0
+        self.heard = 0
         self._rested_s = -1e9
         self._appointment: tuple[float, Callable[[float], None]] | None = None
         self._replies: list[Reply] = []
@@ -76,7 +72,7 @@ class EllxLanguage:
     def _obey(self, time_s: float, command: Command) -> None:
         if command.address != _ADDRESS:
             return
-        self._heard += 1
+        self.heard += 1
         if set(command.digits) - set(string.digits + "ABCDEF"):
             self._refuse(time_s, _OUT_OF_RANGE)
         elif command.letters not in self._answers:
@@ -85,7 +81,8 @@ class EllxLanguage:
             self._answers[command.letters](time_s, command.digits)
 
     def _say(self, time_s: float, text: str) -> None:
-        if self._options.silent is None or self._heard < self._options.silent:
+        silent = self._options.line.silent
+        if silent is None or self.heard < silent:
             self._replies.append((time_s, f"{_ADDRESS}{text}\r\n".encode("ascii")))
 
     def _refuse(self, time_s: float, error: int) -> None:
@@ -93,7 +90,7 @@ class EllxLanguage:
         self._say(time_s, f"GS{error:02X}")
 
     def _is_busy(self, time_s: float) -> bool:
-        return self._appointment is not None or self._mechanics.is_moving(time_s)
+        return self._appointment is not None or self._drive.ring.is_moving(time_s)
 
     def _tell_information(self, time_s: float, _digits: str) -> None:
         options = self._options
@@ -124,62 +121,70 @@ class EllxLanguage:
 
     def _home(self, time_s: float, digits: str) -> None:
         if self._begins(time_s):
-            end_s = self._mechanics.find_mark(time_s, clockwise=digits == "0", speed_deg_per_s=self._speed())
-            self._appointment = (end_s, self._arrive)
+            end_s = self._drive.home(time_s, clockwise=digits == "0", speed_deg_per_s=self._speed())
+            self._appointment = (end_s, self._rest if self._options.motion.unhomed else self._arrive)
 
     def _move_absolute(self, time_s: float, digits: str) -> None:
-        self._move(time_s, _signed(digits))
-
-    def _move_relative(self, time_s: float, digits: str) -> None:
-        self._move(time_s, self._mechanics.counts(time_s) + _signed(digits))
-
-    def _move(self, time_s: float, counts: int) -> None:
+        counts = _signed(digits)
         if abs(counts) > self._options.pulses:
             self._refuse(time_s, _OUT_OF_RANGE)
-        elif self._begins(time_s):
-            self._moves += 1
+        else:
+            self._move(time_s, counts)
+
+    def _move_relative(self, time_s: float, digits: str) -> None:
+        self._move(time_s, self._drive.ring.counts(time_s) + _signed(digits))
+
+    def _move(self, time_s: float, counts: int) -> None:
+        if self._begins(time_s):
             self._turn(time_s, 0 if time_s - self._rested_s < self._options.gap_s else counts)
 
     def _begins(self, time_s: float) -> bool:
         """Return whether a motion can begin; a stage that is busy says so instead."""
         busy = self._is_busy(time_s)
-        if busy or self._options.busy:
+        if busy or self._options.motion.busy:
             self._say(time_s, f"GS{_BUSY:02X}")
         return not busy
 
     def _turn(self, time_s: float, counts: int) -> None:
-        speed = self._speed()
-        if self._moves == self._options.stall:
-            end_s = self._mechanics.turn_to_counts(time_s, counts, speed_deg_per_s=speed, part=0.5)
-            self._appointment = (end_s + _STALL_S, self._give_up)
-            return
-        end_s = self._mechanics.turn_to_counts(time_s, counts, speed_deg_per_s=speed)
-        pressed = self._moves == self._options.button
-        self._appointment = (end_s, self._press_button if pressed else self._arrive)
+        ending = self._drive.move(time_s, counts, speed_deg_per_s=self._speed())
+        keep: dict[Outcome, Callable[[float], None]] = {
+            "arrives": self._arrive,
+            "stalls": self._give_up,
+            "is turned by hand": self._press_button,
+            "fails": self._fail,
+        }
+        late_s = _STALL_S if ending.outcome == "stalls" else 0.0
+        self._appointment = (ending.time_s + late_s, keep[ending.outcome])
+
+    def _rest(self, time_s: float) -> None:
+        self._rested_s = time_s
 
     def _arrive(self, time_s: float) -> None:
-        self._rested_s = time_s
+        self._rest(time_s)
         self._say(time_s, f"PO{self._position(time_s)}")
 
     def _give_up(self, time_s: float) -> None:
-        self._rested_s = time_s
+        self._rest(time_s)
         self._refuse(time_s, _STALLED)
+
+    def _fail(self, time_s: float) -> None:
+        self._rest(time_s)
+        if self._options.motion.fault is not None:
+            self._refuse(time_s, int(self._options.motion.fault[0]))
 
     def _press_button(self, time_s: float) -> None:
         self._say(time_s, f"BS{_BUSY:02X}")
-        counts = self._mechanics.counts(time_s) + _JOG_COUNTS
-        end_s = self._mechanics.turn_to_counts(time_s, counts, speed_deg_per_s=self._speed())
-        self._appointment = (end_s, self._release_button)
+        self._appointment = (self._drive.turn_by_hand(time_s), self._release_button)
 
     def _release_button(self, time_s: float) -> None:
         self._say(time_s, f"BO{self._position(time_s)}")
         self._arrive(time_s)
 
     def _position(self, time_s: float) -> str:
-        return f"{self._mechanics.counts(time_s) % (1 << 32):08X}"
+        return f"{self._drive.ring.counts(time_s) % (1 << 32):08X}"
 
     def _speed(self) -> float:
-        return self._options.motor_deg_per_s * self._velocity_percent / _FULL_SPEED_PERCENT
+        return self._options.motion.motor_deg_per_s * self._velocity_percent / _FULL_SPEED_PERCENT
 
 
 def _signed(digits: str) -> int:

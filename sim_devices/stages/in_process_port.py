@@ -20,6 +20,7 @@ class InProcessPort:
         self._device = device
         self._clock = clock
         self._open = True
+        self._gone = False
 
     @property
     def name(self) -> str:
@@ -31,6 +32,7 @@ class InProcessPort:
         self._require_open()
         deadline_s = self._clock.now_s() + timeout_s
         while True:
+            self._require_plugged_in()
             data = self._device.transmit()
             event_s = self._device.next_event_s()
             if data or event_s is None or event_s > deadline_s:
@@ -43,6 +45,7 @@ class InProcessPort:
     def write(self, data: bytes) -> None:
         """Send all of it."""
         self._require_open()
+        self._require_plugged_in()
         self._device.receive(data)
 
     def close(self) -> None:
@@ -52,3 +55,8 @@ class InProcessPort:
     def _require_open(self) -> None:
         if not self._open:
             raise NotConnectedError(f"{self.name}: this connection was closed; open it again")
+
+    def _require_plugged_in(self) -> None:
+        self._gone = self._gone or not self._device.is_plugged_in()
+        if self._gone:  # a port that comes back is another port
+            raise NotConnectedError(f"{self.name}: the port has gone away. Check the cable, then open it again")

@@ -14,3 +14,6 @@ class SerialDevice(Protocol):
 
     def next_event_s(self) -> float | None:
         """Return when there will be something new to transmit [s], or None while nothing is under way."""
+
+    def is_plugged_in(self) -> bool:
+        """Return whether the host sees a port at all."""

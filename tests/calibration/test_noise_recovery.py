@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calibration.brighter_fatter import brighter_fatter
 from calibration.estimate import Estimate
 from calibration.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.synthetic_sensor import (
@@ -59,6 +60,13 @@ def test_scores_have_mean_0_and_variance_1(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TRUTH)
+def test_intervals_of_95_percent_cover_at_their_rate(name: str) -> None:
+    inside = sum(abs(score(calibration, name, TRUTH[name])) < 1.96 for calibration in calibrations())
+    # Binomial of 60 draws: 50 or fewer with a chance of 7e-4.
+    assert inside >= 51
+
+
+@pytest.mark.parametrize("name", TRUTH)
 def test_every_seed_is_within_five_standard_errors(name: str) -> None:
     # 6e-7 each for normal errors.
     assert max(abs(score(calibration, name, TRUTH[name])) for calibration in calibrations()) < 5.0
@@ -98,6 +106,23 @@ def large_sweep(sensor: SyntheticSensor, *, seed: int = 1, flicker: float = 0.0)
     return calibrate_noise(levels, bit_depth=12)
 
 
+def test_a_lamp_sweep_at_one_exposure_with_more_dark_exposures() -> None:
+    camera = SyntheticCamera(SyntheticSensor(shape=(160, 160)), 11)
+    flats = [camera.level(2, kind="flat", light_e=light_e, exposure_s=0.01) for light_e in SIGNALS_E]
+    darks = [camera.level(4, kind="dark", light_e=0.0, exposure_s=time_s) for time_s in (0.01, 0.1, 0.5, 1.0)]
+    calibration = calibrate_noise([*flats, *darks], bit_depth=12)
+    # No light is known: no response, and the cubic term is fitted.
+    assert calibration.transfer.linearity is None
+    for name in ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s"):
+        assert abs(score(calibration, name, TRUTH[name])) < 4.0
+    by_mean, by_variance = (calibration.emva1288[f"dark_current_{how}_e_per_s"] for how in ("mean", "variance"))
+    assert by_mean is not None
+    assert by_variance is not None
+    assert by_mean.value == pytest.approx(400.0, rel=0.03)
+    # 500 e- of variance over 100 e- of read noise: pairs of 25 600 pixels know it to a per cent.
+    assert by_variance.value == pytest.approx(400.0, rel=0.05)
+
+
 @pytest.mark.parametrize("flicker", [0.003, 0.02])
 def test_a_lamp_that_flickers_leaves_gain_and_read_noise(flicker: float) -> None:
     calibration = large_sweep(SyntheticSensor(), flicker=flicker)
@@ -129,12 +154,55 @@ def two_percent_low_at_saturation(signal_dn: NDArray[np.float64]) -> NDArray[np.
 
 
 def test_a_response_that_is_two_percent_low_at_saturation() -> None:
-    calibration = large_sweep(SyntheticSensor(response=two_percent_low_at_saturation))
-    found = estimate(calibration, "gain_dn_per_e")
-    # The curve is K x (1 - 0.1 u^2), u = x / saturation. The least-squares a + b u through 1 - 0.1 u^2 with even
-    # weights up to u = 0.8 has a = 1 + 0.1 * 0.8^2 / 6 = 1.011; a line through the origin is 2.1 % low.
-    assert found.value / 0.25 - 1.0 == pytest.approx(0.011, abs=5.0 * found.std_error / 0.25)
-    assert found.std_error / 0.25 < 0.01
+    sensor = SyntheticSensor(response=two_percent_low_at_saturation, shape=(480, 640))
+    levels = SyntheticCamera(sensor, 1).sweep(
+        signals_e=SATURATING_SIGNALS_E, exposures_s=SATURATING_EXPOSURES_S, stack=2
+    )
+    found = estimate(calibrate_noise(levels, bit_depth=12), "gain_dn_per_e")
+    # A line through the origin is 2.1 % low, line and bend together 1.1 % high (even weights up to u = 0.8: 0.1 * 0.8^2
+    # / 6). The standard error of 12 points with 0.26 % each is twice their mean's: 0.15 %, 3 sigma.
+    assert found.value == pytest.approx(0.25, rel=0.005)
+    assert abs(found.value - 0.25) < 4.0 * found.std_error
+    assert found.std_error / 0.25 < 0.0025
+
+
+def test_scores_of_the_gain_where_the_response_is_bent() -> None:
+    sensor = SyntheticSensor(response=two_percent_low_at_saturation)
+    scores = np.array(
+        [
+            score(
+                calibrate_noise(
+                    SyntheticCamera(sensor, 500 + seed).sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S),
+                    bit_depth=12,
+                ),
+                "gain_dn_per_e",
+                0.25,
+            )
+            for seed in range(N_SEEDS)
+        ]
+    )
+    # As without a bend: 4 sigma of 60 normal draws.
+    assert abs(scores.mean()) < 4.0 / np.sqrt(N_SEEDS)
+    assert abs(scores.var(ddof=1) - 1.0) < 4.0 * np.sqrt(2.0 / (N_SEEDS - 1))
+
+
+def test_spreading_charge_is_told_from_the_response() -> None:
+    camera = SyntheticCamera(SyntheticSensor(response=two_percent_low_at_saturation, shape=(320, 400)), 5)
+    spreading = [
+        replace(
+            level,
+            temporal_variance_dn2=level.temporal_variance_dn2 * (1.0 - 0.08 * (level.mean_dn - 60.0) / 3000.0),
+        )
+        if level.kind == "flat"
+        else level
+        for level in camera.sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S, stack=2)
+    ]
+    calibration = calibrate_noise(spreading, bit_depth=12)
+    found = brighter_fatter(calibration.transfer)
+    assert found is not None
+    assert abs(found.value + 0.08 * found.signal_dn / 3000.0) < 4.0 * found.std_error
+    assert found.std_error < 0.02
+    assert abs(score(calibration, "gain_dn_per_e", 0.25)) < 4.0
 
 
 def test_points_that_scatter_make_the_error_bar_of_the_gain() -> None:

@@ -3,19 +3,32 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import entry_points
+from typing import Any
 
 from drivers.interfaces import RotationStage
+from drivers.stages.apt import connect_apt, open_apt
 from drivers.stages.elliptec import connect_elliptec, open_elliptec
+from drivers.stages.zaber import connect_zaber, open_zaber
 from sim_devices.clock import ManualClock, SimClock
-from sim_devices.stages.ellx import SimulatedEllx
-from sim_devices.stages.ellx_address import parse_address
+from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.in_process_port import InProcessPort
 from sim_devices.stages.pty_server import serve_on_pty
+
+TOLERANCE_DEG = 0.02
+
+CONNECT: dict[str, Callable[..., RotationStage]] = {
+    "ellx": connect_elliptec,
+    "zaber": connect_zaber,
+    "apt": connect_apt,
+}
+OPEN: dict[str, Callable[..., RotationStage]] = {"ellx": open_elliptec, "zaber": open_zaber, "apt": open_apt}
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageUnderTest:
-    """A stage that is open and not homed yet.
+    """A stage that is open; a simulated one is not homed yet.
 
     Attributes
     ----------
@@ -32,27 +45,62 @@ class StageUnderTest:
     true_angle_deg: Callable[[], float] | None
 
 
+Maker = Callable[[], AbstractContextManager[StageUnderTest]]
+
+
+def family(address: str) -> str:
+    """The driver's name in a simulated stage's address."""
+    return address.partition("?")[0].removeprefix("sim:")
+
+
 @contextmanager
-def ellx_in_process() -> Iterator[StageUnderTest]:
+def in_process(address: str) -> Iterator[StageUnderTest]:
     clock = ManualClock()
-    machine = SimulatedEllx(parse_address("sim:ellx"), clock=clock)
+    machine = make_stage(parse_stage_address(address), clock=clock)
     port = InProcessPort(machine, clock=clock)
-    with connect_elliptec(port, tolerance_deg=0.02, now_s=clock.now_s, sleep=clock.sleep) as stage:
-        yield StageUnderTest(stage=stage, tolerance_deg=0.02, true_angle_deg=machine.true_angle_deg)
+    connect = CONNECT[family(address)]
+    with connect(port, tolerance_deg=TOLERANCE_DEG, now_s=clock.now_s, sleep=clock.sleep) as stage:
+        yield StageUnderTest(stage=stage, tolerance_deg=TOLERANCE_DEG, true_angle_deg=machine.true_angle_deg)
 
 
 @contextmanager
-def ellx_on_pty() -> Iterator[StageUnderTest]:
-    clock = SimClock(speed=50.0)
-    machine = SimulatedEllx(parse_address("sim:ellx?pieces=1&busy=1"), clock=clock)
+def on_pty(address: str) -> Iterator[StageUnderTest]:
+    clock = SimClock(speed=200.0)
+    machine = make_stage(parse_stage_address(address), clock=clock)
+    open_stage = OPEN[family(address)]
     with (
         serve_on_pty(machine, clock=clock) as path,
-        open_elliptec(path, tolerance_deg=0.02, sleep=clock.sleep) as stage,
+        open_stage(path, tolerance_deg=TOLERANCE_DEG, sleep=clock.sleep) as stage,
     ):
-        yield StageUnderTest(stage=stage, tolerance_deg=0.02, true_angle_deg=machine.true_angle_deg)
+        yield StageUnderTest(stage=stage, tolerance_deg=TOLERANCE_DEG, true_angle_deg=machine.true_angle_deg)
 
 
-STAGES: dict[str, Callable[[], AbstractContextManager[StageUnderTest]]] = {
-    "ellx-in-process": ellx_in_process,
-    "ellx-on-pty": ellx_on_pty,
+@contextmanager
+def of_metal(address: str) -> Iterator[StageUnderTest]:
+    """A stage named on the command line: ``DRIVER:PORT``, for every driver that is installed, and ``?key=value``."""
+    driver, _, rest = address.partition(":")
+    port, _, options = rest.partition("?")
+    given: dict[str, Any] = dict(pair.split("=", 1) for pair in options.split("&")) if options else {}
+    tolerance_deg = float(given.pop("tolerance_deg", TOLERANCE_DEG))
+    factory = {entry.name: entry for entry in entry_points(group="rigctl.stages")}[driver].load()
+    with factory(port, tolerance_deg=tolerance_deg, **given) as stage:
+        yield StageUnderTest(stage=stage, tolerance_deg=tolerance_deg, true_angle_deg=None)
+
+
+def named(address: str) -> Maker:
+    """What ``--stage ADDRESS`` asks for."""
+    return partial(on_pty if address.startswith("sim:") else of_metal, address)
+
+
+STAGES: dict[str, Maker] = {
+    "ellx-in-process": partial(in_process, "sim:ellx"),
+    "ellx-on-pty": partial(on_pty, "sim:ellx?pieces=1&busy=1"),
+    "zaber-in-process": partial(in_process, "sim:zaber"),
+    "zaber-without-encoder": partial(in_process, "sim:zaber?encoder=0&resolution=128"),
+    "zaber-of-one-turn": partial(in_process, "sim:zaber?oneturn=1"),
+    "zaber-on-pty": partial(on_pty, "sim:zaber?pieces=1&busy=1"),
+    "k10cr1-in-process": partial(in_process, "sim:apt?forgets=1"),
+    "k10cr2-in-process": partial(in_process, "sim:apt?model=K10CR2&minus=1&quiethome=1"),
+    "kdc101-in-process": partial(in_process, "sim:apt?model=KDC101"),
+    "apt-on-pty": partial(on_pty, "sim:apt?pieces=1&busy=1&updates=1"),
 }

@@ -1,4 +1,4 @@
-"""What every camera promises. Each camera is an entry of `CAMERAS`: a function that opens it."""
+"""What every camera promises, simulated or of glass and metal (`--camera ADDRESS`)."""
 
 import time
 
@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
-from tests.sim_devices.camera_builders import small_camera
-
-CAMERAS = {"simulated": small_camera}
+from tests.contracts.cameras_under_test import CAMERAS, camera_at
 
 EXPOSURE_S = 0.002
 TIMEOUT_S = 5.0
 
 
-@pytest.fixture(params=sorted(CAMERAS))
+def pytest_generate_tests(metafunc):
+    if "camera" in metafunc.fixturenames:
+        given = metafunc.config.getoption("--camera")
+        metafunc.parametrize("camera", [given] if given else sorted(CAMERAS), indirect=True)
+
+
+@pytest.fixture
 def camera(request):
-    with CAMERAS[request.param]() as opened:
+    with CAMERAS[request.param]() if request.param in CAMERAS else camera_at(request.param) as opened:
         opened.configure(exposure_s=EXPOSURE_S, gain_db=0.0)
         yield opened
 
@@ -65,9 +69,10 @@ def test_counts_have_the_size_and_depth_that_the_settings_say(camera):
     assert frame.counts.max() <= 2**frame.settings.bit_depth - 1
 
 
-def test_sequence_goes_up_by_one(camera):
-    numbers = [camera.take_frame(timeout_s=TIMEOUT_S).sequence for _ in range(3)]
-    assert numbers == [numbers[0], numbers[0] + 1, numbers[0] + 2]
+def test_numbers_grow(camera):
+    # Not by one: a camera that runs by itself goes on counting meanwhile.
+    first, second, third = (camera.take_frame(timeout_s=TIMEOUT_S).sequence for _ in range(3))
+    assert first < second < third
 
 
 def test_exposure_began_after_the_call(camera):

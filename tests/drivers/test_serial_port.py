@@ -9,7 +9,7 @@ import pytest
 import serial
 
 from drivers.errors import DeviceTimeoutError, NotConnectedError
-from drivers.serial_port import open_serial_port
+from drivers.serial_port import UDEV_RULE, open_serial_port
 
 
 class Terminal:
@@ -75,8 +75,15 @@ def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
         raise serial.SerialException(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(serial, "Serial", refuse)
-    with pytest.raises(NotConnectedError, match="group dialout"):
+    with pytest.raises(NotConnectedError, match="group dialout") as caught:
         open_serial_port("/dev/ttyUSB0", baud=9600)
+    assert UDEV_RULE in str(caught.value)
+
+
+def test_a_terminal_without_modem_lines_is_no_hindrance(terminal: Terminal) -> None:
+    port = open_serial_port(terminal.path, baud=115200)
+    port.request_to_send()
+    port.close()
 
 
 def test_reading_a_port_that_goes_away(terminal: Terminal) -> None:

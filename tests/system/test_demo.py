@@ -71,8 +71,8 @@ def test_a_damaged_frame_is_found_and_refused_with_exit_code_4(tmp_path):
 
 def test_examples_in_the_package_are_those_in_the_examples_folder():
     packaged = ROOT / "rigctl" / "data" / "examples"
-    names = sorted(path.name for path in EXAMPLES.iterdir())
-    assert names == sorted(path.name for path in packaged.iterdir())
+    names = sorted(path.name for path in EXAMPLES.glob("*.*") if path.is_file())
+    assert names == sorted(path.name for path in packaged.glob("*.*") if path.is_file())
     assert all((EXAMPLES / name).read_bytes() == (packaged / name).read_bytes() for name in names)
 
 

@@ -219,19 +219,20 @@ def test_a_move_waits_a_tenth_of_a_second_after_the_line_was_last_used() -> None
     assert port.now_s() - before_s == pytest.approx(0.1, abs=1e-9)
 
 
-def test_a_damaged_reading_does_not_make_the_next_wait_longer_than_a_full_turn() -> None:
+def test_a_damaged_reading_does_not_make_the_next_wait_longer() -> None:
     stage, port = homed_stage(
         [
             (b"0ma00004600", [(0.2, AT_45)]),
-            (b"0gp", [(0.02, b"0PO40004600\r\n")]),
+            (b"0gp", [(0.02, b"0PO40004601\r\n")]),
+            *[(b"0gp", [(0.02, AT_45)])] * 2,  # from there only a relative move would lead: so it is read again
             (b"0ma00004600", []),
             *[(b"\r", []), (b"0gs", [])] * 3,
         ]
     )
     with pytest.raises(DeviceTimeoutError):
         stage.move_to(45.0)
-    # The deadline of a full turn is 38 s; homing, the first try and asking for the status take less than 5 s.
-    assert port.now_s() < 38.0 + 5.0
+    # The deadline of no way at all is 2 s; homing, the first try and asking for the status take less than 5 s.
+    assert port.now_s() < 2.0 + 5.0
 
 
 def test_a_silent_address_is_a_timeout_within_its_deadline() -> None:
@@ -261,3 +262,36 @@ def test_pulses_that_were_told_once_only_are_not_believed() -> None:
     stage = connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
     stage.home()
     assert port.finished
+
+
+def test_the_short_way_through_zero_is_a_relative_move_from_a_reading_that_is_sure() -> None:
+    at_315 = b"0POFFFFBA00\r\n"  # 17920 counts below zero
+    stage, port = homed_stage(
+        [
+            *[(b"0gp", [(0.02, b"0PO00000000\r\n")])] * 2,
+            (b"0mrFFFFBA00", [(0.2, at_315)]),
+            (b"0gp", [(0.02, at_315)]),
+        ]
+    )
+    assert stage.move_to(315.0).position.angle_deg == 315.0
+    assert port.finished
+
+
+def test_a_way_that_is_asked_for_is_taken() -> None:
+    at_315 = b"0PO0001EA00\r\n"
+    stage, port = homed_stage([(b"0ma0001EA00", [(0.2, at_315)]), (b"0gp", [(0.02, at_315)])])
+    assert stage.move_to(315.0, way="forward").position.counts == 125440
+    assert port.finished
+
+
+@pytest.mark.parametrize(("reply", "moving", "code"), [(b"0GS00\r\n", False, 0), (b"0GS09\r\n", True, 9)])
+def test_the_status_is_told(reply: bytes, moving: bool, code: int) -> None:
+    stage, _ = homed_stage([(b"0gs", [(0.01, reply)])])
+    status = stage.status()
+    assert (status.moving, status.homed, status.code) == (moving, True, code)
+
+
+def test_a_fault_in_the_status_is_told_and_not_raised() -> None:
+    stage, _ = homed_stage([(b"0gs", [(0.01, b"0GS0B\r\n")]), (b"0gs", [(0.01, b"0GS0B\r\n")])])
+    status = stage.status()
+    assert (status.moving, status.code, status.meaning) == (False, 11, "motor error")

@@ -1,11 +1,9 @@
-import itertools
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolError
 from drivers.stages import elliptec_protocol as protocol
 from drivers.stages.elliptec_protocol import ButtonPosition, ButtonStatus, Event, Position, ReplyParser, Status
+from tests.drivers.stages.streams import RUBBISH, cut, damaged, read_all
 
 ADDRESSES = st.sampled_from("0123456789ABCDEF")
 REPLIES = st.one_of(
@@ -30,82 +28,42 @@ def written(event: Event) -> bytes:
     return head.encode()  # the hardware's release is not kept, so that only the beginning can be compared
 
 
-def read_all(pieces: list[bytes]) -> list[Event]:
+def read(pieces: list[bytes]) -> list[Event]:
     """Every reply in the pieces, errors left out; any exception but ProtocolError escapes."""
-    parser = ReplyParser()
-    events: list[Event] = []
-    for piece in pieces:
-        try:
-            parser.feed(piece)
-        except ProtocolError:
-            continue
-        events += read_waiting(parser)
-    return events
-
-
-def read_waiting(parser: ReplyParser) -> list[Event]:
-    events: list[Event] = []
-    while True:
-        try:
-            event = parser.next_event()
-        except ProtocolError:
-            continue
-        if event is None:
-            return events
-        events.append(event)
-
-
-def cut(data: bytes, at: list[int]) -> list[bytes]:
-    edges = [0, *sorted({place % (len(data) + 1) for place in at}), len(data)]
-    return [data[start:end] for start, end in itertools.pairwise(edges)]
+    return read_all(ReplyParser(), pieces)
 
 
 @settings(deadline=None, max_examples=200)
 @given(stream=STREAMS, at=st.lists(st.integers(0, 400), max_size=12))
 def test_the_cuts_of_a_stream_do_not_matter(stream: bytes, at: list[int]) -> None:
-    assert read_all(cut(stream, at)) == read_all([stream])
+    assert read(cut(stream, at)) == read([stream])
 
 
 @settings(deadline=None, max_examples=200)
 @given(stream=STREAMS)
 def test_a_sound_stream_gives_every_reply(stream: bytes) -> None:
-    assert len(read_all([stream])) == stream.count(b"\r\n")
-
-
-@st.composite
-def damaged_streams(draw: st.DrawFn) -> bytes:
-    data = bytearray(draw(STREAMS))
-    for _ in range(draw(st.integers(1, 6))):
-        place = draw(st.integers(0, max(0, len(data) - 1)))
-        kind = draw(st.sampled_from(["drop", "flip", "insert"]))
-        if kind == "insert":
-            data.insert(place, draw(st.integers(0, 255)))
-        elif data and kind == "drop":
-            del data[place]
-        elif data:
-            data[place] ^= draw(st.integers(1, 255))
-    return bytes(data)
+    assert len(read([stream])) == stream.count(b"\r\n")
 
 
 @settings(deadline=None, max_examples=300)
-@given(stream=damaged_streams(), at=st.lists(st.integers(0, 400), max_size=6))
+@given(stream=damaged(STREAMS), at=st.lists(st.integers(0, 400), max_size=6))
 def test_only_replies_that_came_whole_are_told(stream: bytes, at: list[int]) -> None:
     lines = stream.split(b"\n")
-    for event in read_all(cut(stream, at)):
+    for event in read(cut(stream, at)):
         assert any((line + b"\n").startswith(written(event)) for line in lines[:-1])
 
 
 @settings(deadline=None, max_examples=300)
-@given(stream=damaged_streams())
+@given(stream=damaged(STREAMS))
 def test_the_next_good_reply_is_read_after_damage(stream: bytes) -> None:
     good = Position(address="0", counts=17920)
-    assert read_all([stream + b"\n", b"0PO00004600\r\n"])[-1] == good
+    assert read([stream + b"\n", b"0PO00004600\r\n"])[-1] == good
 
 
 @settings(deadline=None, max_examples=300)
-@given(pieces=st.lists(st.binary(max_size=1500), max_size=6))
+@given(pieces=RUBBISH)
 def test_any_bytes_at_all_raise_nothing_but_protocol_errors(pieces: list[bytes]) -> None:
-    read_all(pieces)
+    read(pieces)
 
 
 @settings(deadline=None, max_examples=300)

@@ -83,6 +83,47 @@ def test_quantile_inverts_the_tails_far_out(p, mean, cov):
     assert abs(smaller - 1.0) < 1e-12 + 4e-16 * abs(x * tails.density / min(tails.lower, tails.upper))
 
 
+# A needle 1e-5 as thick as long that crosses the cone twice: two peaks 3e-6 wide on the border.
+NEEDLE_MEAN = (1.0, -2.886512283280837e-07, 9.57434315441372e-07)
+NEEDLE_COV = np.array(
+    [
+        [1.0475518565396937e-12, -3.868902352686666e-13, 4.430232276328773e-13],
+        [-3.868902352686666e-13, 1.4288939799347293e-13, -1.6362088396247595e-13],
+        [4.430232276328773e-13, -1.6362088396247595e-13, 1.873602523949511e-13],
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("x", "lower", "upper", "digits"),
+    [
+        # Beside its closest approach the tail changes 2e5 times as fast as x; places along so thin a needle are
+        # known to some 1e-13, in the oracle as well.
+        (4.1236e-7, 7.134953514e-05, 9.9992865046485e-01, 1e-7),
+        (4.1384e-7, 1.3815884848659e-02, 9.8618411515135e-01, 1e-10),
+        (2.2e-6, 9.8519002520448e-01, 1.4809974795272e-02, 1e-10),
+    ],
+)
+def test_needle_loses_neither_of_its_two_peaks(x, lower, upper, digits):
+    # Both from the double integral of the oracles, which takes half a minute here.
+    np.testing.assert_allclose(dolp.cdf(x, NEEDLE_MEAN, NEEDLE_COV), lower, rtol=digits)
+    np.testing.assert_allclose(dolp.probability_above(x, NEEDLE_MEAN, NEEDLE_COV), upper, rtol=digits)
+
+
+def test_search_for_a_quantile_ends_where_newton_would_cycle():
+    cov = [[78.0, 29.0, 74.1], [29.0, 195.1, -225.0], [74.1, -225.0, 416.85]]
+    x = dolp.quantile(0.025, (1.0, 0.0, 0.0), cov)
+    np.testing.assert_allclose(dolp.cdf(x, (1.0, 0.0, 0.0), cov), 0.025, rtol=1e-10)
+
+
+def test_low_signal_with_a_singular_covariance_has_both_far_tails():
+    factor = np.array([[1.5, 0.3], [-0.2, 0.9], [0.4, -0.7]])
+    p = np.array([1e-12, 1.0 - 1e-9])
+    mean = (1.0, 0.27, 0.12)
+    found = dolp.law_tails(dolp.quantile(p, mean, factor @ factor.T), mean, factor @ factor.T)
+    np.testing.assert_allclose([found.lower[0] / p[0], found.upper[1] / (1.0 - p[1])], 1.0, rtol=1e-9)
+
+
 def test_lower_and_upper_tail_add_to_one():
     x = np.geomspace(1e-6, 1e6, 25)
     tails = dolp.law_tails(x, (1.0, 0.4, 0.1), covariance((0.4, 0.2, 0.1), r01=0.6))

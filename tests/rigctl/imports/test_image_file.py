@@ -142,7 +142,7 @@ def test_png_of_one_bit_is_refused(tmp_path):
 
 def test_file_that_is_no_image_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("sunny")
-    with pytest.raises(DataError, match="is no FITS, PNG or TIFF"):
+    with pytest.raises(DataError, match="is no FITS, PNG, TIFF or RAW"):
         read_image(tmp_path / "notes.txt")
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.emva1288 import EMVA_SYMBOLS
 from calibration.frame_statistics import level_statistics
 from calibration.noise import NoiseCalibration, calibrate_noise
 from rigctl.errors import ConfigError, DataError
@@ -46,6 +47,22 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 def test_each_quantity_has_value_error_and_frames(name: str) -> None:
     found = getattr(calibration(), name)
     assert content()[name] == {"value": found.value, "std_error": found.std_error, "n": found.n}
+
+
+def test_the_standards_own_numbers_stand_beside() -> None:
+    made = content()["emva1288"]
+    assert set(made) == set(EMVA_SYMBOLS)
+    assert made["gain_dn_per_e"]["symbol"] == "K"
+    assert made["gain_dn_per_e"]["value"] == pytest.approx(content()["gain_dn_per_e"]["value"], rel=0.2)
+    # Nobody states photons in a run folder.
+    assert made["quantum_efficiency"] is None
+
+
+def test_the_response_is_kept_where_there_are_levels_for_it() -> None:
+    made = content()["linearity"]
+    assert made["light"] == "exposure"
+    assert np.shape(made["covariance"]) == (2, 2)
+    assert made["brighter_fatter"]["std_error"] > 0.0
 
 
 def test_the_covariance_is_kept_to_the_last_digit(tmp_path: Path) -> None:

@@ -3,13 +3,14 @@ import threading
 import pytest
 
 from sim_devices.clock import ManualClock
-from sim_devices.stages.ellx import SimulatedEllx
+from sim_devices.stages.catalogue import make_stage
 from sim_devices.stages.ellx_address import parse_address
+from sim_devices.stages.simulated_stage import SimulatedStage
 
 
-def stage(faults: str = "landing=0") -> tuple[SimulatedEllx, ManualClock]:
+def stage(faults: str = "landing=0") -> tuple[SimulatedStage, ManualClock]:
     clock = ManualClock()
-    return SimulatedEllx(parse_address(f"sim:ellx?start=0&slow=90&{faults}"), clock=clock), clock
+    return make_stage(parse_address(f"sim:ellx?start=0&slow=90&{faults}"), clock=clock), clock
 
 
 def test_the_true_angle_follows_the_time() -> None:

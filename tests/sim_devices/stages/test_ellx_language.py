@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim_devices.stages.ellx_address import EllxOptions, parse_address
+from sim_devices.stages.drive import Drive
+from sim_devices.stages.ellx_address import parse_address
 from sim_devices.stages.ellx_language import EllxLanguage
-from sim_devices.stages.ellx_mechanics import EllxMechanics
 
 
 class Stage:
@@ -13,8 +13,9 @@ class Stage:
 
     def __init__(self, faults: str = "") -> None:
         options = parse_address(f"sim:ellx?landing=0&start=45&mark=45&slow=90&{faults}")
-        self.mechanics = mechanics_of(options)
-        self._language = EllxLanguage(options, self.mechanics)
+        drive = Drive(options.motion, counts_per_turn=options.pulses, generator=np.random.default_rng(0))
+        self.mechanics = drive.ring
+        self._language = EllxLanguage(options, drive)
 
     def hears(self, time_s: float, data: bytes) -> list[tuple[float, bytes]]:
         return self._language.receive(time_s, data)
@@ -24,16 +25,6 @@ class Stage:
 
     def next_event_s(self) -> float | None:
         return self._language.next_event_s()
-
-
-def mechanics_of(options: EllxOptions) -> EllxMechanics:
-    return EllxMechanics(
-        pulses=options.pulses,
-        landing_deg=options.landing_deg,
-        mark_deg=options.mark_deg,
-        start_deg=options.start_deg,
-        generator=np.random.default_rng(0),
-    )
 
 
 @pytest.mark.parametrize(
@@ -145,7 +136,7 @@ def test_a_stall_stops_half_way_and_is_told_after_two_seconds() -> None:
 def test_a_pressed_button_is_told_unasked_and_turns_the_stage() -> None:
     stage = Stage("button=1")
     stage.hears(0.0, b"0ma00004600")
-    assert [reply for _, reply in stage.says_by(1.0)] == [b"0BS09\r\n", b"0BO00004DD0\r\n", b"0PO00004DD0\r\n"]
+    assert [reply for _, reply in stage.says_by(1.0)] == [b"0BS09\r\n", b"0BO00004DC7\r\n", b"0PO00004DC7\r\n"]
 
 
 def test_a_move_too_soon_after_another_goes_to_zero() -> None:

@@ -2,14 +2,14 @@ import pytest
 
 from drivers.errors import NotConnectedError
 from sim_devices.clock import ManualClock
-from sim_devices.stages.ellx import SimulatedEllx
+from sim_devices.stages.catalogue import make_stage
 from sim_devices.stages.ellx_address import parse_address
 from sim_devices.stages.in_process_port import InProcessPort
 
 
 def port_to(faults: str = "") -> tuple[InProcessPort, ManualClock]:
     clock = ManualClock()
-    machine = SimulatedEllx(parse_address(f"sim:ellx?start=0&slow=90&landing=0&{faults}"), clock=clock)
+    machine = make_stage(parse_address(f"sim:ellx?start=0&slow=90&landing=0&{faults}"), clock=clock)
     return InProcessPort(machine, clock=clock), clock
 
 

@@ -1,17 +1,28 @@
+import math
+
 import numpy as np
 import pytest
 
-from sim_devices.stages.ellx_mechanics import EllxMechanics
+from sim_devices.stages.ring import Ring
 
 PULSES = 143360
 
 
-def mechanics(*, landing_deg: float = 0.0, mark_deg: float = 0.0, start_deg: float = 0.0) -> EllxMechanics:
-    return EllxMechanics(
-        pulses=PULSES,
+def mechanics(
+    *,
+    landing_deg: float = 0.0,
+    mark_deg: float = 0.0,
+    start_deg: float = 0.0,
+    backlash_deg: float = 0.0,
+    creep_deg: float = 0.0,
+) -> Ring:
+    return Ring(
+        counts_per_turn=PULSES,
         landing_deg=landing_deg,
         mark_deg=mark_deg,
         start_deg=start_deg,
+        backlash_deg=backlash_deg,
+        creep_deg=creep_deg,
         generator=np.random.default_rng(1),
     )
 
@@ -71,3 +82,27 @@ def test_the_encoder_reads_where_the_ring_is_and_not_where_it_should_be() -> Non
         errors_deg.append(true_deg - 1000 * move * 360.0 / PULSES)
     # The sample deviation of 400 draws has a standard error of 1/sqrt(800) = 3.5 %: 5 sigma.
     assert np.std(errors_deg) == pytest.approx(0.1, rel=5 * 0.035)
+
+
+def test_moves_from_either_side_land_a_backlash_apart() -> None:
+    ring = mechanics(backlash_deg=0.05)
+    ring.turn_to_counts(0.0, PULSES // 4, speed_deg_per_s=90.0)
+    assert ring.angle_deg(9.0) == pytest.approx(90.0 - 0.025, rel=1e-15)
+    ring.turn_to_counts(10.0, PULSES // 8, speed_deg_per_s=90.0)
+    assert ring.angle_deg(19.0) == pytest.approx(45.0 + 0.025, rel=1e-15)
+
+
+def test_creeps_to_its_rest_after_the_motion() -> None:
+    ring = mechanics(creep_deg=0.2)
+    end_s = ring.turn_to_counts(0.0, PULSES // 4, speed_deg_per_s=90.0)
+    assert not ring.is_moving(end_s)
+    assert ring.angle_deg(end_s) == pytest.approx(89.8, rel=1e-15)
+    assert ring.angle_deg(end_s + 0.1) == pytest.approx(90.0 - 0.2 / math.e, rel=1e-14)
+
+
+def test_halts_where_it_is() -> None:
+    ring = mechanics()
+    ring.turn_to_counts(0.0, PULSES // 4, speed_deg_per_s=90.0)
+    ring.halt(0.5)
+    assert ring.angle_deg(9.0) == 45.0
+    assert not ring.is_moving(0.5)

@@ -1,0 +1,200 @@
+"""What the program itself costs per frame of 782 x 582, beside camera, stage, FITS encoding and the disk.
+
+Usage: python -m benchmarks.frame_overhead [--frames 200] [--folder DIR]
+
+Overhead is the time of the session's thread between two frames, without waiting for the disk's queue, plus the time
+of the writer's thread outside of encoding and of the disk. The target is below 5 ms.
+"""
+
+import argparse
+import statistics
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition
+from rigctl.files.place import SiteSection
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import SessionFile
+from rigctl.runs import run_writer
+from rigctl.runs.journal import Journal
+from rigctl.sessions import acquisition
+from rigctl.sessions.frame_store import FrameStore
+from rigctl.sessions.rig import Rig
+from rigctl.sessions.take_session import take_session
+from rigctl.sessions.writer_thread import WriterThread
+
+TARGET_MS = 5.0
+_MS = 1e3
+_RIG = {
+    "name": "stand-in",
+    "stage": {"driver": "ellx", "port": "/dev/null"},
+    "polarizer": {"sense": 1, "offset_deg": 0.0},
+    "camera": {"address": "none:"},
+    "site": SiteSection(latitude_deg=43.0, longitude_deg=-77.0).model_dump(),
+}
+
+
+class Stopwatch:
+    """Adds up the time that functions take, by name."""
+
+    def __init__(self) -> None:
+        self.spent_s: dict[str, list[float]] = defaultdict(list)
+
+    def watched(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*arguments: Any, **keywords: Any) -> Any:
+            begin = time.perf_counter()
+            try:
+                return function(*arguments, **keywords)
+            finally:
+                self.spent_s[name].append(time.perf_counter() - begin)
+
+        return timed
+
+
+class StandIn:
+    """A stage and a camera that take as long as told, and pictures that are there already."""
+
+    def __init__(self, watch: Stopwatch, *, exposure_s: float, move_s: float) -> None:
+        self._watch, self._exposure_s, self._move_s = watch, exposure_s, move_s
+        generator = np.random.default_rng(1)
+        self._pictures = [generator.integers(100, 3000, (582, 782)).astype(np.uint16) for _ in range(4)]
+        self._sequence, self._ended_s = 0, 0.0
+
+    def home(self) -> StagePosition:
+        return StagePosition(angle_deg=0.0, counts=0)
+
+    def move_to(self, angle_deg: float) -> Move:
+        begin = time.perf_counter()
+        time.sleep(self._move_s)
+        self._watch.spent_s["stage"].append(time.perf_counter() - begin)
+        position = StagePosition(angle_deg=angle_deg, counts=0)
+        return Move(target_deg=angle_deg, position=position, tries=1, duration_s=self._move_s)
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        self._settings = CameraSettings(exposure_s=exposure_s, gain_db=gain_db, width=782, height=582, bit_depth=12)
+        return self._settings
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        if self._ended_s:
+            self._watch.spent_s["between frames"].append(time.perf_counter() - self._ended_s)
+        time.sleep(self._exposure_s)
+        self._sequence += 1
+        now = time.time_ns()
+        frame = Frame(
+            counts=self._pictures[self._sequence % 4],
+            settings=self._settings,
+            sequence=self._sequence,
+            start_utc_ns=now,
+            end_utc_ns=now,
+            start_monotonic_ns=time.monotonic_ns(),
+        )
+        self._ended_s = time.perf_counter()
+        return frame
+
+
+def measure(frames: int, folder: Path, *, exposure_s: float, move_s: float, threaded: bool) -> dict[str, float]:
+    """Take a session; return milliseconds per frame by what they were spent on."""
+    watch = Stopwatch()
+    device: Any = StandIn(watch, exposure_s=exposure_s, move_s=move_s)
+
+    @contextmanager
+    def opener() -> Iterator[Rig]:
+        identity = DeviceIdentity(model="stand-in", serial_number="1", firmware="0")
+        yield Rig(
+            stage=device,
+            camera=device,
+            stage_identity=identity,
+            camera_identity=identity,
+            present=lambda _: None,
+            origin="device",
+        )
+
+    take = {"kind": "scene", "exposure_ms": 1, "cycles": frames // 4}
+    session = SessionFile.model_validate({"name": "overhead", "take": [take], "interlocks": {"disk_free_mb": 0}})
+    with _watched(watch, threaded=threaded):
+        take_session(RigFile.model_validate(_RIG), session, folder / "run", files={}, opener=opener)
+    return _per_frame(watch, exposure_s, frames, threaded=threaded)
+
+
+@contextmanager
+def _watched(watch: Stopwatch, *, threaded: bool) -> Iterator[None]:
+    places: list[tuple[Any, str, str]] = [
+        (run_writer, "encode_frame", "encoding"),
+        (run_writer, "write_durably", "disk"),
+        (Journal, "append", "disk"),
+        (FrameStore, "store", "storing"),
+        (WriterThread, "put", "queue"),
+    ]
+    before = [(owner, name, getattr(owner, name)) for owner, name, _ in places]
+    for owner, name, what in places:
+        setattr(owner, name, watch.watched(what, getattr(owner, name)))
+    if not threaded:
+        acquisition.WriterThread = _Inline  # type: ignore[misc, assignment]
+    try:
+        yield
+    finally:
+        acquisition.WriterThread = WriterThread  # type: ignore[misc]
+        for owner, name, function in before:
+            setattr(owner, name, function)
+
+
+class _Inline(WriterThread):
+    """Stores each frame before the next is taken: what the thread is compared with."""
+
+    def put(self, record: Any, counts: Any) -> None:
+        self._store(record, counts)
+
+
+def _per_frame(watch: Stopwatch, exposure_s: float, frames: int, *, threaded: bool) -> dict[str, float]:
+    def median_ms(name: str) -> float:
+        return statistics.median(watch.spent_s[name]) * _MS if watch.spent_s[name] else 0.0
+
+    def mean_ms(name: str) -> float:
+        return sum(watch.spent_s[name]) / frames * _MS
+
+    waiting = mean_ms("queue") if threaded else mean_ms("storing")
+    session = mean_ms("between frames") - mean_ms("stage") - waiting
+    writer = mean_ms("storing") - mean_ms("encoding") - mean_ms("disk")
+    return {
+        "frame to frame": mean_ms("between frames") + exposure_s * _MS,
+        "encoding (median)": median_ms("encoding"),
+        "disk": mean_ms("disk"),
+        "overhead of the session": session,
+        "overhead of the writer": writer,
+        "overhead": session + writer,
+    }
+
+
+def main() -> int:
+    """Print the cost per frame; return 1 where the program's own is above its target."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=200)
+    parser.add_argument("--folder", type=Path, default=None, help="On the disk that is to be measured.")
+    arguments = parser.parse_args()
+    cases = {
+        "writer's thread, exposure 30 ms, move 30 ms": (0.03, 0.03, True),
+        "no thread, exposure 30 ms, move 30 ms": (0.03, 0.03, False),
+        "writer's thread, no exposure, no move": (0.0, 0.0, True),
+    }
+    overhead = 0.0
+    for title, (exposure_s, move_s, threaded) in cases.items():
+        with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
+            found = measure(arguments.frames, Path(folder), exposure_s=exposure_s, move_s=move_s, threaded=threaded)
+        print(f"{title}, ms per frame:")
+        for name, milliseconds in found.items():
+            print(f"  {name:<26}{milliseconds:7.2f}")
+        overhead = found["overhead"] if exposure_s and threaded else overhead
+    print(f"overhead {overhead:.2f} ms, target {TARGET_MS:g} ms: {'met' if overhead < TARGET_MS else 'MISSED'}")
+    return 0 if overhead < TARGET_MS else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,261 @@
+"""A folder that another program fills, as a camera: for cameras that only their own software can run."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.cameras.frame_tally import FrameTally
+from drivers.cameras.place import one_of, split_place, whole
+from drivers.cameras.raw_files import PLANES, RAW_SUFFIXES, Plane, read_raw
+from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+
+_SUFFIXES = frozenset((".png", ".tif", ".tiff")) | RAW_SUFFIXES
+_LOOK_S = 0.02
+_EXPOSURE_TOLERANCE = 0.02  # exposures in files are rounded
+_LONGEST_EXPOSURE_S = 3600.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions:
+    """What an address ``FOLDER?key=value`` says.
+
+    Attributes
+    ----------
+    folder : Path
+        Where the files appear. Nothing is written there.
+    plane : str or None
+        Colour of RAW files.
+    bit_depth : int or None
+        Bits of the camera; needed for PNG and TIFF, which do not tell.
+    """
+
+    folder: Path
+    plane: Plane | None = None
+    bit_depth: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Still:
+    counts: NDArray[np.uint16]
+    bit_depth: int
+    exposure_s: float | None
+
+
+class FolderCamera:
+    """A camera that is run by another program, which writes a file for every picture; `open_folder` makes one.
+
+    Notes
+    -----
+    `configure` changes nothing on the camera: it says what the person at that program has set. Where files tell their
+    exposure, another one than that is refused; where they do not, it is believed.
+
+    A file counts as a picture of after the call if its last change, minus the exposure, is after the call. So the two
+    machines' clocks have to agree where the folder is on another one, and a program that takes long to write a file
+    may pass off a picture as later than it was by so long. A file is read when it can be, and has stopped growing.
+    """
+
+    def __init__(
+        self,
+        options: FolderOptions,
+        *,
+        now_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._options, self._now_s, self._sleep = options, now_s, sleep
+        if not options.folder.is_dir():
+            raise NotConnectedError(f"camera files:{options.folder}: there is no such folder")
+        self._seen: set[str] = set()
+        self._exposure_s = 0.01
+        self._width, self._height, self._bit_depth = self._size_of_last()
+        self._sequence = 0
+        self._tally = FrameTally()
+        self._open = True
+
+    def __enter__(self) -> "FolderCamera":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return the folder: which camera fills it cannot be known."""
+        self._refuse_closed()
+        return DeviceIdentity(
+            model="files of another program", serial_number=str(self._options.folder), firmware="none"
+        )
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        """Note what the camera was set to by its own program; gain must be 0, since nothing is known of it.
+
+        Raises
+        ------
+        LimitError
+            The exposure is not above 0, or longer than an hour, or the gain is not 0.
+        """
+        self._refuse_closed()
+        if not 0.0 < exposure_s <= _LONGEST_EXPOSURE_S:
+            raise LimitError(f"{self._name}: exposure_s is {exposure_s} s; it has to be above 0 and at most 3600 s")
+        if gain_db != 0.0:
+            raise LimitError(f"{self._name}: gain_db is {gain_db} dB; set it in the camera's own program, and 0 here")
+        self._exposure_s = exposure_s
+        return self._settings()
+
+    def tally(self) -> FrameTally:
+        """Return what became of the files so far."""
+        return self._tally
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        """Return the picture of the next file whose exposure began after this call.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            No such file appeared in time.
+        LimitError
+            It tells another exposure than was configured.
+        ProtocolError
+            It is damaged, or of another size than the files before.
+        """
+        self._refuse_closed()
+        asked_utc_ns, asked_monotonic_ns = time.time_ns(), time.monotonic_ns()
+        deadline_s = self._now_s() + timeout_s
+        damage: ProtocolError | None = None
+        sizes: dict[Path, int] = {}
+        while self._now_s() < deadline_s:
+            for path in self._stopped_growing(sizes):
+                start_utc_ns = path.stat().st_mtime_ns - round(self._exposure_s * 1e9)
+                if start_utc_ns < asked_utc_ns:
+                    self._pass_over(path)
+                    continue
+                try:
+                    still = self._read(path)
+                except ProtocolError as error:
+                    damage = error  # it may not be complete yet
+                    continue
+                return self._frame(path, still, start_utc_ns, asked_monotonic_ns + start_utc_ns - asked_utc_ns)
+            self._sleep(_LOOK_S)
+        if damage is not None:
+            raise damage
+        raise DeviceTimeoutError(
+            f"{self._name}: no new picture appeared within {timeout_s} s. Is the camera's own program saving "
+            f"({', '.join(sorted(_SUFFIXES))})? Are its clock and this one alike?"
+        )
+
+    def close(self) -> None:
+        """Look at the folder no more. May be called twice."""
+        self._open = False
+
+    @property
+    def _name(self) -> str:
+        return f"camera files:{self._options.folder}"
+
+    def _refuse_closed(self) -> None:
+        if not self._open:
+            raise NotConnectedError(f"{self._name}: it was closed; open it again")
+
+    def _files(self) -> list[Path]:
+        return [path for path in self._options.folder.iterdir() if path.suffix.lower() in _SUFFIXES]
+
+    def _size_of_last(self) -> tuple[int, int, int]:
+        """Return width, height and bits of the newest picture there is; all there are count as seen."""
+        there = sorted(self._files(), key=_age)
+        if not there:
+            raise NotConnectedError(
+                f"{self._name}: no picture is in the folder; take one there first, which tells the size of all"
+            )
+        self._seen = {path.name for path in there}
+        still = self._read(there[-1])
+        return still.counts.shape[1], still.counts.shape[0], still.bit_depth
+
+    def _stopped_growing(self, sizes: dict[Path, int]) -> list[Path]:
+        """Return new files that are as long as at the last look, oldest first; note how long all are."""
+        new = sorted((path for path in self._files() if path.name not in self._seen), key=_age)
+        before = dict(sizes)
+        sizes.update({path: path.stat().st_size for path in new})
+        return [path for path in new if 0 < sizes[path] == before.get(path)]
+
+    def _pass_over(self, path: Path) -> None:
+        self._seen.add(path.name)
+        self._tally = replace(self._tally, too_old=self._tally.too_old + 1)
+
+    def _settings(self) -> CameraSettings:
+        return CameraSettings(
+            exposure_s=self._exposure_s,
+            gain_db=0.0,
+            width=self._width,
+            height=self._height,
+            bit_depth=self._bit_depth,
+        )
+
+    def _read(self, path: Path) -> _Still:
+        if path.suffix.lower() in RAW_SUFFIXES:
+            raw = read_raw(path, plane=self._options.plane)
+            return _Still(
+                counts=raw.counts, bit_depth=self._options.bit_depth or raw.bit_depth, exposure_s=raw.exposure_s
+            )
+        if self._options.bit_depth is None:
+            raise LimitError(f"{self._name}: {path.name} does not tell its bits; state bit_depth=N in the address")
+        return _Still(counts=_grey(path), bit_depth=self._options.bit_depth, exposure_s=None)
+
+    def _frame(self, path: Path, still: _Still, start_utc_ns: int, start_monotonic_ns: int) -> Frame:
+        self._require_fit(path, still)
+        self._seen.add(path.name)
+        self._sequence += 1
+        self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
+        return Frame(
+            counts=still.counts,
+            settings=self._settings(),
+            sequence=self._sequence,
+            start_utc_ns=start_utc_ns,
+            end_utc_ns=start_utc_ns + round(self._exposure_s * 1e9),
+            start_monotonic_ns=start_monotonic_ns,
+        )
+
+    def _require_fit(self, path: Path, still: _Still) -> None:
+        if still.exposure_s is not None:
+            off = abs(still.exposure_s - self._exposure_s)
+            if off > _EXPOSURE_TOLERANCE * self._exposure_s:
+                raise LimitError(
+                    f"{self._name}: {path.name} was exposed {still.exposure_s:g} s, and {self._exposure_s:g} s is "
+                    "wanted: set the camera's own program to that"
+                )
+        height, width = still.counts.shape
+        if (width, height, still.bit_depth) != (self._width, self._height, self._bit_depth):
+            raise ProtocolError(
+                f"{self._name}: {path.name} has {width} x {height} pixels of {still.bit_depth} bits, and those before "
+                f"had {self._width} x {self._height} of {self._bit_depth}"
+            )
+        if int(still.counts.max()) >= 2**still.bit_depth:
+            raise ProtocolError(f"{self._name}: {path.name} has counts above {still.bit_depth} bits")
+
+
+def _age(path: Path) -> tuple[int, str]:
+    return path.stat().st_mtime_ns, path.name
+
+
+def open_folder(place: str) -> FolderCamera:
+    """Return a folder as a camera, by ``FOLDER?plane=green-1&bit_depth=12``; see `FolderOptions`.
+
+    Raises
+    ------
+    NotConnectedError
+        There is no such folder, or no picture in it.
+    LimitError
+        The address has keys or values that are not allowed.
+    """
+    folder, values = split_place(place, {"plane": one_of(*PLANES), "bit_depth": whole(8, 16)})
+    return FolderCamera(FolderOptions(folder=Path(folder), **values))
+
+
+def _grey(path: Path) -> NDArray[np.uint16]:
+    import cv2  # slow to import, and wanted for PNG and TIFF only
+
+    pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16):
+        raise ProtocolError(f"{path}: is not complete, or no grey picture of 8 or 16 bits")
+    return np.asarray(pixels, dtype=np.uint16)

@@ -1,0 +1,300 @@
+"""A GigE Vision camera, through libaravis."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from drivers.cameras.aravis_library import AravisLibrary, load_aravis
+from drivers.cameras.frame_tally import FrameTally
+from drivers.cameras.gige_link import GigeLink
+from drivers.cameras.gige_options import GigeOptions, read_gige_place
+from drivers.cameras.gige_stream import Received
+from drivers.cameras.pixel_format import unpack
+from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+
+_FIRST_EXPOSURE_S = 0.01
+_PROBE_TIMEOUT_S = 5.0
+_REOPENINGS = 3  # in one picture
+_LOOK_S = 0.2  # how often a wait looks whether the camera is still there
+_DELIVERY_S = 1.0  # beyond exposure (and frame period): a picture that takes longer does not come any more
+_CLOCK_STEP_NS = 2_000_000
+_LARGEST_SHORT_ID = 65535
+_NO_PICTURES = (
+    "If no picture ever comes, a firewall may hold back the stream (UDP), or packets are larger than the network "
+    "carries: `rigctl doctor` tells"
+)
+
+
+class GigeCamera:
+    """A camera that is open; `open_gige` makes one.
+
+    Parameters
+    ----------
+    library : AravisLibrary
+        The library.
+    options : GigeOptions
+        Where the camera is and how it is to be used.
+
+    Notes
+    -----
+    A picture is taken at a software trigger after the call, or, where the camera runs by itself, accepted only if the
+    host received its first packet so late that its exposure began after the call: by one exposure and one frame
+    period at least. What a camera with a memory of its own sends late cannot be known in that mode.
+
+    Damaged pictures are taken again. If the camera is lost, or was restarted, or has other settings than it was given,
+    the connection is made anew with all settings, within the time that the caller allows. Each call of the
+    library to a camera that is silent takes 2.5 s, and giving it up takes five: by so much a deadline may be passed.
+    """
+
+    def __init__(
+        self,
+        library: AravisLibrary,
+        options: GigeOptions,
+        *,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._library, self._options, self._now_s = library, options, now_s
+        self._tally = FrameTally()
+        self._last_id: int | None = None
+        self._sequence = 0
+        self._link: GigeLink | None = GigeLink(library, options)
+        self._identity = self._link.identity
+        try:
+            self._settings = self._link.configure(exposure_s=_FIRST_EXPOSURE_S, gain_db=0.0)
+            self._link.restart()
+            self.take_frame(timeout_s=_PROBE_TIMEOUT_S)  # the first one is often damaged, and a firewall shows here
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> "GigeCamera":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the camera said of itself when it was opened."""
+        self._opened()
+        return self._identity
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        """Set exposure and gain; return what was read back.
+
+        Raises
+        ------
+        LimitError
+            A value is outside of what the camera allows; then nothing is changed.
+        NotConnectedError, DeviceTimeoutError
+            The camera does not answer.
+        """
+        self._settings = self._opened().configure(exposure_s=exposure_s, gain_db=gain_db)
+        return self._settings
+
+    def tally(self) -> FrameTally:
+        """Return what became of the pictures so far."""
+        return self._tally
+
+    def features(self) -> dict[str, str]:
+        """Return what was written to the camera, under its own names, and its temperature where it tells it."""
+        link = self._opened()
+        used = dict(link.features.used)
+        for feature in filter(link.features.has, ("DeviceTemperature", "SensorTemperature")):
+            used[feature] = f"{link.features.number(feature):g}"
+        return used
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        """Return a picture whose exposure began after this call, complete and with the settings that it names.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            No picture came in time.
+        ProtocolError
+            Picture after picture comes in damaged.
+        NotConnectedError
+            The camera is gone, or belongs to another program now.
+        LimitError
+            It came back and cannot be set as it was.
+        """
+        self._opened()
+        if self._settings.exposure_s > timeout_s:
+            raise DeviceTimeoutError(
+                f"{self._name}: no picture within {timeout_s} s, since the exposure is {self._settings.exposure_s} s; "
+                "allow more time or expose shorter"
+            )
+        deadline_s = self._now_s() + timeout_s
+        reopenings, damaged = 0, 0
+        while True:
+            try:
+                frame = self._attempt(deadline_s)
+            except (NotConnectedError, DeviceTimeoutError) as error:
+                reopenings += 1
+                self._reopen(error, deadline_s=deadline_s, may=reopenings <= _REOPENINGS)
+                continue
+            if frame is not None:
+                self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
+                return frame
+            damaged += 1
+            self._refuse_too_many(damaged, deadline_s=deadline_s)
+
+    def close(self) -> None:
+        """Release the camera. May be called twice."""
+        link, self._link = self._link, None
+        if link is not None:
+            try:
+                link.close(answers=link.is_controlled())
+            except DeviceError:
+                link.close(answers=False)  # it was already going away; there is nothing left to stop
+
+    @property
+    def _name(self) -> str:
+        return f"GigE camera {self._options.place}"
+
+    def _opened(self) -> GigeLink:
+        if self._link is None:
+            raise NotConnectedError(f"{self._name}: it was closed; open it again")
+        return self._link
+
+    def _attempt(self, deadline_s: float) -> Frame | None:
+        """Take one picture; return None if it was damaged or did not come, after which another may be asked for."""
+        link = self._opened()
+        link.stream.drain()
+        asked_utc_ns, asked_monotonic_ns = time.time_ns(), time.monotonic_ns()
+        if self._options.trigger == "software":
+            link.features.execute("TriggerSoftware")
+        received = self._await_picture(asked_utc_ns, deadline_s)
+        if received is None:
+            # It may come yet. A new stream cannot take it for an answer to the next trigger.
+            self._tally = replace(self._tally, never_came=self._tally.never_came + 1)
+            self._last_id = None
+            link.restart()
+            return None
+        if _clock_was_set(asked_utc_ns, asked_monotonic_ns):
+            return None  # then its time of arrival says nothing
+        if received.damage is not None:
+            self._tally = replace(self._tally, damaged=self._tally.damaged + 1)
+            return None
+        self._require_settings(link)
+        return self._frame(link, received, asked_utc_ns, asked_monotonic_ns)
+
+    def _await_picture(self, asked_utc_ns: int, deadline_s: float) -> Received | None:
+        """Return the first picture that began after it was asked for; None if none comes."""
+        link = self._opened()
+        oldest_utc_ns = asked_utc_ns + self._earliest_arrival_ns()
+        patience_s = self._settings.exposure_s + _DELIVERY_S + self._earliest_arrival_ns() / 1e9
+        give_up_s = min(deadline_s, self._now_s() + patience_s)
+        while (left_s := give_up_s - self._now_s()) > 0.0:
+            received = link.stream.receive(timeout_s=min(left_s, _LOOK_S))
+            if received is None:
+                if not link.is_controlled():
+                    raise NotConnectedError(f"{self._name}: control of it was lost: it is off, restarted, or unplugged")
+                continue
+            if received.first_packet_utc_ns >= oldest_utc_ns:
+                return received
+            self._tally = replace(self._tally, too_old=self._tally.too_old + 1)
+        return None
+
+    def _earliest_arrival_ns(self) -> int:
+        """Return how long after it was asked for a picture must have come in, for its exposure to have begun after."""
+        if self._options.trigger == "software":
+            return 0
+        return round((self._settings.exposure_s + 1.0 / self._options.frame_rate_hz) * 1e9)
+
+    def _require_settings(self, link: GigeLink) -> None:
+        found = link.settings()
+        if found != self._settings:
+            raise NotConnectedError(
+                f"{self._name}: it is set to {found}, not to {self._settings}: it was restarted, or another program "
+                "has changed it"
+            )
+
+    def _frame(self, link: GigeLink, received: Received, asked_utc_ns: int, asked_monotonic_ns: int) -> Frame:
+        setup, settings = link.setup, self._settings
+        sent = (received.width, received.height, received.pixel_format_code)
+        if sent != (setup.width, setup.height, setup.pixel_format_code):
+            raise ProtocolError(
+                f"{self._name}: it sent a picture of {sent[0]} x {sent[1]} pixels in format {sent[2]:#010x}, and was "
+                f"set to {setup.width} x {setup.height} in {setup.pixel_format.name}"
+            )
+        counts = unpack(received.data, pixel_format=setup.pixel_format, width=setup.width, height=setup.height)
+        delay_ns = 0
+        if self._options.trigger == "free":
+            delay_ns = received.first_packet_utc_ns - asked_utc_ns - round(settings.exposure_s * 1e9)
+        return Frame(
+            counts=counts,
+            settings=settings,
+            sequence=self._next_sequence(received.frame_id),
+            start_utc_ns=asked_utc_ns + delay_ns,
+            end_utc_ns=asked_utc_ns + delay_ns + round(settings.exposure_s * 1e9),
+            start_monotonic_ns=asked_monotonic_ns + delay_ns,
+        )
+
+    def _next_sequence(self, frame_id: int) -> int:
+        """Return a number that grows as the camera's does: 65535 is followed by 1, and a restart begins anew."""
+        last, self._last_id = self._last_id, frame_id
+        advance = 1 if last is None else frame_id - last
+        self._sequence += advance if advance > 0 else advance + _LARGEST_SHORT_ID
+        return self._sequence
+
+    def _refuse_too_many(self, damaged: int, *, deadline_s: float) -> None:
+        if self._now_s() >= deadline_s:
+            raise DeviceTimeoutError(
+                f"{self._name}: no complete picture came in time ({damaged} were damaged or did not come). "
+                f"{_NO_PICTURES}"
+            )
+        if damaged > self._options.retakes:
+            raise ProtocolError(
+                f"{self._name}: {damaged} pictures in a row were damaged or did not come. Packets are lost on "
+                "their way: see `rigctl doctor` for buffer and packet sizes, and check the cable"
+            )
+
+    def _reopen(self, cause: DeviceError, *, deadline_s: float, may: bool) -> None:
+        """Make the connection anew, with all settings as they were."""
+        self._opened().close(answers=False)
+        while may and self._now_s() < deadline_s:
+            try:
+                link = GigeLink(self._library, self._options)
+            except (NotConnectedError, DeviceTimeoutError) as error:
+                cause = error
+                continue
+            try:
+                self._restore(link)
+            except BaseException:
+                link.close(answers=False)
+                self._link = None
+                raise
+            self._link, self._last_id = link, None
+            self._tally = replace(self._tally, reopened=self._tally.reopened + 1)
+            return
+        self._link = None
+        raise cause
+
+    def _restore(self, link: GigeLink) -> None:
+        if link.identity != self._identity:
+            raise NotConnectedError(f"{self._name}: what came back is {link.identity}, and it was {self._identity}")
+        restored = link.configure(exposure_s=self._settings.exposure_s, gain_db=self._settings.gain_db)
+        if restored != self._settings:
+            raise LimitError(f"{self._name}: it came back, and is now {restored} instead of {self._settings}")
+        link.restart()
+
+
+def open_gige(place: str) -> GigeCamera:
+    """Return a camera by ``PLACE?key=value&...``; the place is its IP address, serial number or name.
+
+    See `drivers.cameras.gige_options.GigeOptions` for the keys.
+
+    Raises
+    ------
+    NotConnectedError, DeviceTimeoutError
+        It is not there, belongs to another program, sends no picture, or libaravis is not installed.
+    LimitError
+        The address is wrong, or the camera cannot be set to it.
+    """
+    return GigeCamera(load_aravis(), read_gige_place(place))
+
+
+def _clock_was_set(then_utc_ns: int, then_monotonic_ns: int) -> bool:
+    """Return whether the host's clock has been set since then."""
+    return abs((time.time_ns() - then_utc_ns) - (time.monotonic_ns() - then_monotonic_ns)) > _CLOCK_STEP_NS

@@ -1,0 +1,204 @@
+"""One connection to a GigE Vision camera, from finding it to giving it up."""
+
+import ipaddress
+from dataclasses import dataclass
+
+from drivers.cameras.aravis_library import AravisError, AravisLibrary
+from drivers.cameras.gige_features import GigeFeatures, device_error
+from drivers.cameras.gige_options import GigeOptions
+from drivers.cameras.gige_setup import GigeSetup, set_packet_size, set_up
+from drivers.cameras.gige_stream import GigeStream
+from drivers.errors import DeviceError, LimitError, NotConnectedError
+from drivers.interfaces import CameraSettings, DeviceIdentity
+
+_GIGE = b"GigEVision"
+_EXPOSURE_TOLERANCE = 0.01
+_US_PER_S = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundCamera:
+    """A camera that answered a call to all."""
+
+    address: str
+    serial_number: str
+    name: str
+
+
+def find_cameras(library: AravisLibrary) -> list[FoundCamera]:
+    """Return the GigE Vision cameras that answer a call to all; it takes about a second."""
+    library.call("update_device_list")
+    return [
+        FoundCamera(
+            address=_text(library, "get_device_address", index),
+            serial_number=_text(library, "get_device_serial_nbr", index),
+            name=_text(library, "get_device_id", index),
+        )
+        for index in range(library.call("get_n_devices"))
+        if library.call("get_device_protocol", index) == _GIGE
+    ]
+
+
+class GigeLink:
+    """An open camera with all of its settings written and its acquisition running.
+
+    Raises
+    ------
+    NotConnectedError, DeviceTimeoutError
+        It is not there, or belongs to another program.
+    LimitError
+        It cannot be set to what was asked for.
+    """
+
+    def __init__(self, library: AravisLibrary, options: GigeOptions) -> None:
+        self.name = f"GigE camera {options.place}"
+        self._library = library
+        self._stream: GigeStream | None = None
+        address = address_of(library, options.place)
+        self._camera: int | None = _open(library, address, name=self.name)
+        try:
+            self._device: int = library.call("camera_get_device", self._camera)
+            if not self.is_controlled():
+                raise NotConnectedError(f"{self.name}: another program controls it: close that one first")
+            self.features = GigeFeatures(library, self._device, name=self.name)
+            self.identity = _identity(self.features)
+            self.setup: GigeSetup = set_up(self.features, options)
+            set_packet_size(library, self._camera, self.features, address=address, asked=options.packet_size)
+        except BaseException:
+            self.close(answers=False)
+            raise
+
+    @property
+    def stream(self) -> GigeStream:
+        """The running stream; made anew by `restart`."""
+        if self._stream is None:
+            raise NotConnectedError(f"{self.name}: nothing was started")
+        return self._stream
+
+    def is_controlled(self) -> bool:
+        """Return whether the camera still answers, and to us; after a loss this takes about 5 s to be seen."""
+        return bool(self._library.call("gv_device_is_controller", self._device))
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        """Set exposure and gain; return what was read back. A refusal changes nothing."""
+        setup = self.setup
+        # Rounded to a picosecond: cameras cut off what is less than a step, and 29.999... would become 29.
+        exposure_us = self._within_limits(setup.exposure_feature, round(exposure_s * _US_PER_S, 6), "us")
+        gain = self._gain_steps(gain_db)
+        self.features.set_number(setup.exposure_feature, exposure_us, relative=_EXPOSURE_TOLERANCE)
+        if isinstance(gain, int):
+            self.features.set_whole(str(setup.gain_feature), gain)
+        elif gain is not None:
+            self.features.set_number(str(setup.gain_feature), gain, relative=_EXPOSURE_TOLERANCE)
+        return self.settings()
+
+    def settings(self) -> CameraSettings:
+        """Read what the camera is set to."""
+        setup = self.setup
+        return CameraSettings(
+            exposure_s=self.features.number(setup.exposure_feature) / _US_PER_S,
+            gain_db=self._gain_db(),
+            width=setup.width,
+            height=setup.height,
+            bit_depth=setup.pixel_format.bit_depth,
+        )
+
+    def restart(self) -> None:
+        """Stop what runs, give up the stream with all that waits in it, and start a new one."""
+        if self._stream is not None:
+            self._stream.stop()
+            self._stream.close()
+        self._stream = GigeStream(self._library, self._opened(), name=self.name)
+        self._stream.start()
+
+    def close(self, *, answers: bool) -> None:
+        """Give up the camera; stop its acquisition first if it answers. May be called twice."""
+        try:
+            if answers and self._stream is not None and self._camera is not None:
+                self._stream.stop()
+        finally:
+            if self._stream is not None:
+                self._stream.close()
+                self._stream = None
+            if self._camera is not None:
+                self._library.release(self._camera)
+                self._camera = None
+
+    def _opened(self) -> int:
+        if self._camera is None:
+            raise NotConnectedError(f"{self.name}: it was closed")
+        return self._camera
+
+    def _gain_db(self) -> float:
+        setup = self.setup
+        if setup.gain_feature is None:
+            return 0.0
+        if setup.gain_step_db is None:
+            return self.features.number(setup.gain_feature)
+        return self.features.whole(setup.gain_feature) * setup.gain_step_db
+
+    def _gain_steps(self, gain_db: float) -> float | int | None:
+        """Return the value that the camera's gain is to be set to: whole where it counts steps."""
+        setup = self.setup
+        if setup.gain_feature is None:
+            if gain_db != 0.0:
+                raise LimitError(f"{self.name}: gain_db is {gain_db} dB; it has no gain to set, ask for 0")
+            return None
+        if setup.gain_step_db is None:
+            return self._within_limits(setup.gain_feature, gain_db, "dB")
+        low, high = self.features.whole_limits(setup.gain_feature)
+        steps = gain_db / setup.gain_step_db
+        if not low <= steps <= high or steps != round(steps):
+            raise LimitError(
+                f"{self.name}: gain_db is {gain_db} dB; it takes {low * setup.gain_step_db:g} to "
+                f"{high * setup.gain_step_db:g} dB in steps of {setup.gain_step_db:g} dB"
+            )
+        return round(steps)
+
+    def _within_limits(self, feature: str, value: float, unit: str) -> float:
+        low, high = self.features.number_limits(feature)
+        if not low <= value <= high:
+            raise LimitError(f"{self.name}: {feature} is {value:g} {unit}; it takes {low:g} to {high:g} {unit}")
+        return value
+
+
+def address_of(library: AravisLibrary, place: str) -> str:
+    """Return the IP address of a camera that is given by address, serial number or name.
+
+    Notes
+    -----
+    A camera is always opened by its address: opened by name, it may be reached through another interface than the
+    one that its pictures come through, and then none come.
+    """
+    try:
+        return str(ipaddress.ip_address(place))
+    except ValueError:
+        found = find_cameras(library)
+    for camera in found:
+        if place in (camera.serial_number, camera.name):
+            return camera.address
+    there = ", ".join(f"{c.name} (serial {c.serial_number}) at {c.address}" for c in found) or "none"
+    raise NotConnectedError(f"GigE camera {place}: no camera of this serial number or name answers; found: {there}")
+
+
+def _open(library: AravisLibrary, address: str, *, name: str) -> int:
+    try:
+        return int(library.call("camera_new", address.encode()))
+    except AravisError as error:
+        told: DeviceError = device_error(error, name=name, what="opening")
+        raise told from error
+
+
+def _identity(features: GigeFeatures) -> DeviceIdentity:
+    serial = features.first_of("DeviceSerialNumber", "DeviceID")
+    firmware = features.first_of("DeviceFirmwareVersion", "DeviceVersion")
+    return DeviceIdentity(
+        model=f"{features.text('DeviceVendorName')} {features.text('DeviceModelName')}".strip(),
+        serial_number=features.text(serial) if serial else "unknown",
+        firmware=features.text(firmware) if firmware else "unknown",
+    )
+
+
+def _text(library: AravisLibrary, name: str, index: int) -> str:
+    text = library.call(name, index)
+    return str(text.decode(errors="replace")) if text is not None else ""

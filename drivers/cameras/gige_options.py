@@ -1,0 +1,100 @@
+"""How a GigE Vision camera is to be used, as its address says."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from drivers.cameras.pixel_format import ByteOrder, Justified
+from drivers.cameras.place import one_of, positive, split_place, whole, yes_or_no
+
+Trigger = Literal["software", "free"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GigeOptions:
+    """What an address says. None: the camera's largest picture, its best format, its own black level.
+
+    Attributes
+    ----------
+    place : str
+        IP address, serial number, or name.
+    pixel_format : str or None
+        As PFNC names it.
+    width, height : int or None
+        Size of the region [pixels after binning].
+    offset_x, offset_y : int
+        Its first column and row.
+    binning : int
+        Pixels that are added, in both directions.
+    reverse_x, reverse_y : bool
+        The camera mirrors its pictures. A mirrored picture changes the sign of the angle of polarization: this is
+        for undoing a mirror in the path of light.
+    black_level_dn : int or None
+        The camera's own black level setting.
+    trigger : {"software", "free"}
+        Each picture is asked for, or the camera runs by itself and pictures that began too early are thrown away.
+    frame_rate_hz : float
+        Where it runs by itself.
+    packet_size : int or None
+        Bytes of a packet with all its headers; at most what the interface sends in one piece.
+    bit_depth : int or None
+        True bits of a sample where the format has room for more, as Mono16 has.
+    justified, byte_order : str
+        Where these bits stand, which byte comes first.
+    gain_step_db : float or None
+        What a step of the camera's whole-numbered gain is [dB], where its maker is not one that is known.
+    retakes : int
+        How often a damaged picture is taken again before that is an error.
+    """
+
+    place: str
+    pixel_format: str | None = None
+    width: int | None = None
+    height: int | None = None
+    offset_x: int = 0
+    offset_y: int = 0
+    binning: int = 1
+    reverse_x: bool = False
+    reverse_y: bool = False
+    black_level_dn: int | None = None
+    trigger: Trigger = "software"
+    frame_rate_hz: float = 20.0
+    packet_size: int | None = None
+    bit_depth: int | None = None
+    justified: Justified = "right"
+    byte_order: ByteOrder = "little"
+    gain_step_db: float | None = None
+    retakes: int = 20
+
+
+_READERS: dict[str, Callable[[str], Any]] = {
+    "pixel_format": str,
+    "width": whole(1, 65535),
+    "height": whole(1, 65535),
+    "offset_x": whole(0, 65535),
+    "offset_y": whole(0, 65535),
+    "binning": whole(1, 16),
+    "reverse_x": yes_or_no,
+    "reverse_y": yes_or_no,
+    "black_level_dn": whole(0, 65535),
+    "trigger": one_of("software", "free"),
+    "frame_rate_hz": positive,
+    "packet_size": whole(576, 16384),
+    "bit_depth": whole(8, 16),
+    "justified": one_of("right", "left"),
+    "byte_order": one_of("little", "big"),
+    "gain_step_db": positive,
+    "retakes": whole(0, 1000),
+}
+
+
+def read_gige_place(text: str) -> GigeOptions:
+    """Return what ``PLACE?key=value&...`` says; see `GigeOptions` for the keys.
+
+    Raises
+    ------
+    LimitError
+        A key or value is not allowed; all are named.
+    """
+    place, values = split_place(text, _READERS)
+    return GigeOptions(place=place, **values)

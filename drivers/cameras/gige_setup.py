@@ -1,0 +1,221 @@
+"""All that is written to a GigE Vision camera when it is opened, each thing read back, and what it then is."""
+
+import socket
+from dataclasses import dataclass, replace
+
+from drivers.cameras.aravis_library import AravisLibrary
+from drivers.cameras.gige_features import GigeFeatures
+from drivers.cameras.gige_options import GigeOptions
+from drivers.cameras.pixel_format import GENICAM, PixelFormat
+from drivers.errors import LimitError
+
+_AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "ContrastAuto")
+_PROCESSING = ("GammaEnable", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
+_EXPOSURE = ("ExposureTime", "ExposureTimeAbs")
+_GAIN, _GAIN_RAW = "Gain", "GainRaw"
+# Makers whose GainRaw counts dB.
+_RAW_IS_DB = ("prosilica", "allied", "avt", "aravis")
+_BEST_FIRST = ("Mono14", "Mono12", "Mono12p", "Mono12Packed", "Mono10", "Mono10p", "Mono10Packed", "Mono16", "Mono8")
+_RATE = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+_RATE_TOLERANCE = 0.01
+_ETHERNET_MTU = 1500
+_IP_MTU = 14  # of Linux; the socket module has no name for it
+_CONTROL_PORT = 3956
+
+
+@dataclass(frozen=True, kw_only=True)
+class GigeSetup:
+    """What a camera is set up to.
+
+    Attributes
+    ----------
+    pixel_format : PixelFormat
+        Of its samples.
+    pixel_format_code : int
+        The number that each picture bears.
+    width, height : int
+        Size of its pictures.
+    exposure_feature : str
+        The camera's own name of the exposure [us].
+    gain_feature : str or None
+        The camera's own name of the gain; None for a camera that has none.
+    gain_step_db : float or None
+        What a step of it is [dB]; None where it is in dB and need not be whole.
+    """
+
+    pixel_format: PixelFormat
+    pixel_format_code: int
+    width: int
+    height: int
+    exposure_feature: str
+    gain_feature: str | None
+    gain_step_db: float | None
+
+
+def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
+    """Write everything but exposure and gain; return what the camera then is.
+
+    Raises
+    ------
+    LimitError
+        The camera refuses a value, takes another one, or has something automatic that cannot be switched off.
+    """
+    _switch_off(features)
+    width, height = _set_region(features, options)
+    pixel_format, code = _set_pixel_format(features, options)
+    _set_black_level(features, options)
+    _set_trigger(features, options)
+    exposure_feature = features.first_of(*_EXPOSURE)
+    if exposure_feature is None:
+        raise LimitError(f"{options.place}: it has no exposure in microseconds ({', '.join(_EXPOSURE)})")
+    gain_feature = features.first_of(_GAIN, _GAIN_RAW)
+    return GigeSetup(
+        pixel_format=pixel_format,
+        pixel_format_code=code,
+        width=width,
+        height=height,
+        exposure_feature=exposure_feature,
+        gain_feature=gain_feature,
+        gain_step_db=_gain_step_db(features, options) if gain_feature == _GAIN_RAW else None,
+    )
+
+
+def set_packet_size(
+    library: AravisLibrary, camera: int, features: GigeFeatures, *, address: str, asked: int | None
+) -> None:
+    """Set how large packets are: what was asked for, or what every Ethernet carries.
+
+    Raises
+    ------
+    LimitError
+        More was asked for than the interface to the camera sends in one piece.
+    """
+    mtu = path_mtu(address)
+    size = asked or min(mtu, _ETHERNET_MTU)
+    if size > mtu:
+        raise LimitError(
+            f"{address}: packet_size is {size} bytes, and the interface to the camera carries {mtu}. Ask for less, or "
+            " raise the MTU of the interface and of every switch between"
+        )
+    with features.told("packet size"):
+        library.call("camera_gv_set_packet_size", camera, size)
+        features.used["GevSCPSPacketSize"] = str(library.call("camera_gv_get_packet_size", camera))
+
+
+def path_mtu(address: str) -> int:
+    """Return the bytes that the interface to an IP address sends in one piece."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((address, _CONTROL_PORT))
+            return int(probe.getsockopt(socket.IPPROTO_IP, _IP_MTU))
+        except OSError as error:
+            raise LimitError(f"{address}: there is no way to this address: {error.strerror}") from error
+
+
+def _switch_off(features: GigeFeatures) -> None:
+    """Switch off what changes pictures without being told to."""
+    for feature in filter(features.has, _AUTOMATIC):
+        features.set_text(feature, "Off")
+    for feature in filter(features.has, _PROCESSING):
+        features.set_truth(feature, False)
+
+
+def _set_region(features: GigeFeatures, options: GigeOptions) -> tuple[int, int]:
+    """Set binning, mirroring, size and place of the region; return width and height."""
+    _set_or_need(features, "ReverseX", options.reverse_x, wanted=options.reverse_x)
+    _set_or_need(features, "ReverseY", options.reverse_y, wanted=options.reverse_y)
+    for feature in ("BinningHorizontal", "BinningVertical"):
+        if features.has(feature):
+            features.set_whole(feature, options.binning)
+        elif options.binning != 1:
+            raise LimitError(f"{options.place}: it cannot bin ({feature})")
+    # A region can only grow while it begins at the corner.
+    for feature in ("OffsetX", "OffsetY"):
+        features.set_whole(feature, 0)
+    size = [
+        _set_length(features, "Width", options.width, options.offset_x),
+        _set_length(features, "Height", options.height, options.offset_y),
+    ]
+    features.set_whole("OffsetX", options.offset_x)
+    features.set_whole("OffsetY", options.offset_y)
+    return size[0], size[1]
+
+
+def _set_or_need(features: GigeFeatures, feature: str, value: bool, *, wanted: bool) -> None:
+    if features.has(feature):
+        features.set_truth(feature, value)
+    elif wanted:
+        raise LimitError(f"the camera cannot mirror its pictures ({feature})")
+
+
+def _set_length(features: GigeFeatures, feature: str, asked: int | None, offset: int) -> int:
+    _, most = features.whole_limits(feature)
+    length = most - offset if asked is None else asked
+    if length + offset > most:
+        raise LimitError(f"{feature} {length} and offset {offset} are more than the camera has, {most}")
+    features.set_whole(feature, length)
+    return length
+
+
+def _set_pixel_format(features: GigeFeatures, options: GigeOptions) -> tuple[PixelFormat, int]:
+    offered = features.entries("PixelFormat")
+    name = options.pixel_format or next((name for name in _BEST_FIRST if name in offered), None)
+    if name is None or name not in offered:
+        raise LimitError(f"{options.place}: pixel format {name}: the camera offers {', '.join(offered)}")
+    features.set_text("PixelFormat", name)
+    code = features.whole("PixelFormat") & 0xFFFFFFFF
+    if code not in GENICAM:
+        known = ", ".join(fmt.name for fmt in GENICAM.values())
+        raise LimitError(f"{options.place}: pixel format {name} ({code:#010x}) cannot be read; known are {known}")
+    depth = options.bit_depth or GENICAM[code].bit_depth
+    if depth != GENICAM[code].bit_depth and name != "Mono16":
+        raise LimitError(f"{options.place}: bit_depth {depth}: samples of {name} have {GENICAM[code].bit_depth}")
+    stated = replace(GENICAM[code], bit_depth=depth, justified=options.justified, byte_order=options.byte_order)
+    return stated, code
+
+
+def _set_black_level(features: GigeFeatures, options: GigeOptions) -> None:
+    """Set the black level if asked to, and write down what it is."""
+    feature = features.first_of("BlackLevelRaw", "BlackLevel")
+    if options.black_level_dn is not None:
+        if feature is None:
+            raise LimitError(f"{options.place}: its black level cannot be set")
+        if feature == "BlackLevelRaw":
+            features.set_whole(feature, options.black_level_dn)
+        else:
+            features.set_number(feature, options.black_level_dn, relative=0.0)
+    elif feature is not None:
+        value = features.whole(feature) if feature == "BlackLevelRaw" else features.number(feature)
+        features.used[feature] = f"{value} (as found)"
+
+
+def _set_trigger(features: GigeFeatures, options: GigeOptions) -> None:
+    features.set_text("AcquisitionMode", "Continuous")
+    selectors = features.entries("TriggerSelector") if features.has("TriggerSelector") else []
+    for selector in selectors:
+        features.set_text("TriggerSelector", selector)
+        features.set_text("TriggerMode", "Off")
+    if "FrameStart" in selectors:
+        features.set_text("TriggerSelector", "FrameStart")
+    if options.trigger == "software":
+        features.set_text("TriggerSource", "Software")
+        features.set_text("TriggerMode", "On")
+        return
+    if features.has("AcquisitionFrameRateEnable"):
+        features.set_truth("AcquisitionFrameRateEnable", True)
+    rate = features.first_of(*_RATE)
+    if rate is None:
+        raise LimitError(f"{options.place}: its frame rate cannot be set ({', '.join(_RATE)}); use trigger=software")
+    features.set_number(rate, options.frame_rate_hz, relative=_RATE_TOLERANCE)
+
+
+def _gain_step_db(features: GigeFeatures, options: GigeOptions) -> float:
+    if options.gain_step_db is not None:
+        return options.gain_step_db
+    maker = features.text("DeviceVendorName")
+    if maker.lower().startswith(_RAW_IS_DB):
+        return 1.0
+    raise LimitError(
+        f"{options.place}: nothing is known of what a step of GainRaw is for cameras of {maker}; state gain_step_db=X "
+        "in its address"
+    )

@@ -1,0 +1,154 @@
+"""A computed sky kept on a grid of directions, so that reading it again costs next to nothing."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+# Directions between the grid's at which it is set beside the sky itself: steps of the grid in azimuth, and zenith
+# angles around the sun's and down to the horizon.
+_PROBED_STEPS = (0.5, 1.5, 4.5)
+_PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 2.5, 9.0])
+_PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
+
+
+class Sky(Protocol):
+    """Stokes radiance of the sky by direction; `model.atmosphere.lighting.Lighting.sky` is one."""
+
+    def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+        """Return S0, S1, S2 in the frame of each direction's own azimuth, shape (..., 3) [W m-2 sr-1]."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledSky:
+    """A sky on a grid; call it like the sky it was made from.
+
+    Attributes
+    ----------
+    nodes_rad
+        Zenith angles, shape (Z,) [rad], Chebyshev points of 0 to pi/2.
+    series
+        For each of them the coefficients of cos(m phi) of S0 and S1, and of sin(m phi) of S2, shape (Z, M, 3).
+    relative_error
+        Largest difference from the sky at directions between the grid's, over the mean radiance; down to 2 deg above
+        the horizon. Below that it is up to four times as much.
+    """
+
+    nodes_rad: FloatArray
+    series: FloatArray
+    relative_error: float
+
+    def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+        """Return the Stokes radiance of the sky.
+
+        Parameters
+        ----------
+        zenith_rad
+            Zenith angle of the point, 0 to pi/2 [rad].
+        phi_rad
+            Azimuth of the sun minus that of the point [rad].
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            S0, S1, S2 [W m-2 sr-1].
+
+        Raises
+        ------
+        ValueError
+            A point below the horizon.
+
+        References
+        ----------
+        Berrut & Trefethen, SIAM Rev. 46 (2004) 501, doi:10.1137/S0036144502417715 (polynomial in the zenith angle).
+        """
+        zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
+        if not np.all((zenith >= 0.0) & (zenith <= 0.5 * np.pi)):
+            raise ValueError("zenith_rad must be 0 to pi/2 rad: there is no sky below the horizon")
+        nodes, modes, _ = self.series.shape
+        wave = np.ones((zenith.size, modes), dtype=complex)
+        wave[:, 1:] = np.exp(1j * phi.reshape(-1, 1))
+        np.cumprod(wave, axis=1, out=wave)
+        at_zenith = _barycentric(self.nodes_rad, zenith.ravel()) @ self.series.reshape(nodes, -1)
+        at_zenith = at_zenith.reshape(-1, modes, 3)
+        stokes = np.empty((zenith.size, 3))
+        stokes[:, :2] = np.einsum("rmk,rm->rk", at_zenith[..., :2], wave.real)
+        stokes[:, 2] = np.einsum("rm,rm->r", at_zenith[..., 2], wave.imag)
+        return stokes.reshape(*zenith.shape, 3)
+
+
+def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
+    """Return a sky sampled over the hemisphere, with an estimate of what the samples miss.
+
+    Parameters
+    ----------
+    sky
+        Symmetric about the principal plane, as every plane-parallel atmosphere makes it: S2(-phi) = -S2(phi).
+    sun_zenith_rad
+        Where the sky changes fastest [rad].
+    zeniths, azimuths
+        Steps of the grid from the zenith to the horizon, and from the sun's azimuth to the opposite one, 4 or more.
+
+    Raises
+    ------
+    ValueError
+        Too few steps.
+
+    Notes
+    -----
+    Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
+    series converge geometrically, as fast as the phase function of the aerosol lets them.
+
+    References
+    ----------
+    Definition.
+    """
+    for name, steps in (("zeniths", zeniths), ("azimuths", azimuths)):
+        if steps < 4:
+            raise ValueError(f"sample_sky: {name} = {steps}, allowed is 4 or more")
+    nodes_rad = 0.25 * np.pi * (1.0 - np.cos(np.pi * np.arange(zeniths + 1) / zeniths))
+    phi_rad = np.pi * np.arange(azimuths + 1) / azimuths
+    samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
+    sampled = SampledSky(nodes_rad=nodes_rad, series=_fourier_series(samples), relative_error=0.0)
+    error = _largest_difference(sky, sampled, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
+    mean = _mean_radiance(sampled)
+    return SampledSky(nodes_rad=nodes_rad, series=sampled.series, relative_error=error / mean if mean > 0.0 else 0.0)
+
+
+def _fourier_series(samples: FloatArray) -> FloatArray:
+    """Coefficients of a half turn of samples (Z, N + 1, 3): cosines for S0 and S1, sines for S2."""
+    steps = samples.shape[1] - 1
+    mirrored = samples[:, -2:0:-1] * np.array([1.0, 1.0, -1.0])
+    modes = np.fft.rfft(np.concatenate([samples, mirrored], axis=1), axis=1) / steps
+    modes[:, [0, -1]] *= 0.5
+    return np.concatenate([modes.real[..., :2], -modes.imag[..., 2:]], axis=-1)
+
+
+def _barycentric(nodes_rad: FloatArray, zenith_rad: FloatArray) -> FloatArray:
+    """Weights of the Chebyshev nodes at zenith angles, shape (R, Z)."""
+    signs = (-1.0) ** np.arange(nodes_rad.size)
+    signs[[0, -1]] *= 0.5
+    apart = zenith_rad[:, np.newaxis] - nodes_rad
+    on_node = apart == 0.0
+    weights = signs / np.where(on_node, 1.0, apart)
+    hit = np.any(on_node, axis=1)
+    weights[hit] = on_node[hit]
+    return np.asarray(weights / np.sum(weights, axis=1, keepdims=True))
+
+
+def _largest_difference(sky: Sky, sampled: SampledSky, *, sun_zenith_rad: float, step_rad: float) -> float:
+    """Largest difference between the grid and the sky at the probed directions."""
+    beside = np.clip(sun_zenith_rad + _PROBED_BESIDE_SUN_RAD, 0.0, 0.5 * np.pi)
+    zenith, phi = np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), step_rad * np.array(_PROBED_STEPS))
+    difference = sampled(zenith_rad=zenith, phi_rad=phi) - sky(zenith_rad=zenith, phi_rad=phi)
+    return float(np.max(np.abs(difference)))
+
+
+def _mean_radiance(sampled: SampledSky) -> float:
+    """Mean of S0 over the hemisphere, weighted with the cosine; a trapezoid is exact enough for a scale."""
+    zenith = sampled.nodes_rad
+    return float(np.trapezoid(sampled.series[:, 0, 0] * np.sin(2.0 * zenith), zenith))

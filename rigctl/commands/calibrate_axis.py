@@ -1,0 +1,118 @@
+"""``rigctl calibrate axis``: sense, axis offset and extinction of the polarizer in its stage."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from calibration.axis import AxisFit
+from rigctl.config import Uncertain
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Region, load_regions
+from rigctl.polarimeter.generator_file import load_generator
+from rigctl.polarimeter.polarizer_calibration import KnownLight, PolarizerCalibration, from_generator, from_references
+from rigctl.polarimeter.polarizer_file import polarizer_json, rig_lines, write_polarizer_file
+from rigctl.polarimeter.scan_frames import analyzer_scan, generator_scan
+from rigctl.runs.run_folder import Run, read_run
+from rigctl.terminal import print_json, results
+
+_HARMONIC_MEANING = {1: "a wedge or a tilted element", 3: "a wedge or a tilted element", 4: "a detector not linear"}
+
+
+def axis(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders, one for each reference.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Calibration file to write, such as polarizer.json.")],
+    reference_deg: Annotated[
+        list[float] | None, typer.Option(metavar="DEG", help="Direction of the fixed reference of each run.")
+    ] = None,
+    generator: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Angles of a turning generator: TOML or CSV.")
+    ] = None,
+    dolp: Annotated[float | None, typer.Option(help="DoLP of reference or generator; gives the extinction.")] = None,
+    dolp_std: Annotated[float, typer.Option(help="Its standard uncertainty.")] = 0.0,
+    axis_std_deg: Annotated[float, typer.Option(metavar="DEG", help="How well the direction is known.")] = 0.0,
+    expect_offset_deg: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Offset as a mark on the mount says it, roughly.")
+    ] = None,
+    expect_std_deg: Annotated[float, typer.Option(metavar="DEG", help="How well the mark says it.")] = 5.0,
+    regions: Annotated[Path | None, typer.Option(metavar="FILE", help="Regions file; its first region.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
+) -> None:
+    """Sense of rotation and axis offset of the polarizer, and its extinction, each with its error.
+
+    Either scan the stage in front of a fixed polarizer of known direction (--reference-deg), or turn a second
+    polarizer, the generator, and take all stage angles at each of its angles (--generator). One reference fits
+    either sense: give two that are not at 90 deg to each other, or one that is not along or across the axis of the
+    stage's zero, with --expect-offset-deg. Angles are counter-clockwise from horizontal as the camera sees the scene.
+
+    Example: rigctl calibrate axis runs/ref0 runs/ref30 --reference-deg 0 --reference-deg 30 --out polarizer.json
+    """
+    known = KnownLight(
+        axis_error_rad=float(np.radians(axis_std_deg)),
+        dolp=_dolp(dolp, dolp_std),
+        expected_rad=None if expect_offset_deg is None else float(np.radians(expect_offset_deg)),
+        expected_error_rad=float(np.radians(expect_std_deg)),
+    )
+    region = None if regions is None else load_regions(regions)[0]
+    folders = [read_run(run) for run in runs]
+    found = _calibrate(folders, reference_deg or [], generator, region, known)
+    content = polarizer_json(found, folders)
+    if as_json:
+        print_json(content)
+    if not found.axis.is_decided:
+        raise DataError(_undecided(found.axis))
+    write_polarizer_file(out, content)
+    if not as_json:
+        _print(content)
+
+
+def _dolp(value: float | None, std: float) -> Uncertain | None:
+    if value is None:
+        return None
+    if not 0.0 < value <= 1.0 or std < 0.0:
+        raise ConfigError(f"--dolp is {value}, --dolp-std is {std}; allowed are above 0 up to 1, and 0 or more")
+    return Uncertain(value=value, std=std)
+
+
+def _calibrate(
+    runs: list[Run], references_deg: list[float], generator: Path | None, region: Region | None, known: KnownLight
+) -> PolarizerCalibration:
+    if generator is not None and not references_deg and len(runs) == 1:
+        return from_generator(generator_scan(runs[0], region, load_generator(generator)), known)
+    if generator is None and len(references_deg) == len(runs):
+        scans = [analyzer_scan(run, region) for run in runs]
+        return from_references(scans, [float(np.radians(angle)) for angle in references_deg], known)
+    raise ConfigError(
+        f"{len(runs)} runs and {len(references_deg)} reference directions are given; give one --reference-deg for each "
+        f"run, or --generator FILE with one run"
+    )
+
+
+def _undecided(axis: AxisFit) -> str:
+    (first, second) = (
+        f"sense {one.sense:+d} with offset {np.degrees(one.offset_rad):.3f} deg" for one in (axis.best, axis.other)
+    )
+    return (
+        f"the sense of rotation is not found: {first} and {second} fit alike; a single reference cannot tell them "
+        f"apart without --expect-offset-deg, and one along or across the axis of the stage's zero (horizontal or "
+        f"vertical) not even with it: add a run with a reference some 30 deg away (a second RUN and --reference-deg)"
+    )
+
+
+def _print(content: dict[str, Any]) -> None:
+    console = results()
+    offset, extinction = content["offset_deg"], content["extinction_ratio"]
+    console.print(f"sense {content['sense']:+d}, offset {offset['value']:.4f} +- {offset['std_error']:.4f} deg")
+    if extinction is not None:
+        upper = "no upper limit" if extinction["upper"] is None else f"{extinction['upper']:.4g}"
+        ratio = "not measured" if extinction["ratio"] is None else f"{extinction['ratio']:.4g}"
+        console.print(f"extinction ratio {ratio} (95 %: {extinction['lower']:.4g} to {upper})")
+    for one in content["harmonics"]:
+        seen = f"seen: {_HARMONIC_MEANING[one['order']]}" if one["is_seen"] else "not seen"
+        console.print(
+            f"residual, {one['order']} cycles a turn: {one['amplitude']:.2%} +- {one['std_error']:.2%} ({seen})",
+            markup=False,
+        )
+    console.print("for the rig file:")
+    console.print(rig_lines(content), markup=False)

@@ -1,0 +1,16 @@
+"""``rigctl hold``: ask a running session to hold between two frames."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigctl.commands.request import request_of_running
+
+
+def command(run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")]) -> None:
+    """Ask the session that writes into a run to hold, between two frames. `rigctl resume` goes on.
+
+    Example: rigctl hold runs/2026-05-04
+    """
+    request_of_running(run, "hold")

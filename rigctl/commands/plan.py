@@ -1,0 +1,120 @@
+"""``rigctl plan``: what a session will take, and what it can give."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from rigctl.commands.acquire import time_option
+from rigctl.commands.plan_scene import predict_rounds
+from rigctl.errors import ConfigError
+from rigctl.files.rig_file import load_rig
+from rigctl.files.scene_file import load_scene
+from rigctl.files.session_file import load_session
+from rigctl.noise.noise_file import read_noise_file
+from rigctl.sessions.session_clock import SessionClock
+from rigctl.sessions.session_plan import plan_session
+from rigctl.terminal import print_json, progress, results
+
+_MOST_STEPS = 100
+_SECONDS_A_MINUTE = 60
+_UTC_DIGITS = 19
+
+
+def command(
+    rig: Annotated[Path, typer.Argument(metavar="RIG.toml", help="Rig file: devices, site, camera's direction.")],
+    session: Annotated[Path, typer.Argument(metavar="SESSION.toml", help="Session file.")],
+    at: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Begin then, such as 2026-05-04T10:00Z; now if left out.")
+    ] = None,
+    until: Annotated[str | None, typer.Option(metavar="TIME", help="Take no frame from then on.")] = None,
+    scene: Annotated[Path | None, typer.Option(metavar="FILE", help="Scene file: predict each round.")] = None,
+    noise: Annotated[Path | None, typer.Option(metavar="FILE", help="Noise calibration for the prediction.")] = None,
+    all_steps: Annotated[bool, typer.Option("--all", help="Print every step, however many.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
+) -> None:
+    """Print the steps of a session with times, sun angles, disk and duration; with a scene, what it can give.
+
+    A scene whose regions are given by materials is lit by the sun of each round.
+
+    Example: rigctl plan examples/rig-sim.toml examples/session-rooftop.toml --at 2026-05-04T10:00Z
+    """
+    if noise is not None and scene is None:
+        raise ConfigError("--noise: is for a prediction; give --scene too")
+    rig_file, session_file = load_rig(rig), load_session(session)
+    planned = plan_session(
+        rig_file,
+        session_file,
+        now_ns=time_option("--at", at) or SessionClock().utc_ns(),
+        until_ns=time_option("--until", until),
+    )
+    content = planned.content()
+    if scene is not None:
+        content["predictions"] = predict_rounds(
+            load_scene(scene),
+            None if noise is None else read_noise_file(noise),
+            planned,
+            rig_file,
+            session_file.metering,
+        )
+    if as_json:
+        print_json(content)
+    else:
+        _print(content, all_steps=all_steps)
+
+
+def _print(content: dict[str, Any], *, all_steps: bool) -> None:
+    console = results()
+    if len(content["rounds"]) > 1:
+        console.print(_table(content["rounds"], ("round", "utc", *_SUN_COLUMNS)))
+    steps = content["steps"] if all_steps else content["steps"][:_MOST_STEPS]
+    console.print(_table(steps, ("sequence", "round", "utc", "kind", "cycle", "angle_deg", "exposure_ms")))
+    if len(steps) < len(content["steps"]):
+        console.print(f"... and {len(content['steps']) - len(steps)} more; --all prints them", markup=False)
+    for row in content.get("predictions", []):
+        console.print(_prediction_line(row), markup=False)
+    _print_need(content)
+
+
+_SUN_COLUMNS = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
+
+
+def _table(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column, justify="right")
+    for row in rows:
+        table.add_row(*(_cell(row.get(column)) for column in columns))
+    return table
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)[:_UTC_DIGITS]
+
+
+def _prediction_line(row: dict[str, Any]) -> str:
+    where = f"round {row['round']}, {row['exposure_ms']:.3g} ms, {row['region']}"
+    if "problem" in row:
+        return f"{where}: {row['problem']}"
+    counts = ", ".join(f"{name.removeprefix('dn_')} deg {mean:.0f}" for name, mean in row["mean_dn"].items())
+    snr = "not known" if row["dolp_snr"] is None else f"{row['dolp_snr']:.3g}"
+    return f"{where}: counts [DN] {counts}; saturated {100 * row['saturated_fraction']:.2g} %; DoLP SNR {snr}"
+
+
+def _print_need(content: dict[str, Any]) -> None:
+    console = results()
+    disk = content["disk_bytes"]
+    size = "not known before the camera is opened" if disk is None else f"{disk / 1e6:.0f} MB"
+    minutes, seconds = divmod(round(content["duration_s"]), _SECONDS_A_MINUTE)
+    frames = len(content["steps"])
+    console.print(f"{frames} frames, {minutes} min {seconds} s until the last is taken, disk {size}", markup=False)
+    if content["false_dolp_per_percent_a_minute"] is not None:
+        cost = content["false_dolp_per_percent_a_minute"]
+        console.print(f"light that drifts by 1 % a minute shows a false DoLP of {cost:.2g} in a round", markup=False)
+    for remark in content["remarks"]:
+        progress().print(remark, markup=False)

@@ -1,0 +1,129 @@
+"""Sun and camera of a run in place of the scene file's, with what that changes."""
+
+import math
+from collections.abc import Iterable
+from datetime import datetime
+from typing import TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from rigctl.comparison.scene_numbers import light_numbers
+from rigctl.config import Section, Uncertain, describe
+from rigctl.errors import DataError
+from rigctl.files.light_sections import SunSection
+from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.scene_file import SceneFile
+from rigctl.runs.run_description import SESSION_FILE
+from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.skies.sun_position import sun_position
+
+Place = TypeVar("Place", bound=Section)
+
+# Below this a difference is that of rounding, and not worth a word [deg].
+_WORTH_A_WORD_DEG = 0.01
+
+
+def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[SceneFile, tuple[str, ...]]:
+    """Return the scene with the sun and the camera's place that the run states, and each difference in words.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        What the model is told.
+    run : Run
+        Its rig and session may hold [site] and [geometry].
+    frames : iterable of FrameRecord
+        Those that are compared.
+
+    Raises
+    ------
+    DataError
+        The run's description of its place is damaged.
+
+    Notes
+    -----
+    The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun.
+    """
+    if not scene.has_materials or run.session.get("origin") == "simulated":
+        return scene, ()
+    changed = _with_geometry(scene, run)
+    changed = _with_sun(changed, run, tuple(frames))
+    return changed, tuple(_differences(scene, changed))
+
+
+def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
+    stated = run.session.get("rig", {}).get("geometry")
+    if stated is None:
+        return scene
+    return scene.model_copy(update={"geometry": _section(run, GeometrySection, stated)})
+
+
+def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> SceneFile:
+    site = _site(run)
+    directions = [_direction(frame, site) for frame in frames]
+    known = [direction for direction in directions if direction is not None]
+    if not known or len(known) < len(frames):
+        return scene
+    east, north, up = np.mean(known, axis=0)
+    sun = SunSection(
+        zenith_deg=Uncertain(value=math.degrees(math.atan2(math.hypot(east, north), up))),
+        azimuth_deg=Uncertain(value=math.degrees(math.atan2(east, north)) % 360.0),
+        day_of_year=_day_of_year(frames[0], scene.sun),
+    )
+    return scene.model_copy(update={"sun": sun})
+
+
+def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, float, float] | None:
+    """Direction to the sun as the frame recorded it, or by its time at the site."""
+    if frame.sun_azimuth_deg is not None and frame.sun_elevation_deg is not None:
+        zenith_rad, azimuth_rad = math.radians(90.0 - frame.sun_elevation_deg), math.radians(frame.sun_azimuth_deg)
+    elif frame.start_utc is not None and site is not None:
+        found = sun_position(datetime.fromisoformat(frame.start_utc), **site.model_dump())
+        zenith_rad, azimuth_rad = found.zenith_rad, found.azimuth_rad
+    else:
+        return None
+    level = math.sin(zenith_rad)
+    return level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.cos(zenith_rad)
+
+
+def _day_of_year(frame: FrameRecord, stated: SunSection | None) -> float | None:
+    """Day of the frame; where it has no date, that of the scene file."""
+    if frame.start_utc is not None:
+        return float(datetime.fromisoformat(frame.start_utc).timetuple().tm_yday)
+    if stated is None:
+        return None
+    return stated.day_of_year if stated.time is None else float(stated.time.timetuple().tm_yday)
+
+
+def _site(run: Run) -> SiteSection | None:
+    for place in ("rig", "session"):
+        stated = (run.session.get(place) or {}).get("site")
+        if stated is not None:
+            return _section(run, SiteSection, stated)
+    return None
+
+
+def _section(run: Run, kind: type[Place], stated: object) -> Place:
+    try:
+        return kind.model_validate(stated)
+    except ValidationError as error:
+        raise DataError(describe(run.path / SESSION_FILE, error)) from error
+
+
+def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
+    stated, used = light_numbers(scene), light_numbers(changed)
+    for name, number in used.items():
+        if not name.startswith(("sun.", "geometry.")) or not name.endswith("_deg"):
+            continue
+        before = stated.get(name)
+        if before is None:
+            yield f"{name}: {number.value:.2f} of the run; the scene file states none"
+        elif abs(_apart_deg(number.value, before.value)) > _WORTH_A_WORD_DEG:
+            yield f"{name}: {number.value:.2f} of the run, not {before.value:.2f} of the scene file"
+    if "geometry.phi_deg" in used and used.get("sun.azimuth_deg") != stated.get("sun.azimuth_deg"):
+        yield "geometry.phi_deg: kept as stated, though the run has another sun: no camera azimuth is known"
+
+
+def _apart_deg(one: float, other: float) -> float:
+    return (one - other + 180.0) % 360.0 - 180.0

@@ -1,0 +1,128 @@
+"""What the model says of a scene file without a run: predictions, and where the light of each region comes from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from model.field_light import FieldLight, Source
+from model.prediction import RegionPrediction, predict
+from rigctl.comparison.scene_inputs import Inputs, build_scenario, file_readout, gather
+from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.scene_records import camera_view
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import SceneFile
+
+_MS_PER_S = 1000.0
+EXPOSURE = "acquisition.exposure_ms"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneGeometry:
+    """Where sun and camera stand, and what the sun sends [deg, W m-2 in band]."""
+
+    sun_zenith_deg: float
+    sun_azimuth_deg: float
+    camera_zenith_deg: float
+    camera_azimuth_deg: float
+    phi_deg: float
+    direct_irradiance: float
+    sky_irradiance: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScenePrediction:
+    """What the model says of a scene.
+
+    Attributes
+    ----------
+    predictions : dict
+        Region to prediction.
+    lights : dict
+        Region to its light, for the regions that are given by a material.
+    geometry : SceneGeometry or None
+        For a scene with such a region.
+    remarks : tuple of str
+        What is assumed, and what is least known.
+    """
+
+    predictions: dict[str, RegionPrediction]
+    lights: dict[str, FieldLight]
+    geometry: SceneGeometry | None
+    remarks: tuple[str, ...]
+
+
+class ScenePredictor:
+    """A scene file with a noise calibration, ready to be predicted with any of its numbers changed."""
+
+    def __init__(
+        self,
+        scene: SceneFile,
+        noise: dict[str, Any] | None,
+        *,
+        light: SceneLight | None = None,
+        source: Source = "total",
+    ) -> None:
+        if source != "total" and not scene.has_materials:
+            raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
+        self._scene, self._source = scene, source
+        self._light = SceneLight() if light is None else light
+        self._inputs = gather(scene, noise)
+
+    @property
+    def inputs(self) -> Inputs:
+        """The numbers as file and calibration have them."""
+        return self._inputs
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Every number that may be changed, by its name."""
+        return self._inputs.named | {EXPOSURE: self._scene.acquisition.exposure_ms}
+
+    def predictions(self, changed: Mapping[str, float] | None = None) -> dict[str, RegionPrediction]:
+        """Return what the model says with some numbers changed.
+
+        Raises
+        ------
+        ConfigError
+            A number is outside its range.
+        """
+        values = self.numbers | dict(changed or {})
+        try:
+            scenario = build_scenario(
+                self._scene,
+                values,
+                readout=file_readout(self._scene),
+                exposure_s=values[EXPOSURE] / _MS_PER_S,
+                light=self._light,
+                source=self._source,
+            )
+            return predict(scenario)
+        except ValueError as error:
+            raise ConfigError(f"scene {self._scene.name}: {error}") from error
+
+    def predict(self) -> ScenePrediction:
+        """Return what the model says of the scene as it is."""
+        values = self._inputs.named
+        predictions = self.predictions()
+        materials = [region for region in self._scene.regions if region.material is not None]
+        return ScenePrediction(
+            predictions=predictions,
+            lights={region.name: self._light.region(self._scene, region, values) for region in materials},
+            geometry=self._geometry(values) if materials else None,
+            remarks=(*self._inputs.remarks, *self._light.remarks(self._scene, values)),
+        )
+
+    def _geometry(self, values: Mapping[str, float]) -> SceneGeometry:
+        illumination, view = self._light.illumination(self._scene, values), camera_view(self._scene, values)
+        phi_deg = np.degrees(illumination.sun_azimuth_rad - view.azimuth_rad)
+        return SceneGeometry(
+            sun_zenith_deg=float(np.degrees(illumination.sun_zenith_rad)),
+            sun_azimuth_deg=float(np.degrees(illumination.sun_azimuth_rad)) % 360.0,
+            camera_zenith_deg=float(np.degrees(view.zenith_rad)),
+            camera_azimuth_deg=float(np.degrees(view.azimuth_rad)) % 360.0,
+            phi_deg=180.0 - float(180.0 - phi_deg) % 360.0,
+            direct_irradiance=illumination.lighting.direct_irradiance,
+            sky_irradiance=illumination.sky_irradiance,
+        )

@@ -1,0 +1,96 @@
+"""One number of a scene through a range: what the model says at each value."""
+
+import math
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.prediction import Quantities
+from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.errors import ConfigError
+
+MOST_STEPS = 10_000
+_SUGGESTED = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sweep:
+    """What the model says at each value of one number.
+
+    Attributes
+    ----------
+    key : str
+        Which number.
+    values : (n,) array
+        In the unit of the file.
+    quantities : tuple of dict
+        For each value, region to quantities.
+    """
+
+    key: str
+    values: NDArray[np.float64]
+    quantities: tuple[dict[str, Quantities], ...]
+
+    @property
+    def regions(self) -> tuple[str, ...]:
+        """The regions, in the order of the scene file."""
+        return tuple(self.quantities[0])
+
+    def series(self, region: str, quantity: str, statistic: str) -> NDArray[np.float64]:
+        """Return one number of a region at each value; not a number where it does not exist."""
+        found = [step[region].get(quantity, {}).get(statistic, math.nan) for step in self.quantities]
+        return np.array(found, dtype=np.float64)
+
+
+def sweep(predictor: ScenePredictor, request: str) -> Sweep:
+    """Return what the model says over a range of one number.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene.
+    request : str
+        ``KEY=start:stop:n``: n values from start to stop, both included.
+
+    Raises
+    ------
+    ConfigError
+        The request cannot be read, there is no such number, or a value is outside its range.
+    """
+    key, values = parse_sweep(request)
+    numbers = predictor.numbers
+    if key not in numbers:
+        raise ConfigError(f"--sweep: the scene has no number {key!r}; {_alike(key, tuple(numbers))}")
+    steps = [predictor.predictions({key: value}) for value in values.tolist()]
+    quantities = tuple({name: region.quantities for name, region in step.items()} for step in steps)
+    return Sweep(key=key, values=values, quantities=quantities)
+
+
+def parse_sweep(request: str) -> tuple[str, NDArray[np.float64]]:
+    """Return name and values of a request ``KEY=start:stop:n``.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read.
+    """
+    key, _, span = request.partition("=")
+    parts = span.split(":")
+    wanted = f"--sweep: is {request!r}, must be KEY=start:stop:n, for instance sun.zenith_deg=10:80:8"
+    try:
+        start, stop, steps = float(parts[0]), float(parts[1]), int(parts[2])
+    except (IndexError, ValueError) as error:
+        raise ConfigError(wanted) from error
+    if len(parts) != 3 or not key.strip() or not (math.isfinite(start) and math.isfinite(stop)):
+        raise ConfigError(wanted)
+    if not 1 <= steps <= MOST_STEPS:
+        raise ConfigError(f"--sweep: has {steps} steps, allowed is 1 to {MOST_STEPS}")
+    return key.strip(), np.linspace(start, stop, steps)
+
+
+def _alike(key: str, names: tuple[str, ...]) -> str:
+    """Names to try in place of one that is not there."""
+    close = get_close_matches(key, names, n=_SUGGESTED, cutoff=0.4)
+    return f"did you mean {', '.join(close)}?" if close else f"there are {', '.join(names)}"

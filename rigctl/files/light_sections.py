@@ -1,0 +1,105 @@
+"""The tables of a scene file that say what light there is: sun, atmosphere, field of view, the sensor's response."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, AwareDatetime, Field, model_validator
+
+from model.atmosphere.aerosol_models import AerosolType
+from model.atmosphere.phase import AerosolKind
+from model.atmosphere.tiers import Tier
+from model.field_of_view import TileRule
+from rigctl.config import NotNegative, Positive, Section, Uncertain
+
+Number = Annotated[float, Field(strict=True)]
+
+
+def _share(number: Uncertain) -> Uncertain:
+    if not 0.0 <= number.value <= 1.0:
+        raise ValueError(f"is {number.value:g}, must lie in [0, 1]")
+    return number
+
+
+Share = Annotated[Uncertain, AfterValidator(_share)]
+
+
+class ResponseSection(Section):
+    """Relative response of the sensor, 1 at its peak: linear between the points, 0 beyond."""
+
+    wavelength_nm: Annotated[list[Number], Field(min_length=2)]
+    response: Annotated[list[Annotated[Number, Field(ge=0, le=1)]], Field(min_length=2)]
+
+    @model_validator(mode="after")
+    def _table(self) -> "ResponseSection":
+        if len(self.wavelength_nm) != len(self.response):
+            raise ValueError(f"has {len(self.wavelength_nm)} wavelengths and {len(self.response)} values")
+        if sorted(set(self.wavelength_nm)) != self.wavelength_nm:
+            raise ValueError("wavelength_nm must rise")
+        return self
+
+
+class SunSection(Section):
+    """The sun by its angles, or by a time (with its zone) at the scene's site."""
+
+    zenith_deg: NotNegative | None = None
+    azimuth_deg: Uncertain | None = None
+    day_of_year: Annotated[float, Field(ge=1, lt=367)] | None = None
+    time: AwareDatetime | None = None
+
+    @model_validator(mode="after")
+    def _angles_or_time(self) -> "SunSection":
+        if (self.zenith_deg is None) == (self.time is None):
+            raise ValueError("needs exactly one of zenith_deg and time")
+        if self.time is not None and (self.azimuth_deg is not None or self.day_of_year is not None):
+            raise ValueError("time says azimuth_deg and day_of_year too; leave them out")
+        return self
+
+
+class AtmosphereSection(Section):
+    """The air: US standard atmosphere of 1976 with so much aerosol, or a table of somebody's own."""
+
+    tier: Tier = Tier.STANDARD
+    visibility_km: Positive | None = None
+    aerosol_optical_depth: NotNegative | None = None
+    aerosol: AerosolKind = AerosolKind.DEPOLARIZING
+    aerosol_type: AerosolType = AerosolType.RURAL
+    relative_humidity: Annotated[float, Field(ge=0, le=0.8)] = 0.5
+    ozone_du: NotNegative = Uncertain(value=344.0)
+    surface_pressure_hpa: Positive = Uncertain(value=1013.25)
+    ground_albedo: Share = Uncertain(value=0.1)
+    wavelengths: Annotated[int, Field(ge=1, le=20)] = 4
+    dolp_max: Share = Uncertain(value=0.2)
+    table: Path | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "AtmosphereSection":
+        given = [
+            name for name in ("visibility_km", "aerosol_optical_depth", "table") if getattr(self, name) is not None
+        ]
+        if self.tier is Tier.TABLE and given != ["table"]:
+            raise ValueError("tier 'table' needs table = \"FILE.npz\", and neither visibility_km nor an optical depth")
+        if self.tier is not Tier.TABLE and (len(given) != 1 or self.table is not None):
+            raise ValueError(f"tier '{self.tier}' needs exactly one of visibility_km and aerosol_optical_depth")
+        return self
+
+
+class FieldSection(Section):
+    """The whole field of view by its angles, or by the picture and the focal length; and how it is cut in tiles."""
+
+    width_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
+    height_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
+    focal_length_mm: Annotated[float, Field(gt=0)] | None = None
+    width_pixels: Annotated[int, Field(gt=0)] | None = None
+    height_pixels: Annotated[int, Field(gt=0)] | None = None
+    tiles_per_side: Annotated[int, Field(ge=1, le=50)] = 5
+    rule: TileRule = "gauss-legendre"
+
+    @model_validator(mode="after")
+    def _angles_or_picture(self) -> "FieldSection":
+        angles = (self.width_deg, self.height_deg)
+        picture = (self.focal_length_mm, self.width_pixels, self.height_pixels)
+        by_angles = None not in angles and picture == (None, None, None)
+        by_picture = None not in picture and angles == (None, None)
+        if not (by_angles or by_picture):
+            raise ValueError("needs width_deg and height_deg, or focal_length_mm, width_pixels and height_pixels")
+        return self

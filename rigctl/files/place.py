@@ -1,0 +1,41 @@
+"""Where things stand: the site on the Earth, and the camera as the target sees it. Rig and scene files share them."""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, model_validator
+
+from rigctl.config import NotNegative, Section, Uncertain
+
+
+def _zenith(number: Uncertain) -> Uncertain:
+    if not 0.0 <= number.value < 90.0:
+        raise ValueError(f"is {number.value:g}, must lie in [0, 90)")
+    return number
+
+
+class SiteSection(Section):
+    """A place on the Earth; north and east are positive."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
+
+
+class GeometrySection(Section):
+    """Where the camera stands as seen from the target, and how it is held.
+
+    Its azimuth is given either clockwise from north, or as phi: azimuth of the sun minus that of the camera, 180 where
+    the camera looks toward the sun's side. Roll is counter-clockwise as the camera sees the scene.
+    """
+
+    camera_zenith_deg: Annotated[Uncertain, AfterValidator(_zenith)]
+    camera_azimuth_deg: Uncertain | None = None
+    phi_deg: Uncertain | None = None
+    camera_roll_deg: Uncertain = Uncertain(value=0.0)
+    camera_height_m: NotNegative = Uncertain(value=0.0)
+
+    @model_validator(mode="after")
+    def _one_azimuth(self) -> "GeometrySection":
+        if (self.camera_azimuth_deg is None) == (self.phi_deg is None):
+            raise ValueError("needs exactly one of camera_azimuth_deg and phi_deg")
+        return self

@@ -1,0 +1,91 @@
+"""How the picture of a run walks with the stage angle."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.registration import Registration, Wander, fit_wander, register
+from rigctl.errors import DataError
+from rigctl.runs.run_folder import FrameRecord, Run
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunRegistration:
+    """Angles of a run and the shifts of their pictures.
+
+    Attributes
+    ----------
+    angle_deg : (N,) array
+        Stage angle, polarizer angle where a run has no stage [deg].
+    found : Registration
+        Shifts against the first angle.
+    wander : Wander or None
+        The circle through them; None with fewer than three angles. Its sense is the better one.
+    """
+
+    angle_deg: FloatArray
+    found: Registration
+    wander: Wander | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the numbers as JSON."""
+        return {
+            "angles": [
+                {"angle_deg": angle, "shift_pixels": shift, "std_error_pixels": error}
+                for angle, shift, error in zip(
+                    self.angle_deg.tolist(),
+                    self.found.shift_pixels.tolist(),
+                    self.found.std_error_pixels.tolist(),
+                    strict=True,
+                )
+            ],
+            "wander": None
+            if self.wander is None
+            else {
+                "radius_pixels": abs(self.wander.turning_pixels),
+                "residual_pixels": self.wander.residual_pixels,
+            },
+        }
+
+
+def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
+    """Return the walk of a run's picture.
+
+    Parameters
+    ----------
+    run : Run
+        Its scene frames are taken.
+    cycle : int or None
+        The repeat of the set of angles to take; None takes the first.
+
+    Raises
+    ------
+    DataError
+        There are no scene frames at two angles, or they lack angles.
+    """
+    scenes = [record for record in run.frames if record.kind == "scene"]
+    wanted = cycle if cycle is not None else (scenes[0].cycle if scenes else None)
+    records = [record for record in scenes if record.cycle == wanted]
+    angles = np.array([_angle_deg(run, record) for record in records])
+    if len(records) < 2:
+        raise DataError(f"{run.path}: {len(records)} scene frames in cycle {wanted}; two or more angles are needed")
+    pictures = np.array([run.counts(record).astype(np.float64) for record in records])
+    found = register(pictures)
+    return RunRegistration(angle_deg=angles, found=found, wander=_wander(np.radians(angles), found.shift_pixels))
+
+
+def _angle_deg(run: Run, record: FrameRecord) -> float:
+    angle = record.stage_angle_deg if record.stage_angle_deg is not None else record.polarizer_angle_deg
+    if angle is None:
+        raise DataError(f"{run.path}: frame {record.sequence} has no angle; registration goes by angle")
+    return angle
+
+
+def _wander(stage_rad: FloatArray, shifts: FloatArray) -> Wander | None:
+    if len(stage_rad) < 3 or np.ptp(stage_rad) == 0.0:
+        return None
+    return min((fit_wander(sense * stage_rad, shifts) for sense in (1, -1)), key=lambda one: one.residual_pixels)

@@ -1,0 +1,132 @@
+"""Mean counts of a region in the frames of a polarizer scan, dark taken off."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import DataError
+from rigctl.files.regions import Region, masks
+from rigctl.polarimeter.generator_file import GeneratorAngle
+from rigctl.runs.run_folder import FrameRecord, Run
+
+FloatArray = NDArray[np.float64]
+
+# Frames whose stage angles agree to this many digits of a degree were taken at one angle.
+_DIGITS = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AnalyzerScan:
+    """A region's light against the stage's angle: angles (K,) [rad], mean counts (K,) [DN]."""
+
+    stage_rad: FloatArray
+    signal_dn: FloatArray
+    frames: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeneratorScan:
+    """A region's light at each generator angle (K,) and stage angle (N,): mean counts (K, N) [DN]."""
+
+    generator_rad: FloatArray
+    stage_rad: FloatArray
+    signal_dn: FloatArray
+    frames: int
+
+
+def analyzer_scan(run: Run, region: Region | None) -> AnalyzerScan:
+    """Return the scan of the stage in front of a fixed reference.
+
+    Raises
+    ------
+    DataError
+        Frames lack stage angles or a dark level, or are saturated in the region.
+    """
+    records = _scene_frames(run)
+    return AnalyzerScan(
+        stage_rad=np.radians([_stage_deg(run, record) for record in records]),
+        signal_dn=_signals_dn(run, records, region),
+        frames=len(records),
+    )
+
+
+def generator_scan(run: Run, region: Region | None, generator_deg: GeneratorAngle) -> GeneratorScan:
+    """Return the scan of a generator, at each of the stage's angles; repeats are averaged.
+
+    Raises
+    ------
+    DataError
+        As `analyzer_scan`; or some stage angle lacks a generator angle that others have.
+    """
+    records = _scene_frames(run)
+    cells: dict[tuple[float, float], list[int]] = defaultdict(list)
+    for index, record in enumerate(records):
+        cells[generator_deg(record), round(_stage_deg(run, record), _DIGITS) % 360.0].append(index)
+    generators, stages = (sorted({cell[axis] for cell in cells}) for axis in (0, 1))
+    missing = [(g, s) for g in generators for s in stages if (g, s) not in cells]
+    if missing:
+        raise DataError(
+            f"{run.path}: {len(missing)} of {len(generators) * len(stages)} pairs of generator and stage angle have no "
+            f"frame, such as generator {missing[0][0]:g} deg at stage {missing[0][1]:g} deg"
+        )
+    signals = _signals_dn(run, records, region)
+    angles = np.array([_stage_deg(run, record) for record in records])
+    return GeneratorScan(
+        generator_rad=np.radians(generators),
+        stage_rad=np.radians([np.mean(angles[cells[generators[0], s]]) for s in stages]),
+        signal_dn=np.array([[np.mean(signals[cells[g, s]]) for s in stages] for g in generators]),
+        frames=len(records),
+    )
+
+
+def _scene_frames(run: Run) -> list[FrameRecord]:
+    records = [record for record in run.frames if record.kind == "scene"]
+    if not records:
+        raise DataError(f"{run.path}: has no scene frames")
+    exposures = {record.exposure_s for record in records}
+    if len(exposures) > 1:
+        raise DataError(f"{run.path}: scene frames have {len(exposures)} exposures; a polarizer scan needs one")
+    return records
+
+
+def _stage_deg(run: Run, record: FrameRecord) -> float:
+    if record.stage_angle_deg is None:
+        raise DataError(f"{run.path}: frame {record.sequence} has no stage angle; a polarizer calibration needs it")
+    return record.stage_angle_deg
+
+
+def _signals_dn(run: Run, records: Sequence[FrameRecord], region: Region | None) -> FloatArray:
+    inside = _inside(records[0], region)
+    dark_dn = _dark_dn(run, records[0], inside)
+    means = []
+    for record in records:
+        counts = run.counts(record)[inside]
+        saturated = int(np.count_nonzero(counts >= record.saturation_dn))
+        if saturated:
+            raise DataError(
+                f"{run.path}: frame {record.sequence} has {saturated} saturated pixels in the region: "
+                f"take a shorter exposure, or give another region"
+            )
+        means.append(float(counts.mean()))
+    return np.array(means) - dark_dn
+
+
+def _inside(record: FrameRecord, region: Region | None) -> NDArray[np.bool_]:
+    if region is None:
+        return np.ones((record.height, record.width), dtype=np.bool_)
+    return masks([region], width=record.width, height=record.height)[region.name]
+
+
+def _dark_dn(run: Run, scene: FrameRecord, inside: NDArray[np.bool_]) -> float:
+    darks = [record for record in run.frames if record.kind == "dark" and record.exposure_s == scene.exposure_s]
+    if darks:
+        return float(np.mean([run.counts(record)[inside].mean() for record in darks]))
+    if scene.black_level_dn is not None:
+        return scene.black_level_dn
+    raise DataError(
+        f"{run.path}: nothing says how many counts there are without light; a dark level that stays in lowers the "
+        f"extinction ratio: add dark frames at the exposure of the scan"
+    )

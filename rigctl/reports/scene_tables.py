@@ -1,0 +1,84 @@
+"""Where the light of a scene's regions comes from, as tables and as JSON."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from model.field_light import FieldLight, Source
+from model.stokes import aolp_rad, dolp
+from rigctl.comparison.scene_prediction import ScenePrediction
+
+# What the light is made of, in the order in which it is shown.
+PARTS: dict[Source, str] = {
+    "reflected_sun": "reflected sun",
+    "reflected_sky": "reflected sky",
+    "path": "path",
+    "reflected": "reflected (sun + sky)",
+    "total": "total at the aperture",
+}
+
+
+def light_json(found: ScenePrediction) -> dict[str, Any]:
+    """Return geometry and light of a scene as JSON holds them; nothing for a scene that is given by its radiance."""
+    if found.geometry is None:
+        return {}
+    return {"geometry": asdict(found.geometry), "light": {name: _light(light) for name, light in found.lights.items()}}
+
+
+def light_tables(found: ScenePrediction) -> Iterable[Table]:
+    """Return a table for each region: what its light is made of."""
+    for name, light in found.lights.items():
+        title = (
+            f"{name}: radiance at the aperture in W m-2 sr-1 in band, transmittance {light.transmittance:.4f}, "
+            f"error of the hemisphere integral {light.error:.1e}"
+        )
+        table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+        table.add_column("from")
+        for column in ("S0", "S1", "S2", "DoLP", "AoLP deg"):
+            table.add_column(column, justify="right")
+        for part, label in PARTS.items():
+            table.add_row(label, *_cells(light.mean(part)))
+        yield table
+
+
+def geometry_lines(found: ScenePrediction) -> Iterable[str]:
+    """Return where sun and camera stand, in words."""
+    at = found.geometry
+    if at is None:
+        return
+    yield (
+        f"sun: zenith {at.sun_zenith_deg:.2f} deg, azimuth {at.sun_azimuth_deg:.2f} deg; camera: zenith "
+        f"{at.camera_zenith_deg:.2f} deg, azimuth {at.camera_azimuth_deg:.2f} deg; phi {at.phi_deg:.2f} deg"
+    )
+    yield (
+        f"irradiance in band: beam {at.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
+        f"{at.sky_irradiance:.4g} W m-2 on level ground"
+    )
+    for name, light in found.lights.items():
+        if len(light.lights) > 1:
+            yield f"{name}: {len(light.lights)} tiles of the field of view; light varies by {light.spread:.2%}"
+        elif light.spread > 0.0:
+            yield f"{name}: taken as a point, light varies over its part of the field by {light.spread:.2%} of S0 only"
+
+
+def _light(light: FieldLight) -> dict[str, Any]:
+    parts = {part: light.mean(part).tolist() for part in PARTS}
+    return parts | {
+        "transmittance": light.transmittance,
+        "error": light.error,
+        "tiles": len(light.lights),
+        "spread": light.spread,
+    }
+
+
+def _cells(stokes: NDArray[np.float64]) -> tuple[str, ...]:
+    # Rounding leaves a part that is unpolarized by symmetry some 1e-17 of polarization.
+    numbers = tuple(f"{0.0 if abs(value) < 1e-12 * stokes[0] else value:.4g}" for value in stokes)
+    if not stokes[0] > 0.0:
+        return (*numbers, "-", "-")
+    degree = float(dolp(stokes))
+    return (*numbers, f"{degree:.4f}", f"{np.degrees(float(aolp_rad(stokes))):.1f}" if degree > 1e-6 else "-")

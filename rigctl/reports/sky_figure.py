@@ -1,0 +1,61 @@
+"""The sky of a scene in four panels, as [MK14] Fig. 2."""
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
+from numpy.typing import NDArray
+
+from rigctl.reports.figure_style import png
+from rigctl.reports.sky_sheet import SkySheet
+
+FloatArray = NDArray[np.float64]
+
+# Darker than this nothing is seen; a sky without polarization still needs a scale.
+_LEAST = 1e-12
+
+
+def sky_picture(sheet: SkySheet) -> bytes:
+    """Return S0, S1, S2 and DoLP over the sky as a map: north at the top, east at the right, the horizon outside."""
+    figure = Figure(figsize=(11.0, 9.6), layout="constrained")
+    axes = figure.subplots(2, 2, subplot_kw={"projection": "polar"}).ravel()
+    s0, s1, s2 = np.moveaxis(sheet.stokes, -1, 0)
+    panels = (
+        (s0, Normalize(0.0, _largest(s0)), "S0 [W m-2 sr-1]", "viridis"),
+        (s1, _even(s1), "S1 [W m-2 sr-1], horizontal - vertical", "RdBu_r"),
+        (s2, _even(s2), "S2 [W m-2 sr-1], +45 - (-45) deg", "RdBu_r"),
+        (sheet.dolp, Normalize(0.0, _largest(sheet.dolp)), "DoLP", "magma"),
+    )
+    azimuth_rad = np.deg2rad(sheet.azimuth_deg)
+    for ax, (values, norm, label, cmap) in zip(axes, panels, strict=True):
+        shown = ax.pcolormesh(azimuth_rad, sheet.zenith_deg, values, norm=norm, cmap=cmap, shading="gouraud")
+        _finish(ax, sheet)
+        figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
+    figure.suptitle("\n".join(sheet.title_lines), fontsize=10)
+    return png(figure)
+
+
+def _finish(ax: PolarAxes, sheet: SkySheet) -> None:
+    ax.set_theta_zero_location("N")
+    ax.set_theta_direction(-1)
+    ax.set_rlim(0.0, 90.0)
+    ax.set_rticks([30.0, 60.0], ["30°", "60°"], fontsize=8)
+    ax.set_thetagrids(np.arange(0, 360, 45), ["N", "45", "E", "135", "S", "225", "W", "315"], fontsize=8)
+    ax.grid(color="0.5", alpha=0.4, linewidth=0.6)
+    ax.plot(
+        np.deg2rad(sheet.sun_azimuth_deg),
+        sheet.sun_zenith_deg,
+        marker="*",
+        markersize=14,
+        color="#ffd400",
+        markeredgecolor="black",
+    )
+
+
+def _largest(values: FloatArray) -> float:
+    return max(float(np.max(values)), _LEAST)
+
+
+def _even(values: FloatArray) -> Normalize:
+    limit = _largest(np.abs(values))
+    return Normalize(-limit, limit)

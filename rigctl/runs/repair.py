@@ -1,0 +1,139 @@
+"""Makes a run folder whole after a kill or a power cut: adopts whole frames, sets damaged ones aside, loses nothing."""
+
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rigctl.durable_file import PART_SUFFIX, flush_folder, write_durably
+from rigctl.errors import DataError, RunFolderError
+from rigctl.runs.fits_frame import decode_frame
+from rigctl.runs.frame_header import record_from_header
+from rigctl.runs.run_description import SESSION_FILE
+from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, FrameRecord, file_checksum, read_contents
+from rigctl.runs.run_lock import RunLock
+from rigctl.runs.run_writer import json_line
+from rigctl.runs.verification import Finding, frame_problems
+
+DAMAGED_FOLDER = "damaged"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repair:
+    """What was done to a run folder.
+
+    Attributes
+    ----------
+    adopted : tuple of Finding
+        Whole frames that the manifest did not name, and now does.
+    set_aside : tuple of Finding
+        Files that are no whole frames of this run; they lie in ``damaged`` now.
+    frames : tuple of FrameRecord
+        What the manifest names now; every checksum holds.
+    """
+
+    adopted: tuple[Finding, ...]
+    set_aside: tuple[Finding, ...]
+    frames: tuple[FrameRecord, ...]
+
+
+def repair_run(path: Path) -> Repair:
+    """Return what had to be done until each frame of the manifest is whole, and each whole frame is in the manifest.
+
+    Parameters
+    ----------
+    path : Path
+        A run folder that nobody writes into.
+
+    Raises
+    ------
+    RunFolderError
+        It is no run folder, its session file is damaged, another process writes into it, or the disk cannot be
+        written.
+
+    Notes
+    -----
+    A sound folder is left as it is. The frames are the truth: a manifest with damaged lines is made again from them.
+    Nothing is deleted: what is damaged is moved, so that a person can look at it.
+    """
+    contents = read_contents(path)
+    if contents.description is None:
+        problem = dict(contents.problems).get(SESSION_FILE, "is missing")
+        raise RunFolderError(f"{path / SESSION_FILE}: {problem}: what was to be taken is not known")
+    try:
+        lock = RunLock(path)
+        try:
+            return _Repairer(path).repair(read_contents(path))
+        finally:
+            lock.release()
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be repaired: {error.strerror}") from error
+
+
+class _Repairer:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._frames: dict[int, FrameRecord] = {}
+        self._adopted: list[Finding] = []
+        self._set_aside: list[Finding] = []
+
+    def repair(self, contents: Contents) -> Repair:
+        for record in contents.frames:
+            self._check(record)
+        for file in self._unnamed():
+            self._adopt(file)
+        frames = tuple(self._frames[sequence] for sequence in sorted(self._frames))
+        if frames != contents.frames or contents.problems or contents.torn_manifest_line:
+            write_durably(self._path / MANIFEST_FILE, b"".join(json_line(asdict(record)) for record in frames))
+        return Repair(adopted=tuple(self._adopted), set_aside=tuple(self._set_aside), frames=frames)
+
+    def _check(self, record: FrameRecord) -> None:
+        problems = frame_problems(self._path, record)
+        if not problems and record.sequence not in self._frames:
+            self._frames[record.sequence] = record
+        elif (self._path / record.file).exists() and problems:
+            self._move_aside(record.file, "; ".join(problems))
+        elif problems:
+            self._set_aside.append(Finding(file=record.file, problem="missing"))
+
+    def _unnamed(self) -> Iterable[Path]:
+        named = {record.file for record in self._frames.values()}
+        files = sorted((self._path / FRAMES_FOLDER).iterdir()) + sorted(self._path.glob(f"*{PART_SUFFIX}"))
+        return [file for file in files if file.relative_to(self._path).as_posix() not in named]
+
+    def _adopt(self, file: Path) -> None:
+        name = file.relative_to(self._path).as_posix()
+        final = name.removesuffix(PART_SUFFIX)
+        try:
+            data = file.read_bytes()
+            record = record_from_header(decode_frame(data), file=final, checksum=file_checksum(data))
+        except DataError as error:
+            self._move_aside(name, str(error))
+            return
+        if record.sequence in self._frames:
+            self._move_aside(name, f"frame {record.sequence} is in this run already")
+            return
+        _make_final(file, self._path / final)
+        self._frames[record.sequence] = record
+        self._adopted.append(Finding(file=final, problem="whole, and the manifest did not name it"))
+
+    def _move_aside(self, name: str, problem: str) -> None:
+        folder = self._path / DAMAGED_FOLDER
+        folder.mkdir(exist_ok=True)
+        source = self._path / name
+        taken = sum(1 for file in folder.iterdir() if file.name.startswith(source.name))
+        source.replace(folder / (f"{source.name}.{taken}" if taken else source.name))
+        flush_folder(folder)
+        flush_folder(source.parent)
+        self._set_aside.append(Finding(file=name, problem=problem))
+
+
+def _make_final(file: Path, final: Path) -> None:
+    """Give a whole file its final name; a killed writer may not have flushed it."""
+    descriptor = os.open(file, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+    file.replace(final)
+    flush_folder(final.parent)

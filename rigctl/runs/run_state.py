@@ -1,0 +1,91 @@
+"""Where a session stands, as far as its run folder tells."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from rigctl.errors import RunFolderError
+from rigctl.runs.live_status import read_status
+from rigctl.runs.run_folder import EVENTS_FILE, read_contents
+from rigctl.runs.run_lock import writing_process
+
+State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
+_LAST_EVENTS = 5
+_STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunState:
+    """Where a session stands.
+
+    Attributes
+    ----------
+    run : str
+        The folder.
+    state : str
+        "running", "holding" or "waiting" (for a round) where a process writes into it; else "finished", "stopped"
+        on request, or "interrupted".
+    process : int or None
+        The process that writes into it.
+    frames : int
+        How many frames are durable.
+    live : dict or None
+        What the session last said of itself: frames planned, remaining time, numbers per angle.
+    events : tuple of dict
+        The last few.
+    """
+
+    run: str
+    state: State
+    process: int | None
+    frames: int
+    live: dict[str, Any] | None
+    events: tuple[dict[str, Any], ...]
+
+
+def state_of(path: Path) -> RunState:
+    """Return where the session of a run folder stands.
+
+    Raises
+    ------
+    RunFolderError
+        It is no run folder, or its events cannot be read.
+    """
+    contents = read_contents(path)
+    process = writing_process(path)
+    events = read_event_lines(path)
+    return RunState(
+        run=str(path),
+        state=_state(process, [str(event["event"]) for event in events]),
+        process=process,
+        frames=len(contents.frames),
+        live=read_status(path),
+        events=tuple(events[-_LAST_EVENTS:]),
+    )
+
+
+def read_event_lines(path: Path) -> list[dict[str, Any]]:
+    """Return the events of a run folder, without a last line that was never finished.
+
+    Raises
+    ------
+    RunFolderError
+        A line is no event.
+    """
+    file = path / EVENTS_FILE
+    whole = file.read_bytes().rpartition(b"\n")[0] if file.exists() else b""
+    try:
+        events: list[dict[str, Any]] = [json.loads(line) for line in whole.splitlines()]
+        return [event for event in events if event["event"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise RunFolderError(f"{file}: a line is no event: {error}") from error
+
+
+def _state(process: int | None, events: list[str]) -> State:
+    last = next((name for name in reversed(events) if name != "interlock"), "")
+    if process is not None:
+        return _STATES.get(last, "running")
+    if last == "finished":
+        return "finished"
+    return "stopped" if last == "stopped" else "interrupted"

@@ -1,0 +1,72 @@
+"""How a session is conducted: its clocks, what is watched, who may interrupt it, where the sun is."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rigctl.files.interlock_section import InterlockSection
+from rigctl.files.place import SiteSection
+from rigctl.files.session_file import MeteringSection, SessionFile
+from rigctl.sessions.control import Control
+from rigctl.sessions.live_numbers import LiveNumbers
+from rigctl.sessions.session_clock import SessionClock
+from rigctl.sessions.sum_rule import VarianceOfMean
+from rigctl.sessions.sun_track import SunTrack
+
+_S_PER_MIN = 60.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Conduct:
+    """What a session needs to know besides its steps.
+
+    Attributes
+    ----------
+    interlocks, metering
+        As in the session file.
+    late_s : float
+        A round that begins later than this after it was due is left out [s].
+    until_ns : int or None
+        No frame begins after this [ns since 1970 UTC].
+    sun : SunTrack or None
+        The sun above the site, where the site is known.
+    clock : SessionClock
+        The host's clocks.
+    control : Control
+        What somebody asks for.
+    variance_of_mean : callable or None
+        What noise does to a frame's mean, from a calibration [DN^2].
+    live : LiveNumbers
+        Told of each frame, for whoever watches.
+    metered_s : mapping
+        Exposures that earlier parts of this session have metered, by round [s].
+    next_camera_frame : int or None
+        Number that a simulated camera is to give its next frame, since its noise is keyed by it.
+    """
+
+    interlocks: InterlockSection = field(default_factory=InterlockSection)
+    metering: MeteringSection = field(default_factory=MeteringSection)
+    late_s: float = 300.0
+    until_ns: int | None = None
+    sun: SunTrack | None = None
+    clock: SessionClock = field(default_factory=SessionClock)
+    control: Control = field(default_factory=Control)
+    variance_of_mean: VarianceOfMean | None = None
+    live: LiveNumbers = field(default_factory=LiveNumbers)
+    metered_s: Mapping[int, float] = field(default_factory=dict)
+    next_camera_frame: int | None = None
+
+
+def conduct_of(
+    session: SessionFile, site: SiteSection | None, *, clock: SessionClock, control: Control, until_ns: int | None
+) -> Conduct:
+    """Return how a session file wants its session to be conducted, at a site where that is known."""
+    late_min = 5.0 if session.schedule is None else session.schedule.late_min
+    return Conduct(
+        interlocks=session.interlocks,
+        metering=session.metering,
+        late_s=late_min * _S_PER_MIN,
+        until_ns=until_ns,
+        sun=None if site is None else SunTrack(site),
+        clock=clock,
+        control=control,
+    )

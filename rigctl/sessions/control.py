@@ -1,0 +1,90 @@
+"""What somebody asks of a running session, by signal or by command: hold, go on, stop. Always between frames."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Literal
+
+from rigctl.durable_file import write_durably
+
+REQUEST_FILE = "request"
+Request = Literal["hold", "go on", "stop"]
+_WORDS: dict[str, Request] = {"hold": "hold", "go on": "go on", "stop": "stop"}
+_SIGNALS: dict[signal.Signals, Request] = {
+    signal.SIGUSR1: "hold",
+    signal.SIGUSR2: "go on",
+    signal.SIGTERM: "stop",
+    signal.SIGINT: "stop",
+}
+
+
+def ask(run: Path, request: Request) -> None:
+    """Ask something of the session that writes into a run folder; it answers between two frames.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written.
+    """
+    write_durably(run / REQUEST_FILE, request.encode("ascii"))
+
+
+class Control:
+    """Remembers what was asked for, until the session looks.
+
+    Parameters
+    ----------
+    run : Path or None
+        The run folder in which commands leave their requests; None listens to signals only.
+    """
+
+    def __init__(self, run: Path | None = None) -> None:
+        self._file = None if run is None else run / REQUEST_FILE
+        self._request: Request | None = None
+        self.was_interrupted = False
+
+    def put(self, request: Request) -> None:
+        """Ask for something."""
+        self._request = request
+
+    def poll(self) -> Request | None:
+        """Return what was asked for since the last call, or None."""
+        if self._file is not None and self._file.exists():
+            self._request = _WORDS.get(self._file.read_text(encoding="ascii", errors="replace").strip())
+            self._file.unlink(missing_ok=True)
+        request, self._request = self._request, None
+        return request
+
+    def is_stop_asked(self) -> bool:
+        """Return whether a stop was asked for; the request stays."""
+        if self._file is not None and self._file.exists():
+            return self._file.read_text(encoding="ascii", errors="replace").strip() == "stop"
+        return self._request == "stop"
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Answer to signals until the context is left: USR1 hold, USR2 go on, TERM and INT stop; INT twice is at once.
+
+        Notes
+        -----
+        Signals reach the main thread of a program only; elsewhere this does nothing.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {number: signal.signal(number, self._on_signal) for number in _SIGNALS}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGINT:
+            if self.was_interrupted:
+                raise KeyboardInterrupt
+            self.was_interrupted = True
+        self._request = _SIGNALS[signal.Signals(number)]

@@ -1,0 +1,69 @@
+"""Whether the devices of a rig are fit for a session: how fast they answer, and what is lost on the way."""
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+
+from drivers.cameras.gige import GigeCamera
+from drivers.cameras.gige_setup import path_mtu
+from drivers.cameras.v4l2 import V4l2Camera
+from drivers.interfaces import Camera, RotationStage
+from rigctl.sessions.finding import Finding
+
+_READINGS = 20
+_SLOW_ANSWER_S = 0.05
+_ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
+
+
+def stage_latency(stage: RotationStage) -> Finding:
+    """Return how long the stage takes to tell its position."""
+    times_s = [_timed(stage.position) for _ in range(_READINGS)]
+    typical_s, longest_s = statistics.median(times_s), max(times_s)
+    advice = None
+    if typical_s > _SLOW_ANSWER_S:
+        advice = (
+            "a USB adapter that waits before it passes bytes on: "
+            "echo 1 > /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"
+        )
+    found = f"{typical_s * 1e3:.1f} ms a reading, longest {longest_s * 1e3:.1f} ms"
+    return Finding(what="stage", found=found, advice=advice)
+
+
+def camera_frames(camera: Camera, *, frames: int, timeout_s: float) -> Iterator[Finding]:
+    """Return how fast pictures come, and what is lost of them, where the camera counts that."""
+    times_s = [_timed(lambda: camera.take_frame(timeout_s=timeout_s)) for _ in range(frames)]
+    found = f"{frames} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
+    yield Finding(what="camera", found=found)
+    if not isinstance(camera, GigeCamera | V4l2Camera):
+        return
+    tally = camera.tally()
+    lost = tally.damaged + tally.never_came
+    advice = None
+    # The first one after a start is often damaged.
+    if lost > 1:
+        advice = (
+            "packets are lost: raise the receive buffer, connect the camera without a switch or with jumbo packets, "
+            "use a shorter or better cable, and let nothing else use this interface"
+        )
+    yield Finding(what="loss", found=f"{tally.damaged} damaged, {tally.never_came} never came", advice=advice)
+    for name, value in camera.features().items():
+        yield Finding(what=f"  {name}", found=value)
+
+
+def interface_mtu(address: str) -> Finding:
+    """Return how large packets may be on the way to a camera."""
+    mtu = path_mtu(address)
+    advice = hint = None
+    if mtu < _ETHERNET_MTU:
+        advice = f"smaller than Ethernet's {_ETHERNET_MTU}: ip link set IFACE mtu {_ETHERNET_MTU}"
+    elif mtu < _JUMBO_MTU:
+        hint = (
+            f"if camera and switch can: ip link set IFACE mtu {_JUMBO_MTU}, and packet_size={_JUMBO_MTU}, load it less"
+        )
+    return Finding(what="MTU", found=f"{mtu} bytes", advice=advice, hint=hint)
+
+
+def _timed(ask: Callable[[], object]) -> float:
+    start_s = time.perf_counter()
+    ask()
+    return time.perf_counter() - start_s

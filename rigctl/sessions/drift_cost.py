@@ -1,0 +1,38 @@
+"""What drifting light costs in an order of angles: unpolarized light that changes looks polarized."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from model.processing.reconstruction import design, reconstruct
+from rigctl.sessions.plan import Step, step_times_ns
+from rigctl.utc_time import NS_PER_S
+
+_LEAST_ANGLES = 3
+_DRIFT_PER_S = 0.01 / 60.0
+
+
+def false_dolp(steps: Sequence[Step]) -> float | None:
+    """Return the DoLP that unpolarized light shows if it grows by 1 % a minute; None with fewer than three angles.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Those of one round, or of one cycle: frames of an angle are averaged, as processing does.
+
+    References
+    ----------
+    definition: the reconstruction of intensities (1 + drift * mean time of an angle) / 2.
+    """
+    times: dict[float, list[float]] = defaultdict(list)
+    for step, time_ns in zip(steps, step_times_ns(steps, start_ns=0), strict=True):
+        if step.kind == "scene" and step.polarizer_angle_deg is not None:
+            times[step.polarizer_angle_deg % 180.0].append(time_ns / NS_PER_S)
+    if len(times) < _LEAST_ANGLES:
+        return None
+    angles_deg = sorted(times)
+    mean_s = np.array([np.mean(times[angle]) for angle in angles_deg])
+    intensity = 0.5 * (1.0 + _DRIFT_PER_S * (mean_s - mean_s.mean()))
+    s0, s1, s2 = reconstruct(design(np.deg2rad(angles_deg)), intensity)
+    return float(np.hypot(s1, s2) / s0)

@@ -1,0 +1,85 @@
+"""Finds the exposure at which the brightest polarizer angle fills the range and does not saturate."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.files.session_file import MeteringSection
+
+# A share above this may be clipped: it says only that the exposure is too long.
+_CLIPPED = 0.98
+_SHORTEN = 0.25
+_LENGTHEN_AT_MOST = 30.0
+_NEAR = 0.1
+_MOST_ROUNDS = 12
+_MS_PER_S = 1000.0
+
+Shares = Mapping[float | None, float]
+Probe = Callable[[float], Shares]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metered:
+    """An exposure, and what it gives.
+
+    Attributes
+    ----------
+    exposure_s : float
+        Integration time [s].
+    shares : mapping
+        By polarizer angle [deg]: share of the largest count that the bright pixels reach.
+    remark : str or None
+        What one exposure cannot do here.
+    """
+
+    exposure_s: float
+    shares: Shares
+    remark: str | None
+
+
+def bright_share(counts: NDArray[np.uint16], *, quantile: float, full_dn: float) -> float:
+    """Return which share of the largest count a quantile of the pixels reaches."""
+    return float(np.quantile(counts, quantile, method="lower")) / full_dn
+
+
+def meter(probe: Probe, section: MeteringSection) -> Metered:
+    """Return the exposure that serves all angles, as far as one can.
+
+    Parameters
+    ----------
+    probe : callable
+        Takes an exposure [s] and returns the share of each angle.
+    section : MeteringSection
+        Where to begin, and what is wanted.
+
+    Notes
+    -----
+    The brightest angle decides. Counts need not be proportional to the exposure (black level): it goes on until the
+    share is within a tenth of its target, or the exposure is at a limit.
+    """
+    exposure_s = section.first_exposure_ms / _MS_PER_S
+    for _ in range(_MOST_ROUNDS):
+        shares = probe(exposure_s)
+        wanted_s = _next_exposure_s(exposure_s, max(shares.values()), section)
+        if abs(wanted_s - exposure_s) <= _NEAR * exposure_s:
+            break
+        exposure_s = wanted_s
+    return Metered(exposure_s=exposure_s, shares=shares, remark=_remark(shares, section))
+
+
+def _next_exposure_s(exposure_s: float, brightest: float, section: MeteringSection) -> float:
+    factor = _SHORTEN if brightest > _CLIPPED else min(_LENGTHEN_AT_MOST, section.target / max(brightest, 1e-9))
+    wanted_s = min(max(exposure_s * factor, section.shortest_ms / _MS_PER_S), section.longest_ms / _MS_PER_S)
+    # Cameras count whole microseconds.
+    return round(wanted_s, 6)
+
+
+def _remark(shares: Shares, section: MeteringSection) -> str | None:
+    if max(shares.values()) > _CLIPPED:
+        return f"the brightest angle saturates at the shortest exposure, {section.shortest_ms:g} ms: stop down"
+    if min(shares.values()) < section.least:
+        text = f"the darkest angle reaches {min(shares.values()):.3f} of the range, wanted are {section.least:g}"
+        return f"{text}: one exposure cannot serve all angles, give a bracket such as [1, 4]"
+    return None

@@ -1,0 +1,75 @@
+"""Serves a simulated stage to other programs, and keeps a log of where its ring truly stood."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TextIO
+
+from rigctl.errors import ConfigError
+from sim_devices.clock import SimClock
+from sim_devices.stages.catalogue import make_stage, parse_stage_address
+from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.simulated_stage import SimulatedStage
+
+_LOOK_S = 0.02
+_SMALLEST_CHANGE_DEG = 1e-6
+
+
+class StageServer:
+    """A stage that is served for as long as somebody looks after it."""
+
+    def __init__(self, stage: SimulatedStage, clock: SimClock, log: TextIO | None) -> None:
+        self._stage = stage
+        self._clock = clock
+        self._log = log
+        self._logged_deg: float | None = None
+
+    def run(self) -> None:
+        """Log the true angle each time that it has changed; never return."""
+        while True:
+            self.look()
+            time.sleep(_LOOK_S)
+
+    def look(self) -> None:
+        """Log the true angle if it has changed."""
+        angle_deg = self._stage.true_angle_deg()
+        unchanged = self._logged_deg is not None and abs(angle_deg - self._logged_deg) < _SMALLEST_CHANGE_DEG
+        if self._log is None or unchanged:
+            return
+        self._log.write(f"{self._clock.now_s():.3f},{angle_deg:.6f}\n")
+        self._log.flush()
+        self._logged_deg = angle_deg
+
+
+@contextmanager
+def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[StageServer]:
+    """Give a simulated stage that answers on a pseudo-terminal until the context is left.
+
+    Parameters
+    ----------
+    address : str
+        What it is like, such as ``sim:zaber?stall=3``.
+    link : Path
+        Link to make to the terminal.
+    truth : Path or None
+        File for the true angle.
+
+    Raises
+    ------
+    ConfigError
+        There is no such stage; all that an address can say is told.
+    OSError
+        The link or the log cannot be made.
+    """
+    try:
+        options = parse_stage_address(address)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    clock = SimClock(speed=options.speed)
+    stage = make_stage(options, clock=clock)
+    log = nullcontext(None) if truth is None else truth.open("w", encoding="utf-8")
+    with log as opened, serve_on_pty(stage, clock=clock, link=link):
+        if opened is not None:
+            opened.write("time_s,angle_deg\n")
+        yield StageServer(stage, clock, opened)

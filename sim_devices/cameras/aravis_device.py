@@ -1,0 +1,141 @@
+"""libaravis's own GigE Vision device: it answers on the network, and asks Python for every picture."""
+
+import ctypes
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import NotConnectedError
+
+_POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p
+_FILL = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
+_FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "arv_fake_camera_new": (_POINTER, (_TEXT,)),
+    "arv_fake_camera_get_genicam_xml": (_POINTER, (_POINTER, ctypes.POINTER(ctypes.c_size_t))),
+    "arv_fake_camera_write_register": (ctypes.c_int, (_POINTER, ctypes.c_uint32, ctypes.c_uint32)),
+    "arv_fake_camera_read_register": (
+        ctypes.c_int,
+        (_POINTER, ctypes.c_uint32, ctypes.POINTER(ctypes.c_uint32)),
+    ),
+    "arv_fake_camera_set_trigger_frequency": (None, (_POINTER, ctypes.c_double)),
+    "arv_fake_camera_set_fill_pattern": (None, (_POINTER, _FILL, _POINTER, _POINTER)),
+    "arv_gv_fake_camera_new_full": (_POINTER, (_TEXT, _TEXT, _TEXT)),
+    "arv_gv_fake_camera_is_running": (ctypes.c_int, (_POINTER,)),
+    "arv_gv_fake_camera_get_fake_camera": (_POINTER, (_POINTER,)),
+    "arv_buffer_get_data": (_POINTER, (_POINTER, ctypes.POINTER(ctypes.c_size_t))),
+    "arv_buffer_get_image_width": (ctypes.c_int, (_POINTER,)),
+    "arv_buffer_get_image_height": (ctypes.c_int, (_POINTER,)),
+}
+
+# How often the device looks whether it was triggered; its own 25 would make every picture wait 20 ms in the mean.
+_TRIGGER_LOOKS_HZ = 1000.0
+
+Fill = Callable[[int, int, int, int, int], bytes]
+"""Width, height, exposure [us], gain [dB] and pixel format in; the bytes of a picture out."""
+
+
+class AravisDevice:
+    """A device on the network; `serve_device` makes one."""
+
+    def __init__(self, library: ctypes.CDLL, gobject: ctypes.CDLL, camera: int) -> None:
+        self._library, self._gobject, self._camera = library, gobject, camera
+        self._registers: int = library.arv_gv_fake_camera_get_fake_camera(camera)
+
+    def write_register(self, address: int, value: int) -> None:
+        """Set a register behind the back of whoever controls the device."""
+        self._library.arv_fake_camera_write_register(self._registers, address, value)
+
+    def read_register(self, address: int) -> int:
+        """Return what a register holds."""
+        value = ctypes.c_uint32()
+        self._library.arv_fake_camera_read_register(self._registers, address, ctypes.byref(value))
+        return value.value
+
+    def lose_packets(self, share: float) -> None:
+        """Leave out this share of the packets of pictures from now on."""
+        self._gobject.g_object_set(_POINTER(self._camera), b"gvsp-lost-ratio", ctypes.c_double(share), None)
+
+
+@contextmanager
+def serve_device(
+    *, address: str, serial_number: str, edit_features: Callable[[str], str], fill: Fill
+) -> Iterator[AravisDevice]:
+    """Serve a GigE Vision device on an IP address of this machine until the context is left.
+
+    Parameters
+    ----------
+    address : str
+        Of one of this machine's interfaces. One device an address: the standard fixes the port, 3956.
+    serial_number : str
+        At most 15 letters.
+    edit_features : callable
+        Makes the device's list of features (GenICam XML) out of the library's own.
+    fill : callable
+        Makes a picture. It is called in a thread of the library, and what it raises is raised when the context is left;
+        until then such pictures are what their buffer held before.
+
+    Raises
+    ------
+    NotConnectedError
+        libaravis is not installed, or the address is not this machine's or in use.
+    """
+    library, gobject = _load()
+    failures: list[Exception] = []
+    callback = _callback(library, fill, failures)
+    with tempfile.TemporaryDirectory(prefix="rigctl-") as folder:
+        features = Path(folder) / "features.xml"
+        features.write_text(edit_features(_own_features(library)), encoding="utf-8")
+        camera = library.arv_gv_fake_camera_new_full(address.encode(), serial_number.encode(), str(features).encode())
+        try:
+            if not library.arv_gv_fake_camera_is_running(camera):
+                raise NotConnectedError(
+                    f"no GigE camera can be served on {address}: it is no address of this machine, or another one is "
+                    "served there already (port 3956)"
+                )
+            device = AravisDevice(library, gobject, camera)
+            registers = library.arv_gv_fake_camera_get_fake_camera(camera)
+            library.arv_fake_camera_set_trigger_frequency(registers, _TRIGGER_LOOKS_HZ)
+            library.arv_fake_camera_set_fill_pattern(registers, callback, None, None)
+            yield device
+        finally:
+            gobject.g_object_unref(camera)
+    if failures:
+        raise failures[0]
+
+
+def _callback(library: ctypes.CDLL, fill: Fill, failures: list[Exception]) -> Any:
+    def fill_buffer(buffer: int, _: int, exposure_us: int, gain: int, pixel_format: int) -> None:
+        width = library.arv_buffer_get_image_width(buffer)
+        height = library.arv_buffer_get_image_height(buffer)
+        try:
+            picture = fill(width, height, exposure_us, gain, pixel_format)
+        except Exception as error:  # must not get into the library, which would end the program
+            failures.append(error)
+            return
+        room = width * height * (pixel_format >> 16 & 0xFF) // 8
+        ctypes.memmove(library.arv_buffer_get_data(buffer, None), picture, min(len(picture), room))
+
+    return _FILL(fill_buffer)
+
+
+def _load() -> tuple[ctypes.CDLL, ctypes.CDLL]:
+    try:
+        library, gobject = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.CDLL("libgobject-2.0.so.0")
+    except OSError as error:
+        raise NotConnectedError(
+            f"a simulated GigE camera needs libaravis 0.8: `apt install libaravis-0.8-0` ({error})"
+        ) from error
+    for name, (result, arguments) in _FUNCTIONS.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, list(arguments)
+    gobject.g_object_unref.argtypes = [_POINTER]
+    return library, gobject
+
+
+def _own_features(library: ctypes.CDLL) -> str:
+    size = ctypes.c_size_t()
+    probe = library.arv_fake_camera_new(b"probe")
+    xml = ctypes.string_at(library.arv_fake_camera_get_genicam_xml(probe, ctypes.byref(size)), size.value)
+    return xml.rstrip(b"\0").decode()

@@ -1,0 +1,174 @@
+"""A simulated rotation stage: drive, language and line in one, safe to use from several threads."""
+
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from sim_devices.clock import Clock
+from sim_devices.faults import LineNoise
+from sim_devices.stages.drive import Drive
+from sim_devices.stages.line import Line
+from sim_devices.stages.stage_options import LineOptions, MotionOptions
+
+Reply = tuple[float, bytes]
+"""When it is sent [s], and what."""
+
+
+class Language(Protocol):
+    """A stage's side of the conversation. The time is an argument, and never goes back."""
+
+    @property
+    def heard(self) -> int:
+        """How many commands have come in whole."""
+
+    def receive(self, time_s: float, data: bytes) -> list[Reply]:
+        """Return the replies up to a time [s] at which these bytes arrive."""
+
+    def advance(self, time_s: float) -> list[Reply]:
+        """Return the replies up to a time [s]."""
+
+    def next_event_s(self) -> float | None:
+        """Return when the stage does something unasked, or None."""
+
+
+class Options(Protocol):
+    """What the options of every family hold."""
+
+    @property
+    def motion(self) -> MotionOptions:
+        """How it turns, and what goes wrong with that."""
+
+    @property
+    def line(self) -> LineOptions:
+        """What happens to the bytes."""
+
+    @property
+    def seed(self) -> int:
+        """Of all that is random."""
+
+
+class SimulatedStage:
+    """The stage itself. Serve it on a pseudo-terminal, or in this process, and look at its true angle.
+
+    Parameters
+    ----------
+    language : Language
+        What it says.
+    drive : Drive
+        What it turns.
+    line : LineOptions
+        What happens to the bytes.
+    baud : int
+        Bits per second of the line, where its bytes are paced.
+    clock : Clock
+        The time that it lives in.
+    line_generator, host_generator : numpy.random.Generator
+        Where the damage to what it sends, and to what it is sent, is drawn from.
+    """
+
+    def __init__(
+        self,
+        language: Language,
+        drive: Drive,
+        *,
+        line: LineOptions,
+        baud: int,
+        clock: Clock,
+        line_generator: np.random.Generator,
+        host_generator: np.random.Generator,
+    ) -> None:
+        self._language = language
+        self._drive = drive
+        self._options = line
+        self._clock = clock
+        self._host_generator = host_generator
+        self._lock = threading.Lock()
+        self._vanished_s: float | None = None
+        self._noise = LineNoise(drop=line.drop, double=line.double, flip=line.flip)
+        self._line = Line(
+            baud=baud if line.pace else None,
+            in_pieces=line.pieces,
+            late_s=line.late_s,
+            noise=self._noise,
+            generator=line_generator,
+        )
+
+    def true_angle_deg(self) -> float:
+        """Return the angle at which the ring now stands in its housing [deg], in [0, 360)."""
+        with self._lock:
+            return self._live() % 360.0 % 360.0  # a tiny negative angle makes 360.0 the first time
+
+    def commands_heard(self) -> int:
+        """Return how many commands have come in whole."""
+        with self._lock:
+            return self._language.heard
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the host has sent."""
+        with self._lock:
+            arriving = self._noise.corrupt(data, self._host_generator)
+            self._send(self._language.receive(self._clock.now_s(), arriving))
+
+    def transmit(self) -> bytes:
+        """Return what has reached the host by now and was not returned before."""
+        with self._lock:
+            self._live()
+            return self._line.arrived(self._clock.now_s())
+
+    def next_event_s(self) -> float | None:
+        """Return when there will be something new to transmit [s], or None while nothing is under way."""
+        with self._lock:
+            times = (self._line.next_arrival_s(), self._language.next_event_s())
+            return min((time_s for time_s in times if time_s is not None), default=None)
+
+    def is_plugged_in(self) -> bool:
+        """Return whether the host sees a port: not for a while from the command on at which it is to vanish."""
+        with self._lock:
+            if self._options.vanish is None or self._language.heard < self._options.vanish:
+                return True
+            if self._vanished_s is None:
+                self._vanished_s = self._clock.now_s()
+            return self._clock.now_s() >= self._vanished_s + self._options.back_s
+
+    def _live(self) -> float:
+        """Let the stage do what it does until now; return its angle [deg], counted on through full turns."""
+        now_s = self._clock.now_s()
+        self._send(self._language.advance(now_s))
+        return self._drive.ring.angle_deg(now_s)
+
+    def _send(self, replies: list[Reply]) -> None:
+        for time_s, reply in replies:
+            self._line.send(time_s, reply)
+
+
+def assemble(
+    options: Options, speak: Callable[[Drive], Language], *, counts_per_turn: float, baud: int, clock: Clock
+) -> SimulatedStage:
+    """Return a stage at its power-up, put together from a drive and its language.
+
+    Parameters
+    ----------
+    options : Options
+        What it is like.
+    speak : callable
+        Makes the language of a drive.
+    counts_per_turn : float
+        Encoder counts of a full turn.
+    baud : int
+        Bits per second of the line.
+    clock : Clock
+        The time that it lives in.
+    """
+    drive_generator, line_generator, host_generator = np.random.default_rng(options.seed).spawn(3)
+    drive = Drive(options.motion, counts_per_turn=counts_per_turn, generator=drive_generator)
+    return SimulatedStage(
+        speak(drive),
+        drive,
+        line=options.line,
+        baud=baud,
+        clock=clock,
+        line_generator=line_generator,
+        host_generator=host_generator,
+    )

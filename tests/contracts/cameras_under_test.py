@@ -1,0 +1,52 @@
+"""The cameras that the contract suite is run on, each opened by a function that gives it until its context is left."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from drivers.cameras.file_folder import open_folder
+from drivers.cameras.gige import open_gige
+from drivers.interfaces import Camera
+from sim_devices.cameras.gige import serve_gige_camera
+from tests.drivers.cameras.other_program import other_program
+from tests.sim_devices.camera_builders import small_camera
+from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
+from tests.sim_devices.cameras.known_pictures import KnownPictures
+
+
+def gige(options: str) -> Callable[[], AbstractContextManager[Camera]]:
+    """Return what opens a GigE camera on this machine, of 782 x 582 pixels."""
+
+    @contextmanager
+    def opened() -> Iterator[Camera]:
+        with gige_port(), serve_gige_camera(KnownPictures()), open_gige(f"{ADDRESS}?{options}") as camera:
+            yield camera
+
+    return opened
+
+
+@contextmanager
+def filled_folder() -> Iterator[Camera]:
+    """Give a folder into which another program writes DNG files all the time."""
+    with TemporaryDirectory() as folder, other_program(Path(folder)), open_folder(f"{folder}?plane=red") as camera:
+        yield camera
+
+
+def camera_at(address: str) -> Camera:
+    """Return the camera at an address that the user gave: DRIVER:PLACE."""
+    scheme, _, place = address.partition(":")
+    (driver,) = entry_points(group="rigctl.cameras", name=scheme)
+    camera: Camera = driver.load()(place)
+    return camera
+
+
+CAMERAS: dict[str, Callable[[], AbstractContextManager[Camera]]] = {
+    "simulated": small_camera,
+    "dng-files": filled_folder,
+    "gige-mono8": gige("pixel_format=Mono8"),
+    "gige-mono12": gige("pixel_format=Mono12"),
+    "gige-mono12packed": gige("pixel_format=Mono12Packed"),
+    "gige-running": gige("pixel_format=Mono12&trigger=free&frame_rate_hz=30"),
+}

@@ -1,0 +1,23 @@
+"""The fault matrix of the stages, with few seeds; `python -m benchmarks.fault_matrix` runs it with many."""
+
+import pytest
+
+from benchmarks.fault_matrix import FAMILIES, FAULTS, OPERATIONS, Fault, run_cell
+
+CELLS = [(family, fault) for family in FAMILIES for fault in FAULTS if family in fault.keys]
+
+
+@pytest.mark.parametrize(("family", "fault"), CELLS, ids=[f"{family}-{fault.name}" for family, fault in CELLS])
+def test_ends_in_the_right_angle_or_the_right_error_in_time(family: str, fault: Fault) -> None:
+    for operation in OPERATIONS:
+        for seed in range(2 if fault.is_random else 1):
+            outcome = run_cell(family, fault, operation, seed=seed)
+            assert outcome is None or outcome.is_right, (operation, seed, outcome)
+
+
+def test_a_wrong_angle_would_be_seen() -> None:
+    """A stage that goes to 0 instead and is believed: the tolerance of the driver is the whole circle's."""
+    fault = Fault(name="moves are not corrected", keys={"ellx": "landing=5&seed=3"})
+    outcome = run_cell("ellx", fault, "move", seed=0)
+    assert outcome is not None
+    assert not outcome.is_right  # LimitError, which this fault does not allow

@@ -1,0 +1,115 @@
+"""Cameras that die, hang and come back, networks that lose packets: no wrong picture, no endless wait."""
+
+import threading
+import time
+
+import pytest
+
+from drivers.cameras.gige import open_gige
+from drivers.errors import DeviceError, NotConnectedError, ProtocolError
+from sim_devices.cameras.gige import serve_gige_camera
+from tests.sim_devices.cameras.camera_process import camera_process
+from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
+from tests.sim_devices.cameras.known_pictures import EXPOSURE, KnownPictures, assert_known
+
+EXPOSURE_S = 0.02
+MARK_OF_EXPOSURE = 2000
+# libaravis asks a silent camera for 2.5 s at each call. Five such calls give up a camera: trigger, waiting for its own
+# sign of life, stream, control, and another opening that had begun.
+GRACE_S = 15.0
+
+
+@pytest.fixture
+def process():
+    with gige_port(), camera_process() as running:
+        yield running
+
+
+@pytest.fixture
+def camera(process):
+    with open_gige(f"{ADDRESS}?pixel_format=Mono12Packed") as opened:
+        opened.configure(exposure_s=EXPOSURE_S, gain_db=3.0)
+        assert opened.take_frame(timeout_s=5.0).counts[EXPOSURE] == MARK_OF_EXPOSURE
+        yield opened
+
+
+@pytest.mark.slow
+def test_killed_camera_is_an_error_in_time(process, camera):
+    process.kill()
+    start_s = time.monotonic()
+    with pytest.raises(DeviceError, match=ADDRESS):
+        camera.take_frame(timeout_s=1.0)
+    assert time.monotonic() - start_s < 1.0 + GRACE_S
+    with pytest.raises(NotConnectedError):
+        camera.take_frame(timeout_s=1.0)
+
+
+@pytest.mark.slow
+def test_restarted_camera_is_used_again_with_all_settings(process, camera):
+    process.kill()
+    process.start()
+    frame = camera.take_frame(timeout_s=20.0)
+    assert_known(frame.counts)
+    assert frame.counts[EXPOSURE] == MARK_OF_EXPOSURE
+    assert frame.settings.gain_db == 3.0
+    assert camera.tally().reopened == 1
+
+
+@pytest.mark.slow
+def test_camera_that_hangs_is_an_error_in_time(process, camera):
+    process.hang()
+    start_s = time.monotonic()
+    with pytest.raises(DeviceError, match=ADDRESS):
+        camera.take_frame(timeout_s=1.0)
+    assert time.monotonic() - start_s < 1.0 + GRACE_S
+
+
+@pytest.mark.slow
+def test_camera_that_hung_for_a_while_is_used_again(process, camera):
+    process.hang()
+    waker = threading.Timer(4.0, process.go_on)  # longer than the library asks for
+    waker.start()
+    frame = camera.take_frame(timeout_s=30.0)
+    waker.join()
+    assert_known(frame.counts)
+    assert frame.counts[EXPOSURE] == MARK_OF_EXPOSURE
+
+
+@pytest.fixture
+def take_with_loss():
+    """Take pictures of 626 packets each from a camera that loses some of them."""
+
+    def take(*, lost_share, pictures, options=""):
+        with (
+            gige_port(),
+            serve_gige_camera(KnownPictures()) as device,
+            open_gige(f"{ADDRESS}?pixel_format=Mono12&{options}") as camera,
+        ):
+            device.lose_packets(lost_share)
+            for _ in range(pictures):
+                assert_known(camera.take_frame(timeout_s=20.0).counts)
+            return camera.tally()
+
+    return take
+
+
+def test_nothing_is_damaged_without_loss(take_with_loss):
+    tally = take_with_loss(lost_share=0.0, pictures=10)
+    assert tally.accepted == 11
+    # The very first picture after a start may be damaged; the driver has taken and thrown away that one.
+    assert tally.damaged <= 1
+
+
+@pytest.mark.parametrize("lost_share", [1e-4, 1e-3])
+def test_every_accepted_picture_is_whole_though_packets_are_lost(take_with_loss, lost_share):
+    tally = take_with_loss(lost_share=lost_share, pictures=10)
+    assert tally.accepted == 11
+    if lost_share == 1e-3:
+        # Each try of 626 packets is whole with p = 0.999^626 = 0.53; that ten come at once, 0.53^10 = 0.002.
+        assert tally.damaged + tally.never_came >= 1
+
+
+def test_a_network_that_damages_all_pictures_is_an_error(take_with_loss):
+    with pytest.raises(ProtocolError, match="rigctl doctor"):
+        # At 1 % a picture is whole with p = 0.99^626 = 0.002, one of five with 0.01.
+        take_with_loss(lost_share=0.03, pictures=1, options="retakes=4")

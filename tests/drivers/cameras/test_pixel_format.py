@@ -1,0 +1,121 @@
+"""Unpacking of samples, against packers that go by the words of the standards, one bit at a time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.cameras.pixel_format import GENICAM, V4L2, needed_bytes, unpack
+from drivers.errors import ProtocolError
+from tests.drivers.cameras.bit_packers import as_csi_packed, as_gvsp_packed, as_stream_of_bits
+
+BY_NAME = {fmt.name: fmt for fmt in (*GENICAM.values(), *V4L2.values())}
+PACKERS = {
+    "Mono10p": as_stream_of_bits,
+    "Mono12p": as_stream_of_bits,
+    "Mono10Packed": as_gvsp_packed,
+    "Mono12Packed": as_gvsp_packed,
+    "Y10P": as_csi_packed,
+    "Y12P": as_csi_packed,
+}
+UNPACKED = sorted(set(BY_NAME) - set(PACKERS))
+
+
+def packed(name, samples):
+    fmt = BY_NAME[name]
+    if name in PACKERS:
+        return PACKERS[name](samples, fmt.bit_depth)
+    return b"".join(int(sample).to_bytes(fmt.sample_bytes, "little") for sample in samples)
+
+
+@st.composite
+def pictures(draw):
+    name = draw(st.sampled_from(sorted(BY_NAME)))
+    height, width = draw(st.integers(1, 5)), draw(st.integers(1, 9))
+    top = 2 ** BY_NAME[name].bit_depth - 1
+    samples = draw(st.lists(st.integers(0, top), min_size=height * width, max_size=height * width))
+    return name, np.array(samples, dtype=np.uint16).reshape(height, width)
+
+
+@given(pictures(), st.binary(max_size=9))
+@settings(deadline=None, max_examples=300)
+def test_what_was_packed_comes_back(picture, behind):
+    name, counts = picture
+    height, width = counts.shape
+    unpacked = unpack(packed(name, counts.ravel()) + behind, pixel_format=BY_NAME[name], width=width, height=height)
+    assert unpacked.dtype == np.uint16
+    np.testing.assert_array_equal(unpacked, counts)
+
+
+@given(pictures(), st.integers(0, 7))
+@settings(deadline=None, max_examples=200)
+def test_rows_with_padding_come_back(picture, padding):
+    name, counts = picture
+    rows = [packed(name, row) for row in counts]
+    data = b"".join(row + b"\xa5" * padding for row in rows)
+    height, width = counts.shape
+    unpacked = unpack(data, pixel_format=BY_NAME[name], width=width, height=height, row_bytes=len(rows[0]) + padding)
+    np.testing.assert_array_equal(unpacked, counts)
+
+
+@given(pictures())
+@settings(deadline=None, max_examples=200)
+def test_one_byte_less_is_refused(picture):
+    name, counts = picture
+    height, width = counts.shape
+    needed = needed_bytes(BY_NAME[name], samples=counts.size)
+    data = packed(name, counts.ravel())[: needed - 1]
+    with pytest.raises(ProtocolError, match="cut short"):
+        unpack(data, pixel_format=BY_NAME[name], width=width, height=height)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "counts"),
+    [
+        # Worked by hand from 0xABC and 0x123.
+        ("Mono12Packed", bytes([0xAB, 0x3C, 0x12]), [0xABC, 0x123]),
+        ("Mono12p", bytes([0xBC, 0x3A, 0x12]), [0xABC, 0x123]),
+        ("Y12P", bytes([0xAB, 0x12, 0x3C]), [0xABC, 0x123]),
+        # 0x2A5 = 10 1010 0101 and 0x13C = 01 0011 1100.
+        ("Mono10Packed", bytes([0xA9, 0x01, 0x4F]), [0x2A5, 0x13C]),
+    ],
+)
+def test_bits_stand_where_the_standards_have_them(name, data, counts):
+    np.testing.assert_array_equal(unpack(data, pixel_format=BY_NAME[name], width=2, height=1), [counts])
+
+
+def test_the_two_packings_of_12_bits_differ():
+    data = bytes([0xAB, 0x3C, 0x12])
+    first, second = (unpack(data, pixel_format=BY_NAME[n], width=2, height=1) for n in ("Mono12Packed", "Mono12p"))
+    assert not np.array_equal(first, second)
+
+
+def test_high_end_first_can_be_stated():
+    fmt = replace(BY_NAME["Mono12"], byte_order="big")
+    np.testing.assert_array_equal(unpack(b"\x0a\xbc\x01\x23", pixel_format=fmt, width=2, height=1), [[0xABC, 0x123]])
+
+
+def test_wrong_byte_order_is_found_by_the_bits_that_should_be_empty():
+    with pytest.raises(ProtocolError, match="byte_order"):
+        unpack(b"\x0a\xbc\x01\x23", pixel_format=BY_NAME["Mono12"], width=2, height=1)
+
+
+def test_left_justified_samples_are_shifted_down():
+    fmt = replace(BY_NAME["Mono16"], bit_depth=12, justified="left")
+    np.testing.assert_array_equal(unpack(b"\xc0\xab\x30\x12", pixel_format=fmt, width=2, height=1), [[0xABC, 0x123]])
+
+
+def test_right_justified_samples_are_not_taken_for_left_justified_ones():
+    fmt = replace(BY_NAME["Mono16"], bit_depth=12, justified="left")
+    with pytest.raises(ProtocolError, match="left-justified"):
+        unpack(b"\xbc\x0a", pixel_format=fmt, width=1, height=1)
+
+
+@pytest.mark.parametrize("name", sorted(BY_NAME))
+def test_the_counts_are_no_window_onto_the_buffer(name):
+    data = bytearray(packed(name, [1, 2, 3, 4]))
+    counts = unpack(memoryview(data), pixel_format=BY_NAME[name], width=4, height=1)
+    data[:] = b"\xff" * len(data)
+    np.testing.assert_array_equal(counts, [[1, 2, 3, 4]])

@@ -1,0 +1,191 @@
+"""The V4L2 driver against answers to its requests; the kernel's own test device has its suite in ``tests/vm``."""
+
+import errno
+
+import numpy as np
+import pytest
+
+from drivers.cameras import v4l2_structs as v4l2
+from drivers.cameras.v4l2 import V4l2Camera, open_v4l2
+from drivers.cameras.v4l2_options import place_in_cell, read_v4l2_place, sample_format
+from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
+from tests.drivers.cameras.fake_video import AUTOGAIN, EXPOSURE_AUTO, FakeVideo, Shot
+
+MS = 1_000_000
+
+
+def camera_on(video, options=""):
+    chosen = read_v4l2_place(f"/dev/fake?{options}")
+    return V4l2Camera(video, chosen, now_ns=video.now_ns, utc_ns=lambda: 10**18 + video.now)
+
+
+@pytest.fixture
+def video():
+    return FakeVideo()
+
+
+def test_everything_automatic_is_off_when_it_is_open(video):
+    camera_on(video)
+    assert video.controls[EXPOSURE_AUTO] == 1  # "manual"
+    assert video.controls[AUTOGAIN] == 0
+
+
+def test_an_automatic_that_stays_on_is_refused(video):
+    video.stubborn.add(AUTOGAIN)
+    with pytest.raises(LimitError, match="0x980912"):
+        camera_on(video)
+
+
+def test_an_automatic_that_comes_on_again_is_refused(video):
+    camera = camera_on(video)
+    video.controls[AUTOGAIN] = 1
+    video.shots = [Shot(0, 50 * MS)]
+    with pytest.raises(LimitError, match="again"):
+        camera.take_frame(timeout_s=1.0)
+
+
+def test_exposure_goes_in_steps_of_100_us(video):
+    settings = camera_on(video).configure(exposure_s=0.0031, gain_db=0.0)
+    assert video.controls[v4l2.EXPOSURE_ABSOLUTE] == 31
+    assert settings.exposure_s == pytest.approx(0.0031, rel=1e-12)
+
+
+@pytest.mark.parametrize("exposure_s", [0.0, 1e-5, 2.0, float("nan")])
+def test_exposure_out_of_range_is_refused_and_changes_nothing(video, exposure_s):
+    camera = camera_on(video)
+    before = dict(video.controls)
+    with pytest.raises(LimitError, match="exposure_s"):
+        camera.configure(exposure_s=exposure_s, gain_db=0.0)
+    assert video.controls == before
+
+
+def test_gain_is_converted_by_its_step(video):
+    settings = camera_on(video, "gain_step_db=0.5").configure(exposure_s=0.01, gain_db=6.0)
+    assert video.controls[v4l2.GAIN] == 10 + 12
+    assert settings.gain_db == 6.0
+
+
+def test_gain_of_an_unknown_step_is_the_smallest(video):
+    camera = camera_on(video)
+    assert video.controls[v4l2.GAIN] == 10
+    with pytest.raises(LimitError, match="gain_step_db"):
+        camera.configure(exposure_s=0.01, gain_db=6.0)
+
+
+def test_a_picture_that_ended_an_exposure_too_early_is_passed_over(video):
+    camera = camera_on(video)
+    video.now = 100 * MS
+    # Exposed for 10 ms: the first began at 99 ms, the second at 110 ms.
+    video.shots = [Shot(0, 109 * MS), Shot(1, 120 * MS)]
+    frame = camera.take_frame(timeout_s=1.0)
+    assert (frame.sequence, frame.start_monotonic_ns) == (1, 110 * MS)
+    assert frame.start_utc_ns == 10**18 + 110 * MS
+    assert camera.tally().too_old == 1
+
+
+def test_a_stamp_of_the_start_is_taken_as_it_is(video):
+    camera = camera_on(video)
+    video.now = 100 * MS
+    video.shots = [Shot(0, 105 * MS, flags=v4l2.MONOTONIC | v4l2.AT_START_OF_EXPOSURE)]
+    assert camera.take_frame(timeout_s=1.0).start_monotonic_ns == 105 * MS
+
+
+def test_another_clock_is_refused(video):
+    camera = camera_on(video)
+    video.shots = [Shot(0, 50 * MS, flags=0)]
+    with pytest.raises(ProtocolError, match="monotonic"):
+        camera.take_frame(timeout_s=1.0)
+
+
+@pytest.mark.parametrize("bad", [{"flags": v4l2.MONOTONIC | v4l2.DAMAGED}, {"bytesused": 15}])
+def test_a_damaged_picture_is_counted_and_the_next_one_taken(video, bad):
+    camera = camera_on(video)
+    video.shots = [Shot(0, 50 * MS, **bad), Shot(1, 60 * MS)]
+    assert camera.take_frame(timeout_s=1.0).sequence == 1
+    assert camera.tally().damaged == 1
+
+
+def test_too_many_damaged_pictures_are_an_error(video):
+    camera = camera_on(video, "retakes=2")
+    video.shots = [Shot(n, (50 + n) * MS, bytesused=3) for n in range(3)]
+    with pytest.raises(ProtocolError, match="3 damaged"):
+        camera.take_frame(timeout_s=1.0)
+
+
+def test_gaps_in_the_numbers_are_counted(video):
+    camera = camera_on(video)
+    video.shots = [Shot(2, 50 * MS), Shot(6, 90 * MS)]
+    camera.take_frame(timeout_s=1.0)
+    camera.take_frame(timeout_s=1.0)
+    assert camera.tally().never_came == 3
+
+
+def test_every_buffer_goes_back_to_the_device(video):
+    camera = camera_on(video)
+    before = video.waiting
+    video.shots = [Shot(0, 50 * MS, bytesused=1), Shot(1, 60 * MS)]
+    camera.take_frame(timeout_s=1.0)
+    assert video.waiting == before
+
+
+def test_no_picture_is_a_timeout(video):
+    camera = camera_on(video)
+    with pytest.raises(DeviceTimeoutError, match="no picture"):
+        camera.take_frame(timeout_s=0.5)
+    assert video.now == 500 * MS
+
+
+def test_another_size_than_asked_for_is_refused(video):
+    video.offered = (640, 480)
+    with pytest.raises(LimitError, match="640 x 480"):
+        camera_on(video, "width=782&height=582")
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [(errno.ENODEV, NotConnectedError), (errno.EIO, ProtocolError), (errno.EBUSY, NotConnectedError)],
+)
+def test_what_the_kernel_refuses_is_told_apart(video, number, kind):
+    camera = camera_on(video)
+    video.shots = [Shot(0, 50 * MS)]
+    video.broken = number
+    with pytest.raises(kind, match="/dev/fake"):
+        camera.take_frame(timeout_s=1.0)
+
+
+def test_it_stops_when_it_is_closed_even_if_it_was_unplugged(video):
+    camera = camera_on(video)
+    video.broken = errno.ENODEV
+    camera.close()
+    assert video.closed
+
+
+def test_a_device_that_is_not_there_is_said_so():
+    with pytest.raises(NotConnectedError, match="/dev/no-such-video"):
+        open_v4l2("/dev/no-such-video")
+
+
+@pytest.mark.parametrize(
+    ("letters", "plane", "place"),
+    [("RG12", "green-1", (0, 1)), ("BG12", "red", (1, 1)), ("GB10", "green-1", (1, 1)), ("BA81", "green-2", (0, 1))],
+)
+def test_a_colour_is_where_the_cell_has_it(letters, plane, place):
+    assert place_in_cell(read_v4l2_place(f"/dev/fake?pixel_format={letters}&plane={plane}")) == place
+
+
+def test_a_colour_is_cut_out_of_its_mosaic(video):
+    camera = camera_on(video, "pixel_format=RG12&plane=blue")
+    video.shots = [Shot(7, 50 * MS)]
+    frame = camera.take_frame(timeout_s=1.0)
+    assert frame.counts.shape == (frame.settings.height, frame.settings.width) == (1, 2)
+    np.testing.assert_array_equal(frame.counts, 7)
+
+
+def test_a_bayer_format_needs_a_colour():
+    with pytest.raises(LimitError, match="plane="):
+        read_v4l2_place("/dev/fake?pixel_format=RG12")
+
+
+def test_bits_of_a_format_that_has_them_all_cannot_be_others():
+    with pytest.raises(LimitError, match="bit_depth"):
+        sample_format(read_v4l2_place("/dev/fake?pixel_format=Y12&bit_depth=10"))

@@ -1,0 +1,112 @@
+from functools import partial
+
+import pytest
+
+from drivers.discovery import Found, find_stages
+from drivers.errors import NotConnectedError
+from drivers.serial_port import BytePort
+from drivers.serial_ports import PortInfo
+from drivers.stages import probes
+from drivers.stages.probes import Answer
+from sim_devices.clock import ManualClock
+from sim_devices.stages.catalogue import make_stage, parse_stage_address
+from sim_devices.stages.in_process_port import InProcessPort
+
+
+class Bench:
+    """A simulated stage that is asked on its own line, at the bit rate that it understands."""
+
+    def __init__(self, address: str) -> None:
+        self.clock = ManualClock()
+        self.machine = make_stage(parse_stage_address(address), clock=self.clock)
+
+    def port(self) -> InProcessPort:
+        return InProcessPort(self.machine, clock=self.clock)
+
+
+def info(usb_id: tuple[int, int] | None, device: str = "/dev/ttyUSB0") -> PortInfo:
+    return PortInfo(device=device, lasting_name="/dev/serial/by-id/x", usb_id=usb_id, usb_serial_number=None)
+
+
+@pytest.mark.parametrize(
+    ("address", "ask", "expected"),
+    [
+        ("sim:ellx", probes.ask_elliptec, ("0", "ELL14", "11401326", "18")),
+        ("sim:ellx?model=17", probes.ask_elliptec, ("0", "ELL17", "11401326", "18")),
+        ("sim:zaber", probes.ask_zaber, ("1", "Zaber 50931", "114821", "7.38")),
+        ("sim:apt?model=KDC101", probes.ask_apt, (None, "KDC101", "27000123", "3.1.2")),
+    ],
+)
+def test_each_family_says_what_it_is_and_stays_as_it_was(
+    address: str, ask: partial[list[Answer]], expected: tuple[str | None, str, str, str]
+) -> None:
+    bench = Bench(address)
+    before_deg = bench.machine.true_angle_deg()
+    (answer,) = ask(bench.port(), now_s=bench.clock.now_s)
+    identity = answer.identity
+    assert (answer.address, identity.model, identity.serial_number, identity.firmware) == expected
+    bench.clock.advance(60.0)
+    assert bench.machine.true_angle_deg() == before_deg
+
+
+@pytest.mark.parametrize("address", ["sim:ellx", "sim:zaber", "sim:apt"])
+@pytest.mark.parametrize("ask", [probes.ask_elliptec, probes.ask_zaber, probes.ask_apt])
+def test_a_question_of_another_family_moves_nothing(address: str, ask: partial[list[Answer]]) -> None:
+    bench = Bench(address)
+    before_deg = bench.machine.true_angle_deg()
+    found = ask(bench.port(), now_s=bench.clock.now_s)
+    bench.clock.advance(60.0)
+    assert bench.machine.true_angle_deg() == before_deg
+    assert len(found) <= 1
+
+
+def no_port(path: str, *, baud: int) -> BytePort:
+    raise AssertionError(f"{path} must not be opened")
+
+
+@pytest.mark.parametrize("usb_id", [None, (0x0403, 0x6001), (0x2341, 0x0043)])
+def test_what_may_be_anything_is_not_even_opened(usb_id: tuple[int, int] | None) -> None:
+    (found,) = find_stages([info(usb_id)], probe=False, open_port=no_port)
+    assert found.answer is None
+    assert "--probe" in found.remark
+
+
+@pytest.mark.parametrize(
+    ("usb_id", "address", "driver"),
+    [
+        ((0x0403, 0x6015), "sim:ellx", "ellx"),
+        ((0x0403, 0xFAF0), "sim:apt", "apt"),
+        ((0x2939, 0x495B), "sim:zaber", "zaber"),
+    ],
+)
+def test_a_known_usb_id_is_asked_its_own_question_only(usb_id: tuple[int, int], address: str, driver: str) -> None:
+    bench = Bench(address)
+    opened: list[int] = []
+
+    def open_port(path: str, *, baud: int) -> BytePort:
+        opened.append(baud)
+        return bench.port()
+
+    found = find_stages([info(usb_id)], probe=False, open_port=open_port)
+    assert [each.driver for each in found if each.answer] == [driver]
+    assert len(opened) == 1
+
+
+def test_a_port_that_cannot_be_opened_is_told_and_the_others_are_asked() -> None:
+    bench = Bench("sim:apt")
+
+    def open_port(path: str, *, baud: int) -> BytePort:
+        if path == "/dev/ttyUSB0":
+            raise NotConnectedError(f"{path}: no permission")
+        return bench.port()
+
+    usb_id = (0x0403, 0xFAF0)
+    found: list[Found] = find_stages([info(usb_id), info(usb_id, "/dev/ttyUSB1")], probe=False, open_port=open_port)
+    assert found[0].remark == "/dev/ttyUSB0: no permission"
+    assert found[1].answer is not None
+
+
+def test_a_silent_port_is_told() -> None:
+    bench = Bench("sim:apt?silent=1")
+    (found,) = find_stages([info((0x0403, 0xFAF0))], probe=False, open_port=lambda path, *, baud: bench.port())
+    assert found.remark == "no stage answers"

@@ -1,0 +1,92 @@
+"""Runs that are compared with a scene given by its materials."""
+
+import numpy as np
+import pytest
+
+from rigctl.comparison.comparison import compare_with_scene
+from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.files.scene_file import load_scene
+from rigctl.measurement.measurement import measure
+from rigctl.skies.sky_store import SkyStore
+from tests.rigctl.made_runs import at, make_run
+from tests.rigctl.scene_texts import SCENE, written
+
+ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+SUN = {"sun_azimuth_deg": 180.0, "sun_elevation_deg": 40.0}
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def compared(tmp_path):
+    """Compare a run, made of what the model predicts for the sun of the frames, with the scene file."""
+
+    def compare(text=SCENE, sun=SUN, rig=None):
+        scene = load_scene(written(tmp_path, text))
+        changed = {"sun.zenith_deg": 90.0 - sun["sun_elevation_deg"], "sun.azimuth_deg": sun["sun_azimuth_deg"]}
+        light = SceneLight(SkyStore(tmp_path / "skies"))
+        truth = ScenePredictor(scene, None, light=light).predictions(changed)
+        generator = np.random.default_rng(3)
+        frames = [
+            (at(angle, exposure_s=3e-5, cycle=cycle, **sun), _picture(truth, channel, generator))
+            for cycle in range(2)
+            for channel, angle in enumerate(ANGLES_DEG)
+        ]
+        polarizer = {"polarizer": {"extinction_ratio": 500.0}}
+        run = make_run(tmp_path / "run", frames, session={"origin": "device", "rig": polarizer | (rig or {})})
+        return compare_with_scene(measure(run, regions=list(scene.regions)), scene=scene, noise=None, alpha=1e-3)
+
+    return compare
+
+
+def _picture(truth, channel, generator):
+    counts = np.full((48, 96), 100.0)
+    for columns, name in ((slice(4, 44), "paint"), (slice(52, 92), "road")):
+        moments = truth[name].channels
+        deviation = np.sqrt(moments.temporal_var_dn2[channel])
+        counts[4:44, columns] = moments.mean_dn[channel] + generator.normal(0.0, deviation, (40, 40))
+    return np.round(counts)
+
+
+def _rows(found, quantity, statistic):
+    return {row.region: row for row in found.rows if (row.quantity, row.statistic) == (quantity, statistic)}
+
+
+def test_means_agree_and_carry_the_uncertainty_of_the_materials(compared):
+    rows = _rows(compared(), "dn_0", "mean")
+    assert set(rows) == {"paint", "road"}
+    for row in rows.values():
+        # The slope and the index of an assumed paint leave its brightness open by tens of per cent.
+        assert row.std_error_inputs > 0.05 * row.predicted
+        assert abs(row.z_measurement) < 4.5  # of 1600 pixels, some rows
+
+
+def test_the_sun_of_the_frames_decides_and_the_difference_is_said(compared):
+    low = {"sun_azimuth_deg": 200.0, "sun_elevation_deg": 25.0}
+    found = compared(sun=low)
+    assert "sun.zenith_deg: 65.00 of the run, not 50.00 of the scene file" in found.remarks
+    assert "sun.azimuth_deg: 200.00 of the run, not 180.00 of the scene file" in found.remarks
+    assert abs(_rows(found, "dn_0", "mean")["paint"].z_measurement) < 4.5
+
+
+def test_remarks_say_what_the_light_is_made_of(compared):
+    remarks = compared().remarks
+    assert any(text.startswith("paint: ") and "reflected sky" in text for text in remarks)
+    assert any("optical depth at 550 nm" in text for text in remarks)
+    assert any("assumed, not measured" in text for text in remarks)
+
+
+def test_a_computed_radiance_counts_as_tested(compared):
+    found = compared()
+    assert not any("radiance" in text for text in found.not_tested)
+
+
+def test_the_cameras_roll_of_the_rig_file_turns_the_prediction(compared):
+    geometry = {"camera_zenith_deg": 50.0, "camera_azimuth_deg": 0.0, "camera_height_m": 3000.0}
+    found = compared(rig={"geometry": geometry | {"camera_roll_deg": 10.0}})
+    row = _rows(found, "aolp_deg", "mean")["paint"]
+    assert (row.measured - row.predicted + 90.0) % 180.0 - 90.0 == pytest.approx(10.0, abs=1.0)

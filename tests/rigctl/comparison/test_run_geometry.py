@@ -1,0 +1,108 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rigctl.comparison.run_geometry import scene_of_run
+from rigctl.errors import DataError
+from rigctl.files.scene_file import load_scene
+from rigctl.runs.run_folder import FrameRecord, Run
+from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.scene_texts import SCENE, written
+
+SITE = {"latitude_deg": 43.085, "longitude_deg": -77.68, "elevation_m": 168.0}
+AT_NOON = "2010-05-25T17:07:40.000000000Z"
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return load_scene(written(tmp_path))
+
+
+def run_of(*, origin="device", **session):
+    return Run(
+        path=Path("run"), session={"origin": origin} | session, frames=(), created_by="test", created_utc=AT_NOON
+    )
+
+
+def frame(**facts):
+    return FrameRecord(kind="scene", sequence=0, bit_depth=12, saturation_dn=4095.0, **facts)
+
+
+def test_the_sun_of_time_and_site_wins(scene):
+    found, said = scene_of_run(scene, run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)])
+    assert found.sun.zenith_deg.value == pytest.approx(22.067, abs=0.01)
+    assert found.sun.day_of_year == 145
+    assert "sun.zenith_deg: 22.07 of the run, not 50.00 of the scene file" in said
+
+
+def test_the_site_may_stand_in_the_session(scene):
+    found, _ = scene_of_run(scene, run_of(session={"site": SITE}), [frame(start_utc=AT_NOON)])
+    assert found.sun.zenith_deg.value == pytest.approx(22.067, abs=0.01)
+
+
+def test_the_sun_that_the_frames_recorded_wins_over_a_computed_one(scene):
+    recorded = frame(start_utc=AT_NOON, sun_azimuth_deg=170.0, sun_elevation_deg=60.0)
+    found, said = scene_of_run(scene, run_of(rig={"site": SITE}), [recorded])
+    assert found.sun.zenith_deg.value == pytest.approx(30.0)
+    assert found.sun.azimuth_deg.value == pytest.approx(170.0)
+    assert len(said) == 2
+
+
+def test_frames_share_a_mean_sun(scene):
+    frames = [frame(sun_azimuth_deg=azimuth, sun_elevation_deg=45.0) for azimuth in (359.0, 1.0)]
+    found, _ = scene_of_run(scene, run_of(), frames)
+    assert found.sun.azimuth_deg.value == pytest.approx(0.0, abs=1e-9) or found.sun.azimuth_deg.value == pytest.approx(
+        360.0
+    )
+
+
+def test_the_cameras_place_in_the_rig_file_wins(scene):
+    rig = {"geometry": {"camera_zenith_deg": 53.0, "camera_azimuth_deg": 0.0, "camera_roll_deg": 1.5}}
+    found, said = scene_of_run(scene, run_of(rig=rig), [frame()])
+    assert found.geometry.camera_zenith_deg.value == 53.0
+    assert "geometry.camera_zenith_deg: 53.00 of the run, not 50.00 of the scene file" in said
+    assert "geometry.camera_roll_deg: 1.50 of the run, not 0.00 of the scene file" in said
+    assert len(said) == 2
+
+
+def test_a_run_that_says_nothing_leaves_the_scene_alone(scene):
+    assert scene_of_run(scene, run_of(rig={"site": None}), [frame()]) == (scene, ())
+
+
+def test_one_frame_without_a_sun_leaves_the_scene_alone(scene):
+    frames = [frame(start_utc=AT_NOON), frame()]
+    assert scene_of_run(scene, run_of(rig={"site": SITE}), frames) == (scene, ())
+
+
+def test_a_simulated_clock_says_nothing_of_the_sun(scene):
+    assert scene_of_run(scene, run_of(origin="simulated", rig={"site": SITE}), [frame(start_utc=AT_NOON)])[1] == ()
+
+
+def test_a_scene_given_by_radiance_has_no_sun(scene):
+    panels = load_scene(EXAMPLES / "scene-panels.toml")
+    assert scene_of_run(panels, run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)]) == (panels, ())
+
+
+def test_phi_is_kept_and_said_so(tmp_path):
+    by_phi = SCENE.replace("azimuth_deg = 180.0\n", "", 1).replace("camera_azimuth_deg = 0.0", "phi_deg = 180")
+    scene = load_scene(written(tmp_path, by_phi))
+    found, said = scene_of_run(scene, run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)])
+    assert found.geometry.phi_deg.value == 180.0
+    assert any("phi_deg: kept as stated" in text for text in said)
+
+
+def test_a_damaged_site_is_refused(scene):
+    with pytest.raises(DataError, match="latitude_deg"):
+        scene_of_run(scene, run_of(rig={"site": {"latitude_deg": 143.0}}), [frame(start_utc=AT_NOON)])
+
+
+def test_an_agreeing_run_needs_no_word(scene):
+    same = frame(sun_azimuth_deg=180.0, sun_elevation_deg=40.0)
+    _, said = scene_of_run(scene, run_of(), [same, replace(same, sequence=1)])
+    assert said == ()
+
+
+def test_frames_without_a_date_keep_the_day_of_the_scene(scene):
+    found, _ = scene_of_run(scene, run_of(), [frame(sun_azimuth_deg=170.0, sun_elevation_deg=60.0)])
+    assert found.sun.day_of_year == 145

@@ -1,0 +1,139 @@
+import json
+
+import numpy as np
+import pytest
+
+from rigctl.comparison.scene_inputs import gather
+from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.comparison.sweep import parse_sweep, sweep
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import load_scene
+from rigctl.reports.scene_tables import light_json
+from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png
+from rigctl.skies.sky_store import SkyStore
+from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.scene_texts import SCENE, written
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    return SkyStore(tmp_path_factory.mktemp("skies"))
+
+
+@pytest.fixture
+def predictor(store, tmp_path):
+    return ScenePredictor(load_scene(written(tmp_path)), None, light=SceneLight(store))
+
+
+def snr(predictions, region="paint"):
+    return predictions[region].quantities["dolp_snr"]["mean"]
+
+
+def test_materials_become_numbers_with_their_uncertainties(tmp_path):
+    inputs = gather(load_scene(written(tmp_path)), None)
+    place = inputs.names.index("regions.paint.slope_rms")
+    assert (inputs.values[place], inputs.cov[place, place]) == pytest.approx((0.15, 0.04**2))
+    assert any("slope_rms" in remark and "black paint" in remark for remark in inputs.remarks)
+
+
+def test_the_effective_wavelength_follows_from_the_band(tmp_path):
+    inputs = gather(load_scene(written(tmp_path)), None)
+    # By its own spectrum, which falls by a fifth from 460 to 700 nm, sunlight has its mean a little below the middle.
+    assert inputs.named["sensor.wavelength_nm"] == pytest.approx(545.0, abs=1.0)
+    stated = SCENE.replace("band_nm", "wavelength_nm = 600\nband_nm")
+    assert gather(load_scene(written(tmp_path, stated)), None).named["sensor.wavelength_nm"] == 600.0
+
+
+def test_parts_of_the_light_are_kept_apart(predictor):
+    found = predictor.predict()
+    parts = light_json(found)["light"]["paint"]
+    total = np.add(np.add(parts["reflected_sun"], parts["reflected_sky"]), parts["path"])
+    np.testing.assert_allclose(total, parts["total"])
+    assert all(parts[part][0] > 0.0 for part in ("reflected_sun", "reflected_sky", "path"))
+    assert found.geometry.phi_deg == pytest.approx(180.0)
+    assert json.dumps(light_json(found))
+
+
+def test_each_part_can_be_predicted_alone(store, tmp_path):
+    scene = load_scene(written(tmp_path))
+    counts = {
+        source: ScenePredictor(scene, None, light=SceneLight(store), source=source).predictions()["road"]
+        for source in ("total", "reflected", "path")
+    }
+    total, reflected, path = (counts[source].quantities["s0"]["mean"] for source in ("total", "reflected", "path"))
+    assert total == pytest.approx(reflected + path)
+    # Texture is of the surface: the light of the path has none.
+    assert counts["path"].channels.scene_cov_dn2 == pytest.approx(0.0)
+    assert counts["total"].channels.scene_cov_dn2 == pytest.approx(counts["reflected"].channels.scene_cov_dn2)
+
+
+def test_a_part_of_given_radiance_is_refused():
+    with pytest.raises(ConfigError, match=r"no region of .* is given by its material"):
+        ScenePredictor(load_scene(EXAMPLES / "scene-panels.toml"), None, source="path")
+
+
+def test_the_noise_factor_multiplies_temporal_noise_alone(predictor):
+    one, three = (predictor.predictions({"noise.noise_factor": factor})["road"].channels for factor in (1.0, 3.0))
+    np.testing.assert_allclose(three.temporal_var_dn2, 9.0 * one.temporal_var_dn2)
+    np.testing.assert_array_equal(three.scene_cov_dn2, one.scene_cov_dn2)
+
+
+def test_a_sweep_says_what_single_predictions_say(predictor):
+    found = sweep(predictor, "geometry.camera_zenith_deg=20:60:3")
+    np.testing.assert_allclose(found.values, [20.0, 40.0, 60.0])
+    single = predictor.predictions({"geometry.camera_zenith_deg": 40.0})
+    assert found.series("paint", "dolp_snr", "mean")[1] == snr(single)
+
+
+def test_a_sweep_over_the_camera_solves_no_sky_anew(predictor, store):
+    predictor.predictions()
+    before = store.taken + store.computed
+    sweep(predictor, "geometry.camera_azimuth_deg=0:180:5")
+    sweep(predictor, "regions.paint.slope_rms=0.1:0.2:3")
+    assert store.taken + store.computed == before
+
+
+def test_a_sweep_of_the_exposure(predictor):
+    found = sweep(predictor, "acquisition.exposure_ms=0.01:0.02:2")
+    s0 = found.series("paint", "s0", "mean")
+    assert s0[1] == pytest.approx(2.0 * s0[0])
+
+
+def test_a_sweep_of_a_scene_given_by_radiance():
+    predictor = ScenePredictor(load_scene(EXAMPLES / "scene-panels.toml"), None)
+    found = sweep(predictor, "regions.asphalt.stokes_radiance.0=14:28:2")
+    s0 = found.series("asphalt", "s0", "mean")
+    assert s0[1] == pytest.approx(2.0 * s0[0])
+
+
+def test_files_of_a_sweep(predictor):
+    found = sweep(predictor, "geometry.camera_zenith_deg=20:60:3")
+    header, *rows = sweep_csv(found).decode().splitlines()
+    columns = header.split(",")
+    assert columns[0] == "geometry.camera_zenith_deg"
+    place = columns.index("paint.dolp_snr.mean")
+    assert [float(row.split(",")[place]) for row in rows] == found.series("paint", "dolp_snr", "mean").tolist()
+    content = json.loads(json.dumps(sweep_json(found), allow_nan=False))
+    assert content["regions"]["paint"]["dolp_snr"]["mean"] == found.series("paint", "dolp_snr", "mean").tolist()
+    assert sweep_png(found).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "request_text", ["sun.zenith_deg", "sun.zenith_deg=1:2", "=1:2:3", "a=1:2:x", "a=1:2:3:4", "a=nan:2:3", "a=1:2:0"]
+)
+def test_a_sweep_that_cannot_be_read_is_refused(request_text):
+    with pytest.raises(ConfigError, match="--sweep"):
+        parse_sweep(request_text)
+
+
+def test_a_number_that_is_not_there_is_refused_with_what_is_near(predictor):
+    with pytest.raises(ConfigError, match=r"did you mean .*sun.zenith_deg"):
+        sweep(predictor, "sun.zenit_deg=10:80:8")
+
+
+def test_a_value_outside_its_range_is_refused(predictor):
+    with pytest.raises(ConfigError, match=r"solar zenith = 90.00 deg"):
+        sweep(predictor, "sun.zenith_deg=10:90:2")
+    with pytest.raises(ConfigError, match="f_number"):
+        sweep(predictor, "sensor.f_number=-1:1:2")

@@ -1,0 +1,47 @@
+"""``rigctl calibrate registration`` on a run whose picture walks."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rigctl.cli import EXIT_DATA, main
+from rigctl.runs.run_writer import RunWriter
+from tests.rigctl.run_samples import make_record, write_run
+
+STAGE_DEG = (0.0, 45.0, 90.0, 135.0)
+RADIUS = 2.0
+
+
+def walking_run(path: Path) -> Path:
+    draws = np.random.default_rng(3)
+    scene = 1000.0 + 600.0 * cv2.GaussianBlur(draws.standard_normal((240, 300)), (0, 0), 3.0) * 10.0
+    with RunWriter.create(path, {"origin": "simulated"}) as writer:
+        for stage_deg in STAGE_DEG:
+            walk = RADIUS * np.exp(1j * np.radians(stage_deg)) - RADIUS
+            motion = np.array([[1.0, 0.0, walk.real], [0.0, 1.0, walk.imag]])
+            picture = cv2.warpAffine(scene, motion, (300, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+            counts = np.clip(np.rint(picture), 0, 4095).astype(np.uint16)
+            writer.write_frame(make_record(writer.next_sequence, stage_angle_deg=stage_deg, cycle=0), counts)
+    return path
+
+
+def test_the_circle_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "registration", str(walking_run(tmp_path / "run")), "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    # OpenCV moves a picture in steps of 1 / 32 pixel; half of that is the error of the truth here.
+    assert shown["wander"]["radius_pixels"] == pytest.approx(RADIUS, abs=0.03)
+    assert shown["wander"]["residual_pixels"] < 0.04
+    assert [row["angle_deg"] for row in shown["angles"]] == list(STAGE_DEG)
+
+
+def test_the_table_has_a_row_an_angle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "registration", str(walking_run(tmp_path / "run"))]) == 0
+    assert "135.00" in capsys.readouterr().out
+
+
+def test_small_pictures_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "registration", str(write_run(tmp_path / "run"))]) == EXIT_DATA
+    assert capsys.readouterr().err

@@ -1,0 +1,86 @@
+"""A camera whose every picture is known to the last bit: its number, exposure and a mark of the tester's are in it."""
+
+import threading
+import time
+
+import numpy as np
+
+from drivers.errors import LimitError
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+
+BIT_DEPTH = 12
+_TOP = 2**BIT_DEPTH
+NUMBER, MARK, EXPOSURE = (0, 0), (0, 1), (0, 2)
+
+
+class KnownPictures:
+    """Pictures of noise that moves on by a step with every number.
+
+    Attributes
+    ----------
+    mark : int
+        Put into every picture from now on, 0 to 4095.
+    """
+
+    def __init__(self, *, width=782, height=582):
+        self._noise = np.random.default_rng(9).integers(0, _TOP, (height, width), dtype=np.uint16)
+        self._taken = 0
+        self._changed = threading.Condition()
+        self.mark = 0
+        self.configure(exposure_s=0.01, gain_db=0.0)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc_info):
+        self.close()
+
+    def identify(self):
+        return DeviceIdentity(model="known pictures", serial_number="1", firmware="none")
+
+    def configure(self, *, exposure_s, gain_db):
+        if not 0 < exposure_s < 100:
+            raise LimitError(f"exposure {exposure_s} s")
+        height, width = self._noise.shape
+        self._settings = CameraSettings(
+            exposure_s=exposure_s, gain_db=gain_db, width=width, height=height, bit_depth=BIT_DEPTH
+        )
+        return self._settings
+
+    def take_frame(self, *, timeout_s):
+        with self._changed:
+            self._taken += 1
+            number = self._taken
+            self._changed.notify_all()
+        counts = known_counts(self._noise, number, mark=self.mark, exposure_s=self._settings.exposure_s)
+        return Frame(
+            counts=counts,
+            settings=self._settings,
+            sequence=number,
+            start_utc_ns=time.time_ns(),
+            end_utc_ns=time.time_ns(),
+            start_monotonic_ns=time.monotonic_ns(),
+        )
+
+    def close(self):
+        pass
+
+    def await_pictures(self, more):
+        """Return once this many more pictures have been made."""
+        with self._changed:
+            wanted = self._taken + more
+            assert self._changed.wait_for(lambda: self._taken >= wanted, timeout=20.0)
+
+
+def known_counts(noise, number, *, mark, exposure_s):
+    counts = (noise + np.uint16(7 * number % _TOP)) % np.uint16(_TOP)
+    counts[NUMBER], counts[MARK], counts[EXPOSURE] = number % _TOP, mark, round(exposure_s * 1e5) % _TOP
+    return counts
+
+
+def assert_known(counts):
+    """Fail unless a picture is one of these, bit for bit."""
+    height, width = counts.shape
+    noise = np.random.default_rng(9).integers(0, _TOP, (height, width), dtype=np.uint16)
+    expected = known_counts(noise, int(counts[NUMBER]), mark=int(counts[MARK]), exposure_s=int(counts[EXPOSURE]) / 1e5)
+    np.testing.assert_array_equal(counts, expected)

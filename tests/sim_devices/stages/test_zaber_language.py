@@ -1,0 +1,96 @@
+"""The bytes here are written out from Zaber's ASCII protocol manual."""
+
+import numpy as np
+import pytest
+
+from sim_devices.stages.drive import Drive
+from sim_devices.stages.zaber_address import parse_address
+from sim_devices.stages.zaber_language import ZaberLanguage
+
+
+class Stage:
+    """A stage without landing errors that turns by 90 degrees a second, from its mark at 0 in the housing."""
+
+    def __init__(self, faults: str = "", *, start_deg: int = 0) -> None:
+        options = parse_address(f"sim:zaber?landing=0&start={start_deg}&slow=90&{faults}")
+        drive = Drive(options.motion, counts_per_turn=options.counts_per_turn, generator=np.random.default_rng(0))
+        self.ring = drive.ring
+        self._language = ZaberLanguage(options, drive)
+
+    def hears(self, time_s: float, data: bytes) -> list[tuple[float, bytes]]:
+        return self._language.receive(time_s, data)
+
+    def says_by(self, time_s: float) -> list[tuple[float, bytes]]:
+        return self._language.advance(time_s)
+
+
+@pytest.mark.parametrize(
+    ("command", "reply"),
+    [
+        (b"/\n", b"@01 0 OK IDLE WR 0\r\n"),
+        (b"/0 0 00:00\n", b"@01 0 00 OK IDLE WR 0\r\n"),
+        (b"/1\r\n", b"@01 0 OK IDLE WR 0\r\n"),
+        (b"/1 1 42\n", b"@01 1 42 OK IDLE WR 0\r\n"),
+        (b"/get system.serial\n", b"@01 0 OK IDLE WR 114821\r\n"),
+        (b"/1 1 get resolution\n", b"@01 1 OK IDLE WR 64\r\n"),
+        (b"/1 1 get limit.cycle.dist\n", b"@01 1 OK IDLE WR 1536000\r\n"),
+        (b"/1 1 get pos\n", b"@01 1 OK IDLE WR 0\r\n"),
+        (b"/1 0 warnings\n", b"@01 0 OK IDLE WR 01 WR\r\n"),
+        (b"/1 tools echo:BF\n", b"@01 0 RJ IDLE WR BADCOMMAND\r\n"),
+        (b"/1 1 get no.such\n", b"@01 1 RJ IDLE WR BADCOMMAND\r\n"),
+        (b"/1 2 get pos\n", b"@01 2 RJ IDLE WR BADAXIS\r\n"),
+        (b"/1 1 move abs x\n", b"@01 1 RJ IDLE WR BADDATA\r\n"),
+        (b"/1 1 move abs 1000000001\n", b"@01 1 RJ IDLE WR BADDATA\r\n"),
+        (b"noise/1 1 get pos\n", b"@01 1 OK IDLE WR 0\r\n"),
+    ],
+)
+def test_answers_at_once(command: bytes, reply: bytes) -> None:
+    assert Stage().hears(1.0, command) == [(1.0, reply)]
+
+
+@pytest.mark.parametrize("command", [b"/2 get pos\n", b"/1 get pos", b"get pos\n", b"/1 tools echo:BE\n", b"\r\n"])
+def test_has_nothing_to_say_to_what_is_not_whole_not_sound_or_not_its_own(command: bytes) -> None:
+    assert Stage().hears(1.0, command) == []
+
+
+def test_with_checksums_switched_on_every_message_has_one() -> None:
+    stage = Stage()
+    assert stage.hears(0.0, b"/1 set comm.checksum 1\n") == [(0.0, b"@01 0 OK IDLE WR 0:3E\r\n")]
+    assert stage.hears(0.0, b"/1 1 home\n")[0][1].startswith(b"@01 1 OK BUSY WR 0:")
+
+
+def test_homing_takes_the_warning_away() -> None:
+    stage = Stage(start_deg=45)
+    assert stage.hears(0.0, b"/1 1 home\n") == [(0.0, b"@01 1 OK BUSY WR 0\r\n")]
+    assert stage.hears(0.4, b"/1 1\n") == [(0.4, b"@01 1 OK BUSY WR 0\r\n")]
+    assert stage.hears(0.6, b"/1 1\n") == [(0.6, b"@01 1 OK IDLE -- 0\r\n")]
+
+
+def test_a_move_is_accepted_at_once_and_ends_in_its_time() -> None:
+    stage = Stage()
+    assert stage.hears(0.0, b"/1 1 move abs 384000\n") == [(0.0, b"@01 1 OK BUSY WR 0\r\n")]
+    assert stage.hears(0.5, b"/1 1 get pos\n") == [(0.5, b"@01 1 OK BUSY WR 192000\r\n")]
+    assert stage.hears(1.5, b"/1 1 get encoder.pos\n") == [(1.5, b"@01 1 OK IDLE WR 384000\r\n")]
+    assert stage.ring.angle_deg(1.5) == 90.0
+
+
+def test_alerts_tell_the_end_of_a_motion_when_they_are_on() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"/0 0 set comm.alert 1:B1\n")
+    stage.hears(0.0, b"/1 1 move rel 384000\n")
+    assert stage.says_by(2.0) == [(1.0, b"!01 1 IDLE WR\r\n")]
+
+
+def test_a_stall_stops_half_way_with_its_flag_until_that_is_cleared() -> None:
+    stage = Stage("stall=1")
+    stage.hears(0.0, b"/1 1 move abs 384000\n")
+    assert stage.hears(1.0, b"/1 1\n") == [(1.0, b"@01 1 OK IDLE FS 0\r\n")]
+    assert stage.ring.angle_deg(1.0) == 45.0
+    assert stage.hears(1.0, b"/1 1 warnings clear\n") == [(1.0, b"@01 1 OK IDLE WR 02 FS WR\r\n")]
+
+
+def test_stop_ends_a_motion_where_it_is() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"/1 1 move abs 384000\n")
+    assert stage.hears(0.5, b"/1 1 stop\n") == [(0.5, b"@01 1 OK IDLE WR 0\r\n")]
+    assert stage.ring.angle_deg(9.0) == 45.0

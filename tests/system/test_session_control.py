@@ -1,0 +1,104 @@
+"""A running session seen and steered from another terminal, by command and by signal."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.rigctl.example_files import EXAMPLES
+
+_DEADLINE_S = 60.0
+_INCOMPLETE = 75
+
+
+def _rigctl(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "rigctl", *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def _wait_for(condition):
+    deadline = time.monotonic() + _DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def _status(run):
+    return json.loads(_rigctl("status", run, "--json").stdout)
+
+
+def _events(run):
+    return (run / "events.jsonl").read_text() if (run / "events.jsonl").exists() else ""
+
+
+@pytest.fixture
+def running(tmp_path):
+    """A session that would take minutes."""
+    session = tmp_path / "session.toml"
+    session.write_text('name = "long"\n[[take]]\nkind = "scene"\nexposure_ms = 1\ncycles = 1000\n')
+    run = tmp_path / "run"
+    command = [sys.executable, "-m", "rigctl", "acquire", EXAMPLES / "rig-sim.toml", session, "--out", run]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        _wait_for(lambda: list((run / "frames").glob("*.fits")))
+        yield run, process
+        process.kill()
+
+
+def test_status_hold_resume_and_stop_by_command(running):
+    run, process = running
+    assert _status(run)["state"] == "running"
+    assert _status(run)["process"] == process.pid
+    assert _rigctl("hold", run).returncode == 0
+    _wait_for(lambda: '"hold"' in _events(run))
+    held = _status(run)
+    assert held["state"] == "holding"
+    assert held["live"]["frames_planned"] == 4000
+    assert held["live"]["remaining_s"] > 0
+    assert _rigctl("resume", run).returncode == 0
+    _wait_for(lambda: '"go on"' in _events(run))
+    _wait_for(lambda: _status(run)["frames"] > held["frames"] + 4)
+    assert set(_status(run)["live"]["angles"]) == {"0", "45", "90", "135"}
+    assert _rigctl("stop", run).returncode == 0
+    assert process.wait(_DEADLINE_S) == _INCOMPLETE
+    assert _status(run)["state"] == "stopped"
+    assert _rigctl("verify", run).returncode == 0
+    assert _rigctl("stop", run).returncode == 4
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, _INCOMPLETE), (signal.SIGINT, 130)])
+def test_a_signal_stops_between_frames(running, number, code):
+    run, process = running
+    process.send_signal(number)
+    assert process.wait(_DEADLINE_S) == code
+    assert '"stopped"' in _events(run)
+    assert json.loads(_rigctl("verify", run, "--json").stdout)["leftovers"] == []
+
+
+def test_two_processes_on_one_run(running):
+    run, _ = running
+    again = _rigctl("acquire", EXAMPLES / "rig-sim.toml", EXAMPLES / "session.toml", "--out", run)
+    assert again.returncode == 4
+    assert "not empty" in again.stderr
+    assert Path(run / "session.json").exists()
+
+
+def test_a_plan_is_printed_with_times_and_sun(tmp_path):
+    rig = (EXAMPLES / "rig-sim.toml").read_text()
+    (tmp_path / "rig.toml").write_text(
+        "site = { latitude_deg = 43.16, longitude_deg = -77.61 }\n"
+        "geometry = { camera_zenith_deg = 53, camera_azimuth_deg = 10 }\n" + rig
+    )
+    arguments = [tmp_path / "rig.toml", EXAMPLES / "session-rooftop.toml", "--at", "2026-05-04T14:00Z", "--json"]
+    plan = json.loads(_rigctl("plan", *arguments, "--until", "2026-05-04T15:00Z").stdout)
+    assert len(plan["rounds"]) == 7  # each ten minutes, and when the sun passes 43 deg
+    assert any(abs(moment["sun_zenith_deg"] - 43.0) < 0.01 for moment in plan["rounds"])
+    assert all(-180 < moment["phi_deg"] <= 180 for moment in plan["rounds"])
+    assert len(plan["steps"]) == 7 * 4 * 4 * 2
+    assert plan["disk_bytes"] > 7 * 32 * 2 * 782 * 582
+    # A palindrome: what a linear drift does to one cycle the next undoes.
+    assert plan["false_dolp_per_percent_a_minute"] < 1e-6

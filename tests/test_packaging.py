@@ -1,0 +1,42 @@
+"""What is installed is what is here: packages are listed by hand, and one that is not listed would be missing."""
+
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+OURS = ("calibration", "drivers", "model", "rigctl", "sim_devices")
+
+
+def _project():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_every_package_is_listed():
+    found = {
+        str(file.parent.relative_to(ROOT)).replace("/", ".")
+        for name in OURS
+        for file in (ROOT / name).rglob("*.py")
+        if "__pycache__" not in file.parts
+    }
+    assert sorted(_project()["tool"]["setuptools"]["packages"]) == sorted(found)
+
+
+def test_every_folder_of_code_and_of_tests_is_a_package():
+    folders = {file.parent for name in (*OURS, "tests") for file in (ROOT / name).rglob("*.py")}
+    assert [str(folder) for folder in sorted(folders) if not (folder / "__init__.py").exists()] == []
+
+
+def test_packages_hand_nothing_on():
+    filled = [file for name in OURS for file in (ROOT / name).rglob("__init__.py") if file.read_text().strip()]
+    assert filled == []
+
+
+def test_every_direct_dependency_has_a_tested_version():
+    pinned = {line.partition("==")[0].lower() for line in (ROOT / "constraints.txt").read_text().splitlines()}
+    wanted = {text.partition(">")[0].lower() for text in _project()["project"]["dependencies"]}
+    assert wanted <= pinned
+
+
+def test_constraints_hold_names_and_versions_alone():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    assert all(line.count("==") == 1 and "/" not in line and "@" not in line for line in lines)
