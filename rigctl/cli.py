@@ -46,6 +46,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "stop": ("rigctl.commands.stop", "Ask a running session to stop after this frame."),
     "verify": ("rigctl.commands.verify", "Check every checksum of a run."),
     "info": ("rigctl.commands.info", "Say what a run holds."),
+    "export": ("rigctl.commands.export", "Write a run as TIFF, HDF5 or Zarr."),
     "import": ("rigctl.commands.import_images", "Make a run out of images that exist."),
     "stokes": ("rigctl.commands.stokes", "Stokes, DoLP and AoLP images of a run, and its regions' numbers."),
     "calibrate": ("rigctl.commands.calibrate", "Calibrate the sensor's noise, and the polarizer's axis and throughput."),

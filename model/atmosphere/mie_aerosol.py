@@ -143,10 +143,11 @@ def _size_of(change: NDArray[np.float64]) -> float:
 def _matrix(coefficients: NDArray[np.float64], change: NDArray[np.float64], tolerance: float) -> ScatteringMatrix:
     """Scattering matrix, cut where the rest of its expansion is negligible."""
     length = _length(coefficients, tolerance / 4.0)
-    left_out = float(np.sum(np.abs(coefficients[length:, 0])))
-    # Changes of different degree are independent; they sum up most in the forward direction.
+    degree = np.arange(len(change))
+    missing = float(np.sum(np.abs(coefficients[length:, 0]))) + tolerance / 4.0  # degrees, and tails of the sizes
     return ScatteringMatrix(
-        coefficients=coefficients[:length], error_estimate=left_out + float(np.sqrt(np.sum(change[:, 0] ** 2)))
+        coefficients=coefficients[:length],
+        error_estimate=missing + float(np.sqrt(np.sum(change[:, 0] ** 2 / (2 * degree + 1)))),
     )
 
 

@@ -23,7 +23,8 @@ class ScatteringMatrix:
         a1, a2, a3, b1 of degree 0, 1, ... as in `model.atmosphere.phase.expansion_coefficients`, shape (L, 4); the
         first is 1.
     error_estimate
-        Estimated error of the matrix at any angle, as a share of the mean of F11 over the sphere.
+        Estimated error of F11, both in the mean over the sphere. Within a degree or two of forward it is larger: there
+        lies the diffraction of the few largest spheres.
     """
 
     coefficients: NDArray[np.float64]

@@ -14,8 +14,9 @@ from model.quadrature import integrate_panels
 
 FloatArray = NDArray[np.float64]
 
-# Below this share of what it is a difference of, a tail is integrated from the density instead.
-_CANCELLED = 1e-2
+# Below this share of what it is a difference of, a tail is integrated from the density instead (which is slower).
+_CANCELLED_LOWER = 1e-3
+_CANCELLED_UPPER = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +57,10 @@ def tails(frame: DolpFrame, x: FloatArray) -> Tails:
     found = border_integrals(border)
     lower, upper = _from_turns(frame, border.gap > 0.0, found)
     lit = ndtr(frame.snr_0)
-    small = lower < _CANCELLED * found.turn_size
+    small = lower < _CANCELLED_LOWER * found.turn_size
     if np.any(small):
         lower[small] = _near_zero(frame[small], x[small])
-    far = upper < _CANCELLED * np.minimum(np.maximum(1.0 - lit, found.turn_size), 1.0)
+    far = upper < _CANCELLED_UPPER * np.minimum(np.maximum(1.0 - lit, found.turn_size), 1.0)
     if np.any(far):
         upper[far] = _far_out(frame[far], x[far])
     return Tails(lower=lower / lit, upper=upper / lit, density=found.density / lit)

@@ -9,7 +9,8 @@ from model.atmosphere.tiers import TIERS
 from model.field_light import FieldLight, light_over_field
 from model.field_of_view import FieldPart
 from model.hemisphere import Rules
-from model.scene import ApertureLight, Illumination, aperture_lights
+from model.illumination import Illumination
+from model.scene import ApertureLight, aperture_lights
 from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt
 from model.view import View

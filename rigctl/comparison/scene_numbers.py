@@ -146,7 +146,11 @@ def _atmosphere(scene: SceneFile) -> dict[str, Stated]:
     if scene.atmosphere is None:
         return {}
     given = {name: getattr(scene.atmosphere, name) for name in type(scene.atmosphere).model_fields}
-    found = {f"atmosphere.{name}": Stated.of(number) for name, number in given.items() if isinstance(number, Uncertain)}
+    found = {
+        f"atmosphere.{name}": Stated.of(number, least=-math.inf if name == "angstrom_exponent" else 0.0)
+        for name, number in given.items()
+        if isinstance(number, Uncertain)
+    }
     return found | {"atmosphere.relative_humidity": Stated(value=scene.atmosphere.relative_humidity)}
 
 

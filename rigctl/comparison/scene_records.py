@@ -98,6 +98,8 @@ def _state(air: AtmosphereSection, values: Values) -> AtmosphereState:
         visibility_m=None if visibility_km is None else visibility_km * 1e3,
         aerosol_optical_depth=values.get("atmosphere.aerosol_optical_depth"),
         boundary_aerosol=air.aerosol_type,
+        upper_aerosol=air.upper_aerosol_type,
+        angstrom_exponent=values.get("atmosphere.angstrom_exponent"),
         relative_humidity=values["atmosphere.relative_humidity"],
         ozone_m=values["atmosphere.ozone_du"] * _M_PER_DU,
         surface_pressure_pa=values["atmosphere.surface_pressure_hpa"] * _PA_PER_HPA,

@@ -56,13 +56,19 @@ class SunSection(Section):
 
 
 class AtmosphereSection(Section):
-    """The air: US standard atmosphere of 1976 with so much aerosol, or a table of somebody's own."""
+    """The air: US standard atmosphere of 1976 with so much aerosol, or a table of somebody's own.
+
+    `aerosol` says what aerosol does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind it is below
+    and above 2 km.
+    """
 
     tier: Tier = Tier.STANDARD
     visibility_km: Positive | None = None
     aerosol_optical_depth: NotNegative | None = None
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING
     aerosol_type: AerosolType = AerosolType.RURAL
+    upper_aerosol_type: AerosolType = AerosolType.TROPOSPHERIC
+    angstrom_exponent: Uncertain | None = None
     relative_humidity: Annotated[float, Field(ge=0, le=0.8)] = 0.5
     ozone_du: NotNegative = Uncertain(value=344.0)
     surface_pressure_hpa: Positive = Uncertain(value=1013.25)

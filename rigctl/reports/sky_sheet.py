@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.scene import Illumination
+from model.illumination import Illumination
 from model.stokes import dolp
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor

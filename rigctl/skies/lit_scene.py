@@ -13,8 +13,8 @@ from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.tiers import Tier
+from model.illumination import Illumination, illuminate, require_sun_zenith
 from model.sampled_sky import Sky, sample_sky
-from model.scene import Illumination, illuminate, require_sun_zenith
 from rigctl.errors import ConfigError
 from rigctl.skies.sky_table import read_sky_table
 from rigctl.skies.solar_band import response_band

@@ -1,6 +1,7 @@
 """libaravis's own GigE Vision device: it answers on the network, and asks Python for every picture."""
 
 import ctypes
+import socket
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,6 +32,7 @@ _FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
 
 # How often the device looks whether it was triggered; its own 25 would make every picture wait 20 ms in the mean.
 _TRIGGER_LOOKS_HZ = 1000.0
+_CONTROL_PORT = 3956
 
 Fill = Callable[[int, int, int, int, int], bytes]
 """Width, height, exposure [us], gain [dB] and pixel format in; the bytes of a picture out."""
@@ -82,6 +84,7 @@ def serve_device(
         libaravis is not installed, or the address is not this machine's or in use.
     """
     library, gobject = _load()
+    _refuse_taken(address)
     failures: list[Exception] = []
     callback = _callback(library, fill, failures)
     with tempfile.TemporaryDirectory(prefix="rigctl-") as folder:
@@ -90,10 +93,7 @@ def serve_device(
         camera = library.arv_gv_fake_camera_new_full(address.encode(), serial_number.encode(), str(features).encode())
         try:
             if not library.arv_gv_fake_camera_is_running(camera):
-                raise NotConnectedError(
-                    f"no GigE camera can be served on {address}: it is no address of this machine, or another one is "
-                    "served there already (port 3956)"
-                )
+                raise NotConnectedError(f"no GigE camera can be served on {address}: the library does not say why")
             device = AravisDevice(library, gobject, camera)
             registers = library.arv_gv_fake_camera_get_fake_camera(camera)
             library.arv_fake_camera_set_trigger_frequency(registers, _TRIGGER_LOOKS_HZ)
@@ -103,6 +103,18 @@ def serve_device(
             gobject.g_object_unref(camera)
     if failures:
         raise failures[0]
+
+
+def _refuse_taken(address: str) -> None:
+    """Refuse an address that somebody listens on: the library would listen there too, and both would answer."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address, _CONTROL_PORT))
+        except OSError as error:
+            raise NotConnectedError(
+                f"no GigE camera can be served on {address}, port {_CONTROL_PORT}: {error.strerror}. It has to be an "
+                "address of this machine, with no other camera on it"
+            ) from error
 
 
 def _callback(library: ctypes.CDLL, fill: Fill, failures: list[Exception]) -> Any:

@@ -112,3 +112,9 @@ def test_an_unknown_source_is_refused():
     light = FieldLight(lights=(made([10, 0, 0]),), weights=(1.0,), spread=0.0)
     with pytest.raises(ValueError, match="source = 'moon'"):
         light.mean("moon")
+
+
+def test_independent_texture_is_a_share_of_the_reflected_s0():
+    light = FieldLight(lights=(made([10.0, 3.0, -1.0], path=[5.0, 1.0, 0.0]),), weights=(1.0,), spread=0.0)
+    moments = light.moments(texture_diagonal=(0.1, 0.2, 0.3), texture_cov=NO_TEXTURE)
+    np.testing.assert_allclose(moments.cov, np.diag([1.0, 4.0, 9.0]))

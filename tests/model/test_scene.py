@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from model.hemisphere import Rules
-from model.scene import aperture_light, aperture_lights, illuminate
+from model.illumination import illuminate
+from model.scene import aperture_light, aperture_lights
 from model.stokes import aolp_rad, dolp, rotate_frame
 from model.surface.fresnel import mueller_elements
 from model.surface.pbrdf import Surface, mueller

@@ -137,3 +137,13 @@ def test_a_value_outside_its_range_is_refused(predictor):
         sweep(predictor, "sun.zenith_deg=10:90:2")
     with pytest.raises(ConfigError, match="f_number"):
         sweep(predictor, "sensor.f_number=-1:1:2")
+
+
+def test_independent_texture_reaches_the_prediction(store, tmp_path):
+    text = SCENE.replace("texture_rms = 0.02", "texture_diagonal = [0.05, 0.04, 0.03]")
+    scene = load_scene(written(tmp_path, text))
+    predictor = ScenePredictor(scene, None, light=SceneLight(store))
+    one = predictor.predictions()["road"].channels.scene_cov_dn2
+    double = predictor.predictions({f"regions.road.texture_diagonal.{k}": 2 * (0.05, 0.04, 0.03)[k] for k in range(3)})
+    np.testing.assert_allclose(double["road"].channels.scene_cov_dn2, 4.0 * one)
+    assert np.linalg.matrix_rank(one) == 3

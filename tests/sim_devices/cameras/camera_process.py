@@ -47,7 +47,8 @@ def camera_process():
 
 def main():
     with serve_gige_camera(KnownPictures(width=WIDTH, height=HEIGHT), address=ADDRESS):
-        print("ready", flush=True)
+        sys.stdout.write("ready\n")
+        sys.stdout.flush()
         signal.pause()
 
 

@@ -1,0 +1,174 @@
+"""A power cut, simulated: the image under a file system is copied in the middle of a session, as a disk would hold it.
+
+Usage (root, for mount and a loop device): python -m benchmarks.trial_power_cut [--cuts 50] [--seed 1]
+
+A session on the simulated rig writes into ext4 on a loop device and tells of each frame once it is durable. At a random
+moment it is stopped and the image is copied; the copy is mounted (the journal is replayed), and every frame that was
+acknowledged must be there with its checksum. Then `rigctl resume` goes on in the copy, to the end. The method assumes
+that the disk honours a flush.
+"""
+
+import argparse
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from benchmarks.trial_kills import write_files
+from rigctl.files.rig_file import load_rig
+from rigctl.files.session_file import load_session
+from rigctl.runs.run_folder import FrameRecord, read_contents
+from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.verification import frame_problems, verify_run
+from rigctl.sessions.take_session import take_session
+
+_IMAGE_BYTES = 128 * 1024 * 1024
+_FRAMES = 20
+_LONGEST_S = 3.0
+_START_TIMEOUT_S = 60.0
+
+
+def can_run() -> str | None:
+    """Return why there can be no trial here, or None."""
+    if os.geteuid() != 0:
+        return "needs root, for a loop device"
+    missing = [tool for tool in ("losetup", "mkfs.ext4", "mount", "umount") if shutil.which(tool) is None]
+    if missing:
+        return f"needs {', '.join(missing)}"
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with _mounted(_image(Path(folder) / "try.img"), Path(folder) / "try"):
+                return None
+        except subprocess.CalledProcessError as error:
+            return f"no loop device can be mounted here: {error.stderr}"
+
+
+def run_cuts(cuts: int, *, seed: int = 1) -> bool:
+    """Cut the power so many times; return whether no acknowledged frame was lost or changed, and each session ended."""
+    moments = random.Random(seed)
+    failures = acknowledged = 0
+    for cut in range(cuts):
+        told, bad = one_cut(moments.uniform(0.0, _LONGEST_S))
+        failures, acknowledged = failures + bool(bad), acknowledged + told
+        print(f"cut {cut + 1:3d}: {told:3d} frames acknowledged: {'; '.join(bad) or 'all intact, and gone on with'}")
+    print(f"{cuts} cuts, {acknowledged} frames acknowledged: {failures} failures")
+    return failures == 0
+
+
+def one_cut(delay_s: float) -> tuple[int, list[str]]:
+    """Cut the power after the session began and a delay; return how many frames were acknowledged, and what is wrong."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = write_files(folder)
+        image, copy = _image(folder / "disk.img"), folder / "after.img"
+        with _mounted(image, folder / "disk") as disk:
+            told = _session_cut_short(files, disk / "run", delay_s, lambda: shutil.copyfile(image, copy))
+        with _mounted(copy, folder / "after") as after:
+            return len(told), _problems(after / "run", told)
+
+
+def _session_cut_short(
+    files: tuple[Path, Path], run: Path, delay_s: float, cut: Callable[[], object]
+) -> dict[int, str]:
+    told: dict[int, str] = {}
+    command = [sys.executable, "-m", "benchmarks.trial_power_cut", "--session", *files, run]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        reader = threading.Thread(target=_listen, args=(process, told))
+        reader.start()
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while not (run / "events.jsonl").exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGSTOP)
+        before = dict(told)
+        cut()
+        process.kill()
+        reader.join()
+    return before
+
+
+def _listen(process: subprocess.Popen[str], told: dict[int, str]) -> None:
+    for line in process.stdout or ():
+        sequence, checksum = line.split()
+        told[int(sequence)] = checksum
+
+
+def _problems(run: Path, told: dict[int, str]) -> list[str]:
+    if not told and not (run / "session.json").exists():
+        return []
+    named: dict[int, FrameRecord] = {record.sequence: record for record in read_contents(run).frames}
+    found = [f"frame {sequence} is lost" for sequence in told if sequence not in named]
+    found += [f"frame {s} is another" for s, checksum in told.items() if s in named and named[s].checksum != checksum]
+    found += [f"{record.file}: {problem}" for record in named.values() for problem in frame_problems(run, record)]
+    resumed = subprocess.run(
+        [sys.executable, "-m", "rigctl", "resume", run], stderr=subprocess.PIPE, text=True, check=False
+    )
+    if resumed.returncode:
+        return [*found, f"resume ends with {resumed.returncode}: {resumed.stderr[-200:]}"]
+    verification = verify_run(run)
+    if verification.frames != _FRAMES or not verification.ok:
+        found.append(f"after resume {verification.frames} frames, {len(verification.bad)} bad")
+    return found
+
+
+def _image(path: Path) -> Path:
+    with path.open("wb") as file:
+        file.truncate(_IMAGE_BYTES)
+    _call("mkfs.ext4", "-q", "-F", path)
+    return path
+
+
+@contextmanager
+def _mounted(image: Path, place: Path) -> Iterator[Path]:
+    place.mkdir()
+    _call("mount", "-o", "loop", image, place)
+    try:
+        yield place
+    finally:
+        _call("umount", place)
+
+
+def _call(*command: str | Path) -> None:
+    subprocess.run(command, check=True, capture_output=True, text=True)
+
+
+def _take_and_tell(rig: Path, session: Path, run: Path) -> None:
+    """Take a session, and tell of each frame once it is durable."""
+    write_frame = RunWriter.write_frame
+
+    def telling(self: RunWriter, record: FrameRecord, counts: object) -> FrameRecord:
+        written = write_frame(self, record, counts)  # type: ignore[arg-type]
+        print(written.sequence, written.checksum, flush=True)
+        return written
+
+    RunWriter.write_frame = telling  # type: ignore[method-assign, assignment]
+    take_session(load_rig(rig), load_session(session), run, files={"rig": rig, "session": session})
+
+
+def main() -> int:
+    """Run the trial; return 1 where a cut cost anything."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cuts", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--session", type=Path, nargs=3, default=None, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.session is not None:
+        _take_and_tell(*arguments.session)
+        return 0
+    reason = can_run()
+    if reason is not None:
+        print(f"power cuts were not simulated: {reason}")
+        return 0
+    return 0 if run_cuts(arguments.cuts, seed=arguments.seed) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
