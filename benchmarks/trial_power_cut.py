@@ -64,7 +64,7 @@ def run_cuts(cuts: int, *, seed: int = 1) -> bool:
 
 
 def one_cut(delay_s: float) -> tuple[int, list[str]]:
-    """Cut the power after the session began and a delay; return how many frames were acknowledged, and what is wrong."""
+    """Cut the power some time after the start; return how many frames were acknowledged, and what is wrong."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = write_files(folder)

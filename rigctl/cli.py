@@ -49,7 +49,10 @@ VERBS: dict[str, tuple[str, str]] = {
     "export": ("rigctl.commands.export", "Write a run as TIFF, HDF5 or Zarr."),
     "import": ("rigctl.commands.import_images", "Make a run out of images that exist."),
     "stokes": ("rigctl.commands.stokes", "Stokes, DoLP and AoLP images of a run, and its regions' numbers."),
-    "calibrate": ("rigctl.commands.calibrate", "Calibrate the sensor's noise, and the polarizer's axis and throughput."),
+    "calibrate": (
+        "rigctl.commands.calibrate",
+        "Calibrate the sensor's noise, and the polarizer's axis and throughput.",
+    ),
     "surface": ("rigctl.commands.surface", "DoLP and reflectance of a material against angle, and its sources."),
     "dolp": ("rigctl.commands.dolp", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),
     "fit": ("rigctl.commands.fit", "Fit the parameters of a surface to measured regions."),

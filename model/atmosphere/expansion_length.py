@@ -34,26 +34,34 @@ def degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
         longest = max(matrix.coefficients.shape[0] for matrix in matrices) - 1
         return int(max(min(3 * nodes // 2 - 1, longest), _RAYLEIGH_DEGREE))
     degree = _RAYLEIGH_DEGREE
-    while degree < 2 * nodes - 1 and truncation_error(layers, degree=degree) > _NEGLIGIBLE:
+    while degree < 2 * nodes - 1 and truncation_error(layers, degree=degree, mu0=1.0) > _NEGLIGIBLE:
         degree += 1
     return degree
 
 
-def truncation_error(layers: Sequence[Layer], *, degree: int) -> float:
-    """Largest share of twice scattered light in the degrees above the given one.
+def truncation_error(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
+    """Error, as a share of the mean radiance, from the degrees above the given one in light scattered twice.
 
     Notes
     -----
     Henyey-Greenstein: the first term left out, (2l + 1) g^(2l) times the albedo of the aerosol, over 1 - g^2 for those
     that follow. A matrix: the largest error, beyond ten degrees from the sun, that delta-M with exact single scattering
-    leaves.
+    leaves, times half the slant depth of scattering by the aerosol, which is the share of light scattered twice.
 
     References
     ----------
     Nakajima & Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40 (1988) 51, doi:10.1016/0022-4073(88)90031-3.
     """
+    slant = sum(layer.tau_aerosol * layer.ssa_aerosol for layer in layers if layer.matrix is not None) / mu0
     return max(
-        (layer.tau_aerosol * layer.ssa_aerosol / layer.depth * _neglected(layer, degree) for layer in layers),
+        (
+            layer.tau_aerosol
+            * layer.ssa_aerosol
+            / layer.depth
+            * _neglected(layer, degree)
+            * (1.0 if layer.matrix is None else min(slant / 2.0, 1.0))
+            for layer in layers
+        ),
         default=0.0,
     )
 

@@ -56,7 +56,8 @@ class Solution:
         Whether the orders left out are below the tolerance asked for.
     error_estimate
         Estimated error of the radiance as a share of the mean radiance that leaves the atmosphere on the same side: of
-        the quadrature in angle and depth, of the expansion and of the orders left out. For views up to 89 degrees.
+        the quadrature in angle and depth, of the expansion and of the orders left out. For views up to 89 degrees; of
+        spheres, also ten degrees and more from the sun.
     """
 
     layers: tuple[Layer, ...]

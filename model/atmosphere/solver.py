@@ -99,7 +99,7 @@ def solve(
         diffuse_irradiance=irradiance + direct_irradiance(grid) - mu0 * exp(-_full_depth(merged) / mu0),
         orders=max(block.result.orders for block in blocks),
         converged=all(block.result.tail <= tolerance for block in blocks),
-        error_estimate=estimate_error(setting, coefficients, blocks) + truncation_error(merged, degree=degree),
+        error_estimate=estimate_error(setting, coefficients, blocks) + truncation_error(merged, degree=degree, mu0=mu0),
     )
 
 
