@@ -36,6 +36,8 @@ cycles = 4
 kind = "scene"
 exposure_ms = 0.03
 cycles = 4
+[interlocks]
+disk_free_mb = 0
 """
 _OF_THE_MOMENT = ("start_utc", "end_utc", "start_monotonic_ns", "settle_s", "checksum")
 

@@ -32,7 +32,7 @@ from rigctl.sessions.take_session import take_session
 
 _IMAGE_BYTES = 128 * 1024 * 1024
 _FRAMES = 20
-_LONGEST_S = 3.0
+_LONGEST_S = 1.5
 _START_TIMEOUT_S = 60.0
 
 

@@ -1,17 +1,25 @@
 """A computed sky kept on a grid of directions, so that reading it again costs next to nothing."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
 
 FloatArray = NDArray[np.float64]
 
+# Asymmetries of the functions of the angle from the sun of which an aureole is put together.
+_ASYMMETRIES = np.array([0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998])
+_AUREOLE_SAMPLES = 60
+_AUREOLE_EDGE_RAD = float(np.radians(60.0))
+# Nearer to the zenith the ring of the sun's own zenith angle is too small to show the aureole.
+_HIGH_SUN_RAD = float(np.radians(15.0))
+_FIT_STEPS = 2000
 # Directions between the grid's at which it is set beside the sky itself: steps of the grid in azimuth, and zenith
 # angles around the sun's and down to the horizon.
-_PROBED_STEPS = (0.5, 1.5, 4.5)
-_PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 2.5, 9.0])
+_PROBED_STEPS = (0.05, 0.5, 1.5, 4.5)
+_PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 0.0, 0.7, 2.5, 9.0])
 _PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
 
 
@@ -32,14 +40,18 @@ class SampledSky:
     nodes_rad
         Zenith angles, shape (Z,) [rad], Chebyshev points of 0 to pi/2.
     series
-        For each of them the coefficients of cos(m phi) of S0 and S1, and of sin(m phi) of S2, shape (Z, M, 3).
+        For each of them the coefficients of cos(m phi) of S0 over the aureole and of S1, and of sin(m phi) of S2,
+        shape (Z, M, 3).
+    aureole
+        What S0 was divided by.
     relative_error
-        Largest difference from the sky at directions between the grid's, over the mean radiance; down to 2 deg above
-        the horizon. Below that it is up to four times as much.
+        Largest difference from the sky at directions between the grid's, over S0 there; down to 2 deg above the
+        horizon. Below that it is up to four times as much.
     """
 
     nodes_rad: FloatArray
     series: FloatArray
+    aureole: "Aureole"
     relative_error: float
 
     def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
@@ -78,7 +90,31 @@ class SampledSky:
         stokes = np.empty((zenith.size, 3))
         stokes[:, :2] = np.einsum("rmk,rm->rk", at_zenith[..., :2], wave.real)
         stokes[:, 2] = np.einsum("rm,rm->r", at_zenith[..., 2], wave.imag)
+        stokes[:, 0] *= self.aureole(zenith_rad=zenith.ravel(), phi_rad=phi.ravel())
         return stokes.reshape(*zenith.shape, 3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Aureole:
+    """Radiance as a function of the angle from the sun alone: a sum of Henyey-Greenstein functions.
+
+    Attributes
+    ----------
+    sun_zenith_rad
+        Where the sun is [rad].
+    asymmetries, weights
+        Of the functions, shape (K,), weights above 0.
+    """
+
+    sun_zenith_rad: float
+    asymmetries: FloatArray
+    weights: FloatArray
+
+    def __call__(self, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
+        """Return the radiance of the sum in directions [W m-2 sr-1]."""
+        across = np.sin(zenith_rad) * np.sin(self.sun_zenith_rad) * (1.0 - np.cos(phi_rad))
+        cosine = np.cos(zenith_rad - self.sun_zenith_rad) - across
+        return np.asarray(_henyey_greenstein(self.asymmetries, cosine) @ self.weights)
 
 
 def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
@@ -101,7 +137,8 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     Notes
     -----
     Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
-    series converge geometrically, as fast as the phase function of the aerosol lets them.
+    series converge geometrically, as fast as the phase function of the aerosol lets them. A bright aureole is divided
+    out first, as it shows on the ring of the sun's own zenith angle.
 
     References
     ----------
@@ -112,11 +149,39 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
             raise ValueError(f"sample_sky: {name} = {steps}, allowed is 4 or more")
     nodes_rad = 0.25 * np.pi * (1.0 - np.cos(np.pi * np.arange(zeniths + 1) / zeniths))
     phi_rad = np.pi * np.arange(azimuths + 1) / azimuths
+    aureole = _aureole(sky, sun_zenith_rad)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
-    sampled = SampledSky(nodes_rad=nodes_rad, series=_fourier_series(samples), relative_error=0.0)
+    samples[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
+    sampled = SampledSky(nodes_rad=nodes_rad, series=_fourier_series(samples), aureole=aureole, relative_error=0.0)
     error = _largest_difference(sky, sampled, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
-    mean = _mean_radiance(sampled)
-    return SampledSky(nodes_rad=nodes_rad, series=sampled.series, relative_error=error / mean if mean > 0.0 else 0.0)
+    return replace(sampled, relative_error=error)
+
+
+def _aureole(sky: Sky, sun_zenith_rad: float) -> Aureole:
+    """Sum of functions that is closest to the sky around the sun, in relative terms; even where the sky is black."""
+    share = (np.arange(_AUREOLE_SAMPLES) / (_AUREOLE_SAMPLES - 1)) ** 2
+    if sun_zenith_rad > _HIGH_SUN_RAD:
+        from_sun = min(2.0 * sun_zenith_rad, _AUREOLE_EDGE_RAD) * share
+        # Two directions of one zenith angle: sin(from_sun / 2) = sin(zenith) sin(phi / 2).
+        phi = 2.0 * np.arcsin(np.minimum(np.sin(0.5 * from_sun) / np.sin(sun_zenith_rad), 1.0))
+        radiance = sky(zenith_rad=sun_zenith_rad, phi_rad=phi)[:, 0]
+    else:
+        from_sun = 0.5 * _AUREOLE_EDGE_RAD * share
+        zenith = sun_zenith_rad - from_sun
+        radiance = sky(zenith_rad=np.abs(zenith), phi_rad=np.where(zenith < 0.0, np.pi, 0.0))[:, 0]
+    if not np.all(radiance > 0.0):
+        return Aureole(sun_zenith_rad=sun_zenith_rad, asymmetries=np.zeros(1), weights=np.ones(1))
+    columns = _henyey_greenstein(_ASYMMETRIES, np.cos(from_sun)) / radiance[:, np.newaxis]
+    scale = np.max(columns, axis=0)
+    weights = nnls(columns / scale, np.ones(_AUREOLE_SAMPLES), maxiter=_FIT_STEPS)[0] / scale
+    used = weights > 0.0
+    return Aureole(sun_zenith_rad=sun_zenith_rad, asymmetries=_ASYMMETRIES[used], weights=weights[used])
+
+
+def _henyey_greenstein(asymmetries: FloatArray, cosine: FloatArray) -> FloatArray:
+    """Henyey-Greenstein functions of mean 1, shape (..., K)."""
+    squares = asymmetries**2
+    return np.asarray((1.0 - squares) / (1.0 + squares - 2.0 * asymmetries * cosine[..., np.newaxis]) ** 1.5)
 
 
 def _fourier_series(samples: FloatArray) -> FloatArray:
@@ -141,14 +206,10 @@ def _barycentric(nodes_rad: FloatArray, zenith_rad: FloatArray) -> FloatArray:
 
 
 def _largest_difference(sky: Sky, sampled: SampledSky, *, sun_zenith_rad: float, step_rad: float) -> float:
-    """Largest difference between the grid and the sky at the probed directions."""
+    """Largest difference between the grid and the sky at the probed directions, over the sky's S0."""
     beside = np.clip(sun_zenith_rad + _PROBED_BESIDE_SUN_RAD, 0.0, 0.5 * np.pi)
     zenith, phi = np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), step_rad * np.array(_PROBED_STEPS))
-    difference = sampled(zenith_rad=zenith, phi_rad=phi) - sky(zenith_rad=zenith, phi_rad=phi)
-    return float(np.max(np.abs(difference)))
-
-
-def _mean_radiance(sampled: SampledSky) -> float:
-    """Mean of S0 over the hemisphere, weighted with the cosine; a trapezoid is exact enough for a scale."""
-    zenith = sampled.nodes_rad
-    return float(np.trapezoid(sampled.series[:, 0, 0] * np.sin(2.0 * zenith), zenith))
+    exact = sky(zenith_rad=zenith, phi_rad=phi)
+    difference = np.max(np.abs(sampled(zenith_rad=zenith, phi_rad=phi) - exact), axis=-1)
+    lit = exact[..., 0] > 0.0
+    return float(np.max(difference[lit] / exact[lit, 0], initial=0.0))

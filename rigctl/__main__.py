@@ -1,6 +1,11 @@
 """The program's entry: ``rigctl`` and ``python -m rigctl``."""
 
+import os
 import sys
+
+# The matrices here are small: threads of the linear algebra library wait for each other longer than they work. It has
+# to be said before numpy is imported; who has said otherwise keeps it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from rigctl import cli
 

@@ -64,8 +64,37 @@ def peak_irradiance(layers: Sequence[Layer], truncated: Sequence[Layer], *, mu0:
     return mu0 * (exp(-counted / mu0) - exp(-full / mu0))
 
 
+def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
+    """Irradiance of the ground by light of the forward peak that was scattered once, per unit beam irradiance.
+
+    References
+    ----------
+    definition: it goes on along the beam.
+    """
+    depth = sum(layer.depth for layer in layers)
+    scattered = sum(forward_share(layer, degree=degree) * layer.ssa_aerosol * layer.tau_aerosol for layer in layers)
+    return scattered * exp(-depth / mu0)
+
+
+def with_absorbed_peak(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
+    """Layers of the same depth whose matrices end at a degree, the forward peak taken from their albedo.
+
+    References
+    ----------
+    definition
+    """
+    return [_cut(layer, degree) for layer in layers]
+
+
 def _truncated(layer: Layer, degree: int) -> Layer:
     """Return one layer of `with_truncated_matrix`."""
+    lost = layer.ssa_aerosol * forward_share(layer, degree=degree)
+    cut = _cut(layer, degree)
+    return replace(cut, tau_aerosol=layer.tau_aerosol * (1.0 - lost), ssa_aerosol=cut.ssa_aerosol / (1.0 - lost))
+
+
+def _cut(layer: Layer, degree: int) -> Layer:
+    """Return one layer of `with_absorbed_peak`."""
     share = forward_share(layer, degree=degree)
     if layer.matrix is None or share == 0.0:
         return layer
@@ -73,10 +102,5 @@ def _truncated(layer: Layer, degree: int) -> Layer:
     peak = share * (2.0 * np.arange(degree + 1) + 1.0)
     series[:, 0] -= peak
     series[2:, 1:3] -= peak[2:, np.newaxis]
-    lost = layer.ssa_aerosol * share
-    return replace(
-        layer,
-        tau_aerosol=layer.tau_aerosol * (1.0 - lost),
-        ssa_aerosol=layer.ssa_aerosol * (1.0 - share) / (1.0 - lost),
-        matrix=ScatteringMatrix(coefficients=series / (1.0 - share), error_estimate=layer.matrix.error_estimate),
-    )
+    matrix = ScatteringMatrix(coefficients=series / (1.0 - share), error_estimate=layer.matrix.error_estimate)
+    return replace(layer, ssa_aerosol=layer.ssa_aerosol * (1.0 - share), matrix=matrix)

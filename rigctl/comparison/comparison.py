@@ -22,6 +22,9 @@ from rigctl.measurement.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
 
+# A stage that lands this near to an angle was sent there [deg].
+_LANDING_DEG = 1.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
@@ -207,9 +210,22 @@ def _overruled(scene: SceneFile, measurement: Measurement, exposure_s: float) ->
         )
     if scene.acquisition.cycles != measurement.grid.cycles:
         yield f"cycles: {measurement.grid.cycles} of the run, not {scene.acquisition.cycles} of the scene file"
+    stated_deg = np.sort(np.mod(scene.acquisition.angles_deg, 180.0))
+    read_deg = np.rad2deg(measurement.grid.polarizer_angles_rad)
+    if not _same_angles(stated_deg, read_deg):
+        run, file = (", ".join(f"{angle:.4g}" for angle in angles) for angles in (read_deg, stated_deg))
+        yield f"angles: {run} deg of the run, not {file} deg of the scene file"
     if np.isfinite(measurement.extinction_ratio):
         return
     yield "the processing takes the polarizer as ideal: the run states no extinction ratio"
+
+
+def _same_angles(stated_deg: FloatArray, read_deg: FloatArray) -> bool:
+    """Whether axes are the same ones, as near as a stage lands."""
+    if stated_deg.size != read_deg.size:
+        return False
+    apart = np.mod(stated_deg - read_deg + 90.0, 180.0) - 90.0
+    return bool(np.all(np.abs(apart) < _LANDING_DEG))
 
 
 def _model_warnings(predictions: Mapping[str, RegionPrediction]) -> Iterable[str]:

@@ -25,7 +25,7 @@ def _own_cache(monkeypatch, tmp_path):
 def compared(tmp_path):
     """Compare a run, made of what the model predicts for the sun of the frames, with the scene file."""
 
-    def compare(text=SCENE, sun=SUN, rig=None):
+    def compare(text=SCENE, sun=SUN, rig=None, told=None):
         scene = load_scene(written(tmp_path, text))
         changed = {"sun.zenith_deg": 90.0 - sun["sun_elevation_deg"], "sun.azimuth_deg": sun["sun_azimuth_deg"]}
         light = SceneLight(SkyStore(tmp_path / "skies"))
@@ -38,7 +38,8 @@ def compared(tmp_path):
         ]
         polarizer = {"polarizer": {"extinction_ratio": 500.0}}
         run = make_run(tmp_path / "run", frames, session={"origin": "device", "rig": polarizer | (rig or {})})
-        return compare_with_scene(measure(run, regions=list(scene.regions)), scene=scene, noise=None, alpha=1e-3)
+        told_scene = load_scene(written(tmp_path, told or text))
+        return compare_with_scene(measure(run, regions=list(scene.regions)), scene=told_scene, noise=None, alpha=1e-3)
 
     return compare
 
@@ -90,3 +91,13 @@ def test_the_cameras_roll_of_the_rig_file_turns_the_prediction(compared):
     found = compared(rig={"geometry": geometry | {"camera_roll_deg": 10.0}})
     row = _rows(found, "aolp_deg", "mean")["paint"]
     assert (row.measured - row.predicted + 90.0) % 180.0 - 90.0 == pytest.approx(10.0, abs=1.0)
+
+
+def test_other_angles_of_the_run_are_said(compared):
+    told = SCENE.replace("exposure_ms = 0.03", "exposure_ms = 0.03\nangles_deg = [0, 60, 120]")
+    remarks = compared(told=told).remarks
+    assert "angles: 0, 45, 90, 135 deg of the run, not 0, 60, 120 deg of the scene file" in remarks
+
+
+def test_the_same_angles_need_no_word(compared):
+    assert not any(remark.startswith("angles:") for remark in compared().remarks)

@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from model.atmosphere.layers import Layer
+from model.atmosphere.phase import AerosolKind
+from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from rigctl.skies.sky_store import SkyStore, user_cache_folder
 
@@ -108,3 +110,14 @@ def test_the_users_cache_folder_follows_the_convention(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert user_cache_folder() == tmp_path / ".cache" / "rigctl" / "skies"
+
+
+def test_a_sky_with_scattering_matrices_is_kept_too(tmp_path, solver):
+    layers = column(AtmosphereState(visibility_m=23e3), wavelength_m=550e-9).layers(
+        fine=False, aerosol=AerosolKind.SPHERES
+    )
+    settings = SETTINGS | {"aerosol": AerosolKind.SPHERES}
+    first = SkyStore(tmp_path, solver=solver)(layers, **settings)
+    again = SkyStore(tmp_path, solver=solver)
+    np.testing.assert_array_equal(light(again(layers, **settings)), light(first))
+    assert (solver.calls, again.remarks) == (1, [])

@@ -1,0 +1,14 @@
+"""One simulated power cut; the long version is `make trials`."""
+
+import pytest
+
+from benchmarks.trial_power_cut import can_run, one_cut
+
+
+def test_no_acknowledged_frame_is_lost_by_a_power_cut():
+    reason = can_run()
+    if reason is not None:
+        pytest.skip(f"{reason}: run it as root where loop devices can be mounted")
+    told, problems = one_cut(0.7)
+    assert problems == []
+    assert told > 0
