@@ -144,12 +144,12 @@ def _detections(comparison: Comparison) -> list[dict[str, Any]]:
 
 
 def _text_row(row: Row, *, with_region: bool = False) -> _TextRow:
-    errors = [error for error in (row.std_error, row.std_error_inputs) if error]
+    error = float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0))
     return _TextRow(
         name=f"{row.region}: {row.quantity}" if with_region else row.quantity,
         statistic=row.statistic,
-        predicted=to_digits(row.predicted, errors),
-        measured=to_digits(row.measured, errors),
+        predicted=to_digits(row.predicted, error),
+        measured=to_digits(row.measured, error),
         std_error=_NOTHING if row.std_error is None else f"{row.std_error:.2g}",
         std_error_inputs=_NOTHING if row.std_error_inputs is None else f"{row.std_error_inputs:.2g}",
         z_measurement=_NOTHING if row.z_measurement is None else f"{row.z_measurement:+.2f}",
@@ -159,11 +159,11 @@ def _text_row(row: Row, *, with_region: bool = False) -> _TextRow:
     )
 
 
-def to_digits(value: float, errors: list[float]) -> str:
-    """Return a number to two digits of its smallest error, or to four digits where there is none."""
-    if not errors:
+def to_digits(value: float, error: float) -> str:
+    """Return a number to two digits of its error, or to four digits where there is none."""
+    if error == 0.0:
         return f"{value:.4g}"
-    exponent = int(f"{min(errors):.1e}".partition("e")[2])
+    exponent = int(f"{error:.1e}".partition("e")[2])
     return f"{value:.{max(0, 1 - exponent)}f}"
 
 
