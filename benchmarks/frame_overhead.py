@@ -15,9 +15,10 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -139,17 +140,12 @@ def _watched(watch: Stopwatch, *, threaded: bool) -> Iterator[None]:
         (FrameStore, "store", "storing"),
         (WriterThread, "put", "queue"),
     ]
-    before = [(owner, name, getattr(owner, name)) for owner, name, _ in places]
-    for owner, name, what in places:
-        setattr(owner, name, watch.watched(what, getattr(owner, name)))
-    if not threaded:
-        acquisition.WriterThread = _Inline  # type: ignore[misc, assignment]
-    try:
+    with ExitStack() as patched:
+        for owner, name, what in places:
+            patched.enter_context(patch.object(owner, name, watch.watched(what, getattr(owner, name))))
+        if not threaded:
+            patched.enter_context(patch.object(acquisition, "WriterThread", _Inline))
         yield
-    finally:
-        acquisition.WriterThread = WriterThread  # type: ignore[misc]
-        for owner, name, function in before:
-            setattr(owner, name, function)
 
 
 class _Inline(WriterThread):

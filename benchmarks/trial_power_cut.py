@@ -21,6 +21,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.trial_kills import write_files
 from rigctl.files.rig_file import load_rig
@@ -79,7 +83,7 @@ def _session_cut_short(
     files: tuple[Path, Path], run: Path, delay_s: float, cut: Callable[[], object]
 ) -> dict[int, str]:
     told: dict[int, str] = {}
-    command = [sys.executable, "-m", "benchmarks.trial_power_cut", "--session", *files, run]
+    command: list[str | Path] = [sys.executable, "-m", "benchmarks.trial_power_cut", "--session", *files, run]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         reader = threading.Thread(target=_listen, args=(process, told))
         reader.start()
@@ -144,13 +148,13 @@ def _take_and_tell(rig: Path, session: Path, run: Path) -> None:
     """Take a session, and tell of each frame once it is durable."""
     write_frame = RunWriter.write_frame
 
-    def telling(self: RunWriter, record: FrameRecord, counts: object) -> FrameRecord:
-        written = write_frame(self, record, counts)  # type: ignore[arg-type]
+    def telling(self: RunWriter, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
+        written = write_frame(self, record, counts)
         print(written.sequence, written.checksum, flush=True)
         return written
 
-    RunWriter.write_frame = telling  # type: ignore[method-assign, assignment]
-    take_session(load_rig(rig), load_session(session), run, files={"rig": rig, "session": session})
+    with patch.object(RunWriter, "write_frame", telling):
+        take_session(load_rig(rig), load_session(session), run, files={"rig": rig, "session": session})
 
 
 def main() -> int:

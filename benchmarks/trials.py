@@ -1,6 +1,6 @@
-"""Long trials, run by `make trials`: honest uncertainty over many seeds, and sessions killed at random moments.
+"""Long trials, run by `make trials`: honest uncertainty over many seeds; sessions killed, and cut off from power.
 
-Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 20] [--processes 3]
+Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--cuts 50] [--processes 3]
 """
 
 import argparse
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_kills import run_kills
+from benchmarks.trial_power_cut import can_run, run_cuts
 
 
 def main() -> int:
@@ -16,11 +17,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--perturbed-seeds", type=int, default=100)
-    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--cuts", type=int, default=50)
     parser.add_argument("--processes", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
     sound = run_kills(arguments.kills)
+    reason = can_run()
+    if reason is None:
+        sound &= run_cuts(arguments.cuts)
+    else:
+        print(f"power cuts were not simulated: {reason}")
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )

@@ -46,6 +46,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "stop": ("rigctl.commands.stop", "Ask a running session to stop after this frame."),
     "verify": ("rigctl.commands.verify", "Check every checksum of a run."),
     "info": ("rigctl.commands.info", "Say what a run holds."),
+    "summary": ("rigctl.commands.summary", "Write a page on how a session went."),
     "export": ("rigctl.commands.export", "Write a run as TIFF, HDF5 or Zarr."),
     "import": ("rigctl.commands.import_images", "Make a run out of images that exist."),
     "stokes": ("rigctl.commands.stokes", "Stokes, DoLP and AoLP images of a run, and its regions' numbers."),
@@ -62,7 +63,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "compare": ("rigctl.commands.compare", "Set model and measurement side by side, with a verdict."),
 }
 
-EPILOG = "Start with `rigctl demo`. Exit codes: 0 done and agrees, 2 usage, 3 device, 4 data, 5 disagrees."
+EPILOG = "Start with `rigctl demo`. Exit codes: 0 done, 2 usage, 3 device, 4 data, 5 disagrees, 75 stopped on request."
 
 
 class LazyGroup(TyperGroup):

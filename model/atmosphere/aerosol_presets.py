@@ -10,7 +10,7 @@ from model.atmosphere.particle_modes import MieAerosol, ParticleMode
 from model.atmosphere.refractive_index import RefractiveIndex, mixed_index
 from model.atmosphere.size_distribution import log_normal
 
-_WAVELENGTH_M = tuple(1e-9 * nm for nm in (300.0, 337.1, 400.0, 488.0, 514.5, 550.0, 632.8, 694.3, 860.0, 1060.0))
+_WAVELENGTH_M = tuple(nm / 1e9 for nm in (300.0, 337.1, 400.0, 488.0, 514.5, 550.0, 632.8, 694.3, 860.0, 1060.0))
 _ROWS = len(_WAVELENGTH_M)
 WATER = RefractiveIndex(
     wavelength_m=_WAVELENGTH_M,
@@ -29,7 +29,7 @@ SOOT = RefractiveIndex(
     k=(0.47, 0.47, 0.46, 0.45, 0.45, 0.44, 0.43, 0.43, 0.43, 0.44),
 )
 MINERAL = RefractiveIndex(
-    wavelength_m=tuple(1e-9 * nm for nm in (300.0, 350.0, 400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 1060.0)),
+    wavelength_m=tuple(nm / 1e9 for nm in (300.0, 350.0, 400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 1060.0)),
     n=(1.53,) * 10,
     k=(0.025, 0.017, 0.013, 0.0085, 0.0078, 0.0055, 0.0045, 0.0045, 0.0040, 0.0040),
 )
@@ -46,7 +46,8 @@ _SHETTLE_FENN = "Shettle & Fenn, AFGL-TR-79-0214 (1979): sizes of tables 1 and 2
 _OPAC = (
     "Hess, Koepke & Schult, Bull. Am. Meteorol. Soc. 79 (1998) 831, doi:10.1175/1520-0477(1998)079<0831:OPOAAC>2.0.CO;2"
 )
-_SECOND_HAND = "numbers read from secondary sources"
+_SECOND_HAND = "numbers not checked against the original report"
+_GIVES_TABLE = f"{_SECOND_HAND}, but they give back its table of optical properties"
 
 
 def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol:
@@ -79,9 +80,9 @@ def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol
     fine = _grown(_FINE_RADIUS_M, _FINE_LOG10_SIGMA, _FINE_SHARE, _RURAL_SUBSTANCE, relative_humidity)
     if kind is AerosolType.RURAL:
         coarse = _grown(_COARSE_RADIUS_M, _COARSE_LOG10_SIGMA, 1.0 - _FINE_SHARE, _RURAL_SUBSTANCE, relative_humidity)
-        return MieAerosol(name=kind.value, modes=(fine, coarse), source=_SHETTLE_FENN, assumed=_SECOND_HAND)
+        return MieAerosol(name=kind.value, modes=(fine, coarse), source=_SHETTLE_FENN, assumed=_GIVES_TABLE)
     if kind is AerosolType.TROPOSPHERIC:
-        return MieAerosol(name=kind.value, modes=(fine,), source=_SHETTLE_FENN, assumed=_SECOND_HAND)
+        return MieAerosol(name=kind.value, modes=(fine,), source=_SHETTLE_FENN, assumed=_GIVES_TABLE)
     if kind is AerosolType.WATER_SOLUBLE:
         mode = _grown(_WATER_SOLUBLE_RADIUS_M, np.log10(2.24), 1.0, WATER_SOLUBLE, relative_humidity)
         return MieAerosol(name=kind.value, modes=(mode,), source=_OPAC, assumed=_SECOND_HAND)
@@ -106,7 +107,7 @@ def rural_of_nominal_radii() -> MieAerosol:
             (1.0 - _FINE_SHARE, 0.5e-6, _COARSE_LOG10_SIGMA),
         )
     )
-    return MieAerosol(name="rural, nominal radii", modes=modes, source=_SHETTLE_FENN, assumed=_SECOND_HAND)
+    return MieAerosol(name="rural, nominal radii", modes=modes, source=_SHETTLE_FENN, assumed=_GIVES_TABLE)
 
 
 def _dust() -> MieAerosol:

@@ -37,7 +37,6 @@ class AerosolScattering:
     error_estimate: float
 
 
-@lru_cache(maxsize=_MEMORY)
 def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> AerosolScattering:
     """Attenuation and scattering matrix of an aerosol of spheres at one wavelength; remembered.
 
@@ -66,6 +65,12 @@ def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: f
     Hansen & Travis, Space Sci. Rev. 16 (1974) 527, doi:10.1007/BF00168069, section 2.
     """
     _check(wavelength_m, tolerance)
+    return _scattering(aerosol, float(wavelength_m), float(tolerance))
+
+
+@lru_cache(maxsize=_MEMORY)
+def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> AerosolScattering:
+    """Return what `aerosol_scattering` does."""
     ranges = size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
     grid = angular_grid(largest_size_parameter=max(float(bounds[-1]) for bounds in ranges if bounds.size))
     total = _sums(aerosol, ranges, wavelength_m, grid, 0, middles=False)
@@ -77,13 +82,12 @@ def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: f
             break
     return AerosolScattering(
         extinction_m2=float(total[0, 0]) / sum(mode.number_share for mode in aerosol.modes),
-        ssa=min(float(total[1, 0] / total[0, 0]), 1.0),
+        ssa=min(float(total[1, 0] / total[0, 0]), 1.0),  # rounding of spheres that do not absorb
         matrix=_matrix(total[1:] / total[1, 0], change[1:], tolerance),
         error_estimate=_size_of(change) + tolerance / 4.0,
     )
 
 
-@lru_cache(maxsize=16 * _MEMORY)
 def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> float:
     """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered.
 
@@ -97,6 +101,12 @@ def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance
     definition
     """
     _check(wavelength_m, tolerance)
+    return _extinction_m2(aerosol, float(wavelength_m), float(tolerance))
+
+
+@lru_cache(maxsize=16 * _MEMORY)
+def _extinction_m2(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> float:
+    """Return what `aerosol_extinction_m2` does."""
     ranges = size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
     total = _extinction(aerosol, ranges, wavelength_m, 0, middles=False)
     for halving in range(_MOST_HALVINGS):

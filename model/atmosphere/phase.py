@@ -5,6 +5,7 @@ scattered more often needs its coefficients in Wigner functions. A further kind 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from math import sqrt
 
@@ -24,6 +25,25 @@ class AerosolKind(StrEnum):
     """Unpolarized light stays so; polarized light keeps its state in and near the forward direction."""
     SPHERES = "spheres"
     """As homogeneous spheres do, by their scattering matrix."""
+
+
+def layers_of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
+    """Layers with scattering matrices where the kind of aerosol asks for them, and without otherwise.
+
+    Raises
+    ------
+    ValueError
+        Spheres are asked for, but a layer whose aerosol scatters has no matrix.
+
+    References
+    ----------
+    definition
+    """
+    if kind is not AerosolKind.SPHERES:
+        return [replace(layer, matrix=None) for layer in layers]
+    if any(layer.matrix is None and layer.tau_aerosol * layer.ssa_aerosol > 0.0 for layer in layers):
+        raise ValueError("aerosol 'spheres' asks for a matrix in every layer whose aerosol scatters")
+    return list(layers)
 
 
 def expansion_coefficients(layers: Sequence[Layer], *, degree_max: int, aerosol: AerosolKind) -> NDArray[np.float64]:

@@ -14,7 +14,8 @@ from model.atmosphere.depth import element_edges
 from model.atmosphere.forward_peak import peak_irradiance, with_truncated_matrix
 from model.atmosphere.irradiance import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.layers import Layer, merge_alike
-from model.atmosphere.phase import AerosolKind, expansion_coefficients
+from model.atmosphere.phase import AerosolKind, expansion_coefficients, layers_of_kind
+from model.atmosphere.solver import check_scene
 
 # Optical depth is made height at a constant extinction: only depth matters where air lies in planes. Planes are
 # emulated by a sphere so large that 80 degrees from the vertical the air is thicker by 3e-4; a larger one, or a thinner
@@ -24,6 +25,7 @@ _ALMOST_VERTICAL = 1.0 - 1e-9  # at exactly 1 its frame is not turned with the a
 _FEWEST_MOMENTS = 64
 _HENYEY_GREENSTEIN_MOMENTS = 128
 _STATED_ERROR = 1e-3
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +93,11 @@ class Sasktran2Solution:
         tau_above, mu, phi_rad, looking
             As in `model.atmosphere.solution.Solution.stokes`; mu above 0.
 
+        Raises
+        ------
+        ValueError
+            An argument outside its range.
+
         Notes
         -----
         Looking up needs its spherical mode, which 2 to 10 degrees from the zenith interpolates light scattered more
@@ -101,6 +108,7 @@ class Sasktran2Solution:
         Zawada et al., sasktran2 (https://github.com/usask-arg/sasktran2).
         """
         tau, cosine, phi = (np.asarray(values, dtype=float) for values in np.broadcast_arrays(tau_above, mu, phi_rad))
+        _check_rays(tau / self.depth, cosine, phi)
         height_m = (1.0 - np.minimum(tau.ravel() / self.depth, 1.0)) * _THICKNESS_M
         rays = np.stack([height_m, np.minimum(cosine.ravel(), _ALMOST_VERTICAL), phi.ravel()])
         total = np.zeros((rays.shape[1], 3))
@@ -169,7 +177,7 @@ def sasktran2_solution(
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
     nodes: int = 8,
     element_depth: float = 0.01,
-    **_unused: float,
+    tolerance: float = 1e-6,
 ) -> Sasktran2Solution:
     """Light of an atmosphere by sasktran2, in place of `model.atmosphere.solver.solve`.
 
@@ -181,13 +189,13 @@ def sasktran2_solution(
         Half the number of its streams; fewer than 8 are raised to 8.
     element_depth
         Largest optical depth between its levels; more than 0.01 is lowered to that.
-    **_unused
-        The tolerance that `solve` takes: this does not iterate.
+    tolerance
+        As in `solve`, above 0; any is kept, since this does not iterate.
 
     Raises
     ------
     ValueError
-        No air, or the package is not installed.
+        An argument outside its range, no air, or the package is not installed.
 
     Notes
     -----
@@ -198,10 +206,13 @@ def sasktran2_solution(
     ----------
     Zawada et al., sasktran2 (https://github.com/usask-arg/sasktran2).
     """
+    check_scene(mu0=mu0, albedo=albedo)
     kind = AerosolKind(aerosol)
-    merged = merge_alike(layers if kind is AerosolKind.SPHERES else [replace(layer, matrix=None) for layer in layers])
+    merged = merge_alike(layers_of_kind(layers, kind))
     if not merged:
         raise ValueError("sasktran2: there is no air to solve")
+    if not tolerance > 0.0:
+        raise ValueError(f"sasktran2: tolerance = {tolerance!r}, but it must be above 0")
     _package()
     return Sasktran2Solution(
         layers=tuple(merged),
@@ -211,6 +222,16 @@ def sasktran2_solution(
         streams=2 * max(nodes, 8),
         element_depth=min(element_depth, 0.01),
     )
+
+
+def _check_rays(share: NDArray[np.float64], mu: NDArray[np.float64], phi_rad: NDArray[np.float64]) -> None:
+    """Refuse rays that do not run in the air; share of the depth above the observer, with room for rounding."""
+    if not np.all((share >= 0.0) & (share <= 1.0 + _ROUNDING)):
+        raise ValueError("stokes: tau_above must be 0 to the depth of the air")
+    if not np.all((mu > 0.0) & (mu <= 1.0 + _ROUNDING)):
+        raise ValueError("stokes: mu must be above 0 (the horizon, which sasktran2 does not see) to 1")
+    if not np.all(np.isfinite(phi_rad)):
+        raise ValueError("stokes: phi_rad must be finite")
 
 
 def _configured(sk: Any, streams: int, moments: int) -> Any:
@@ -230,6 +251,4 @@ def _package() -> Any:
     try:
         return import_module("sasktran2")
     except ImportError as error:
-        raise ValueError(
-            "engine 'sasktran2' is not installed: pip install 'rigctl[check]', or pip install sasktran2"
-        ) from error
+        raise ValueError("engine 'sasktran2' is not installed: pip install sasktran2") from error

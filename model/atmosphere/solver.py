@@ -1,7 +1,6 @@
 """Plane-parallel vector radiative transfer by successive orders of scattering."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import acos, cos, degrees, exp, inf, pi, radians
 
 import numpy as np
@@ -13,7 +12,7 @@ from model.atmosphere.expansion_length import degree_max, mode_blocks, truncatio
 from model.atmosphere.forward_peak import without_forward_peak
 from model.atmosphere.layers import Layer, merge_alike
 from model.atmosphere.orders import Setting, direct_irradiance
-from model.atmosphere.phase import AerosolKind, expansion_coefficients
+from model.atmosphere.phase import AerosolKind, expansion_coefficients, layers_of_kind
 from model.atmosphere.scattering import element_expansion
 from model.atmosphere.solution import ModeBlock, Solution
 from model.atmosphere.transport import Grid, gauss_nodes, transport_of
@@ -73,10 +72,10 @@ def solve(
     ----------
     Lenoble et al., J. Quant. Spectrosc. Radiat. Transfer 107 (2007) 479, doi:10.1016/j.jqsrt.2007.03.010 (method).
     """
-    _check_scene(mu0=mu0, albedo=albedo)
+    check_scene(mu0=mu0, albedo=albedo)
     _check_settings(nodes=nodes, element_depth=element_depth, tolerance=tolerance, max_orders=max_orders)
     kind = AerosolKind(aerosol)
-    alike = merge_alike(_of_kind(layers, kind))
+    alike = merge_alike(layers_of_kind(layers, kind))
     degree = degree_max(alike, nodes=nodes)
     merged = without_forward_peak(alike, degree=degree)
     grid, owner = _grid(merged, mu0=mu0, nodes=nodes, element_depth=element_depth)
@@ -103,15 +102,6 @@ def solve(
     )
 
 
-def _of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
-    """Layers with the scattering matrices that the kind of aerosol asks for."""
-    if kind is not AerosolKind.SPHERES:
-        return [replace(layer, matrix=None) for layer in layers]
-    if any(layer.matrix is None and layer.tau_aerosol * layer.ssa_aerosol > 0.0 for layer in layers):
-        raise ValueError("solve: aerosol 'spheres' asks for a matrix in every layer whose aerosol scatters")
-    return list(layers)
-
-
 def _full_depth(layers: Sequence[Layer]) -> float:
     """Extinction optical depth of all layers."""
     return sum(layer.full_depth for layer in layers)
@@ -124,8 +114,21 @@ def _grid(layers: Sequence[Layer], *, mu0: float, nodes: int, element_depth: flo
     return Grid(edges=edges, nodes=mu, weights=weights, mu0=mu0), owner
 
 
-def _check_scene(*, mu0: float, albedo: float) -> None:
-    """Refuse what the physics does not cover."""
+def check_scene(*, mu0: float, albedo: float) -> None:
+    """Refuse what the physics does not cover.
+
+    Parameters
+    ----------
+    mu0
+        Cosine of the solar zenith angle, cos(85 deg) to 1.
+    albedo
+        Albedo of the ground, 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        One of them is outside its range.
+    """
     if not mu0 <= 1.0:
         raise ValueError(f"solve: mu0 = {mu0!r}, but the cosine of the solar zenith angle is at most 1")
     if mu0 < _SMALLEST_MU0:

@@ -10,6 +10,8 @@ from rich.table import Table
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
+from rigctl.noise.noise_file import read_noise_file
+from rigctl.sessions.mean_noise import noise_numbers
 from rigctl.sessions.plan import Need, Step, estimate, plan_steps
 from rigctl.sessions.schedule import unix_ns
 from rigctl.sessions.take_session import Outcome, take_session
@@ -31,6 +33,9 @@ def command(
         str | None, typer.Option(metavar="TIME", help="Begin then, such as 2026-05-04T10:00Z; a zone is needed.")
     ] = None,
     until: Annotated[str | None, typer.Option(metavar="TIME", help="Take no frame from then on.")] = None,
+    noise: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Noise calibration: how far noise may bend the sum rule.")
+    ] = None,
 ) -> None:
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
 
@@ -50,6 +55,7 @@ def command(
         files={"rig": rig, "session": session},
         at_ns=time_option("--at", at),
         until_ns=time_option("--until", until),
+        noise=None if noise is None else noise_numbers(read_noise_file(noise)),
     )
     say_outcome(outcome, out)
 

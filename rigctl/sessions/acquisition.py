@@ -101,7 +101,7 @@ class _Acquisition:
         self._locks = conduct.interlocks
         self._work = RigWork(rig, rig_file, writer, checks_settings=self._locks.settings != "off")
         self._pause = Pause(conduct.control, conduct.clock, writer.event)
-        self._utc = SteadyUtc(conduct.clock)
+        self._utc = SteadyUtc(conduct.clock) if conduct.utc is None else conduct.utc
         self._timing = Timing(conduct, self._utc, self._pause, writer)
         self._sum_rule = SumRule(self._locks, conduct.variance_of_mean)
         self._metered_s = dict(conduct.metered_s)
@@ -162,7 +162,7 @@ class _Acquisition:
         )
         mean_dn = float(shot.frame.counts.mean())
         self._conduct.live.add(step, shot, mean_dn=mean_dn)
-        trip = self._sum_rule_trip(step, record, mean_dn)
+        trip = self._sum_rule_trip(step, record, mean_dn, shot.frame.counts.size)
         if trip is not None:
             record = replace(record, remarks=(*record.remarks, trip.message))
         self._note_full_queue()
@@ -230,10 +230,10 @@ class _Acquisition:
             self._note_trip(Trip(name="queue", message=text), "note")
         self._was_queue_full = is_full
 
-    def _sum_rule_trip(self, step: Step, record: FrameRecord, mean_dn: float) -> Trip | None:
+    def _sum_rule_trip(self, step: Step, record: FrameRecord, mean_dn: float, pixels: int) -> Trip | None:
         if self._locks.sum_rule == "off":
             return None
-        return self._sum_rule.add(step, mean_dn=mean_dn, exposure_s=record.exposure_s or 0.0)
+        return self._sum_rule.add(step, mean_dn=mean_dn, exposure_s=record.exposure_s or 0.0, pixels=pixels)
 
     def _exposure_of(self, step: Step) -> float:
         if step.exposure_s is not None:

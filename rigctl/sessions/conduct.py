@@ -8,8 +8,8 @@ from rigctl.files.place import SiteSection
 from rigctl.files.session_file import MeteringSection, SessionFile
 from rigctl.sessions.control import Control
 from rigctl.sessions.live_numbers import LiveNumbers
-from rigctl.sessions.session_clock import SessionClock
-from rigctl.sessions.sum_rule import VarianceOfMean
+from rigctl.sessions.mean_noise import VarianceOfMean, variance_of_mean
+from rigctl.sessions.session_clock import SessionClock, SteadyUtc
 from rigctl.sessions.sun_track import SunTrack
 
 _S_PER_MIN = 60.0
@@ -31,6 +31,8 @@ class Conduct:
         The sun above the site, where the site is known.
     clock : SessionClock
         The host's clocks.
+    utc : SteadyUtc or None
+        The time by which the session began; None begins now.
     control : Control
         What somebody asks for.
     variance_of_mean : callable or None
@@ -49,6 +51,7 @@ class Conduct:
     until_ns: int | None = None
     sun: SunTrack | None = None
     clock: SessionClock = field(default_factory=SessionClock)
+    utc: SteadyUtc | None = None
     control: Control = field(default_factory=Control)
     variance_of_mean: VarianceOfMean | None = None
     live: LiveNumbers = field(default_factory=LiveNumbers)
@@ -57,7 +60,13 @@ class Conduct:
 
 
 def conduct_of(
-    session: SessionFile, site: SiteSection | None, *, clock: SessionClock, control: Control, until_ns: int | None
+    session: SessionFile,
+    site: SiteSection | None,
+    *,
+    clock: SessionClock,
+    control: Control,
+    until_ns: int | None,
+    noise: Mapping[str, float] | None,
 ) -> Conduct:
     """Return how a session file wants its session to be conducted, at a site where that is known."""
     late_min = 5.0 if session.schedule is None else session.schedule.late_min
@@ -68,5 +77,7 @@ def conduct_of(
         until_ns=until_ns,
         sun=None if site is None else SunTrack(site),
         clock=clock,
+        utc=SteadyUtc(clock),
         control=control,
+        variance_of_mean=None if noise is None else variance_of_mean(noise),
     )

@@ -10,6 +10,7 @@ from rigctl.errors import RunFolderError
 from rigctl.runs.run_folder import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.sessions.conduct import Conduct
+from rigctl.terminal import warn
 
 _RETRY_S = 1.0
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -48,6 +49,8 @@ class FrameStore:
             except RunFolderError as error:
                 if not self._waits(error):
                     raise
+                if not waited:
+                    warn(f"holding: {error}: make room, or stop")
                 waited += 1
                 self._conduct.clock.sleep(_RETRY_S)
         if waited:

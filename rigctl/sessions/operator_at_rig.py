@@ -18,9 +18,11 @@ def ask_operator(kind: FrameKind) -> None:
     Raises
     ------
     ConfigError
-        There is nobody at a terminal: a lens cap does not put itself on.
+        There is nobody at a terminal: a lens cap does not put itself on. A scene needs nobody.
     """
     if not sys.stdin.isatty():
+        if kind == "scene":
+            return  # what a camera sees when nobody has put anything before it
         raise ConfigError(
             f"a take of kind {kind!r} needs somebody at the rig, and there is no terminal to ask at: "
             "run it by hand, or keep to takes of one kind"

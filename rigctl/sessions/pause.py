@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from rigctl.sessions.control import Control
 from rigctl.sessions.session_clock import SessionClock
+from rigctl.terminal import warn
 
 _POLL_S = 0.5
 Note = Callable[..., None]
@@ -43,6 +44,7 @@ class Pause:
     def hold(self, reason: str, *, cleared: Callable[[], bool]) -> None:
         """Stand still until the reason is gone, or somebody says to go on."""
         self._note("hold", reason=reason)
+        warn(f"holding: {reason}")
         while not cleared() and self._polled() != "go on":
             self._clock.sleep(_POLL_S)
         self._note("go on")

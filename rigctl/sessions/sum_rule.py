@@ -1,17 +1,14 @@
 """I0 + I90 against I45 + I135 of each cycle: both are all of the light, whatever its polarization."""
 
 import math
-from collections.abc import Callable
 
 from rigctl.files.interlock_section import InterlockSection
 from rigctl.sessions.interlocks import Trip
+from rigctl.sessions.mean_noise import VarianceOfMean
 from rigctl.sessions.plan import Step
 
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 _SIGMAS = 5.0
-
-# Variance of the mean of a frame's pixels [DN^2], from its mean count [DN] and its exposure [s].
-VarianceOfMean = Callable[[float, float], float]
 
 
 class SumRule:
@@ -34,20 +31,18 @@ class SumRule:
         self._section, self._variance = section, variance
         self._means: dict[float, dict[float, tuple[float, float]]] = {}
 
-    def add(self, step: Step, *, mean_dn: float, exposure_s: float) -> Trip | None:
+    def add(self, step: Step, *, mean_dn: float, exposure_s: float, pixels: int) -> Trip | None:
         """Take in a frame; return a trip at the end of a cycle whose sums are too far apart."""
         if step.kind != "scene" or step.polarizer_angle_deg is None:
             return None
         angle = step.polarizer_angle_deg % 180.0
-        self._means.setdefault(exposure_s, {}).setdefault(angle, (mean_dn, self._noise(mean_dn, exposure_s)))
+        noise_dn2 = 0.0 if self._variance is None else self._variance(mean_dn, exposure_s, pixels)
+        self._means.setdefault(exposure_s, {}).setdefault(angle, (mean_dn, noise_dn2))
         if not step.ends_cycle:
             return None
         cycles, self._means = self._means, {}
         trips = (self._judge(means) for means in cycles.values())
         return next((trip for trip in trips if trip is not None), None)
-
-    def _noise(self, mean_dn: float, exposure_s: float) -> float:
-        return 0.0 if self._variance is None else self._variance(mean_dn, exposure_s)
 
     def _judge(self, means: dict[float, tuple[float, float]]) -> Trip | None:
         if not set(_ANGLES_DEG) <= set(means):

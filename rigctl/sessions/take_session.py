@@ -67,6 +67,7 @@ def take_session(
     files: dict[str, Path],
     at_ns: int | None = None,
     until_ns: int | None = None,
+    noise: dict[str, float] | None = None,
     clock: SessionClock | None = None,
     opener: Opener | None = None,
 ) -> Outcome:
@@ -82,6 +83,8 @@ def take_session(
         What the two were read from; names and hashes go into the run.
     at_ns, until_ns : int, optional
         When to begin, and from when on no frame is taken [ns since 1970 UTC].
+    noise : dict, optional
+        What the sum rule needs of a noise calibration, as `noise_numbers` gives it.
     clock : SessionClock, optional
         The host's clocks.
     opener : callable, optional
@@ -103,10 +106,16 @@ def take_session(
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
         _refuse_nobody_there(rig, steps)
-        description = _describe(rig, rig_file, session, files) | {"rounds_ns": list(rounds), "until_ns": until_ns}
+        description = _describe(rig, rig_file, session, files) | {
+            "rounds_ns": list(rounds),
+            "until_ns": until_ns,
+            "noise": noise,
+        }
         with RunWriter.create(out, description, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             _keep_inputs(rig_file, files, out)
-            conduct = conduct_of(session, rig_file.site, clock=clock, control=Control(out), until_ns=until_ns)
+            conduct = conduct_of(
+                session, rig_file.site, clock=clock, control=Control(out), until_ns=until_ns, noise=noise
+            )
             sitting = _Sitting(rig_file, steps, writer, conduct, opener)
             return sitting.take(rig, devices, title=session.name)
 
@@ -148,7 +157,14 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
         _require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             _note_resumed(writer, repair, rest.steps)
-            conduct = conduct_of(session, rig_file.site, clock=clock, control=Control(path), until_ns=until_ns)
+            conduct = conduct_of(
+                session,
+                rig_file.site,
+                clock=clock,
+                control=Control(path),
+                until_ns=until_ns,
+                noise=run.session.get("noise"),
+            )
             sitting = _Sitting(rig_file, steps, writer, conduct, opener)
             return replace(sitting.take(rig, devices, title=session.name), repair=repair)
 

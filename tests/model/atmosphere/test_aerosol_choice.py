@@ -141,3 +141,11 @@ def test_spheres_light_a_band():
 def test_what_is_outside_its_range_is_refused(call, named):
     with pytest.raises(ValueError, match=named):
         call()
+
+
+@pytest.mark.parametrize("kind", AerosolType)
+@pytest.mark.parametrize("wavelength_m", [0.3e-6, 1.06e-6])
+def test_every_kind_reaches_the_ends_of_the_spectrum(kind, wavelength_m):
+    one = column(AtmosphereState(visibility_m=23e3, boundary_aerosol=kind), wavelength_m=wavelength_m)
+    assert one.tau_aerosol > 0.0
+    assert one.lower_spheres.modes[0].index.at(wavelength_m).imag > 0.0

@@ -44,8 +44,9 @@ def test_both_engines_see_the_same_light(kind):
     assert theirs.ground_radiance == pytest.approx(ours.ground_radiance, rel=5e-4)
     for tau, looking in ((0.31, "up"), (0.1, "up"), (0.0, "down"), (0.1, "down")):
         one, other = (each.stokes(tau, MU, PHI, looking=looking) for each in (ours, theirs))
-        # 5e-4: its levels every 0.01 of depth, the flat Earth emulated, our 16 nodes (measured: 4e-4 at most).
-        assert np.max(np.abs(one - other) / one[..., :1]) < 6e-4
+        # What it states: levels every 0.01 of depth, between which the face of the layers is smeared, and the emulated
+        # flat Earth (measured: 7e-4 below the face, 4e-4 elsewhere).
+        assert np.max(np.abs(one - other) / one[..., :1]) < 1e-3
 
 
 @with_sasktran2
@@ -79,3 +80,22 @@ def test_no_light_comes_up_from_black_ground_nor_down_from_space():
     solution = sasktran2_solution(LAYERS, mu0=0.6, albedo=0.0)
     assert not np.any(solution.stokes(solution.depth, MU, 0.3, looking="down"))
     assert not np.any(solution.stokes(0.0, MU, 0.3, looking="up"))
+
+
+@with_sasktran2
+@pytest.mark.parametrize(
+    ("arguments", "named"), [((0.4, 0.5, 0.0), "tau_above"), ((0.1, 0.0, 0.0), "mu"), ((0.1, 0.5, np.nan), "phi_rad")]
+)
+def test_requests_out_of_range_are_refused(arguments, named):
+    solution = sasktran2_solution(LAYERS, mu0=0.6, albedo=0.0)
+    with pytest.raises(ValueError, match=named):
+        solution.stokes(*arguments, looking="up")
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [({"mu0": 0.01}, "solar zenith"), ({"aerosol": AerosolKind.SPHERES}, "matrix"), ({"tolerance": 0.0}, "tolerance")],
+)
+def test_scenes_out_of_range_are_refused(change, named):
+    with pytest.raises(ValueError, match=named):
+        sasktran2_solution(LAYERS, **({"mu0": 0.6, "albedo": 0.1} | change))

@@ -1,6 +1,7 @@
 """Each interlock trips when it must, does what the session file says, and loses nothing that is good."""
 
 import errno
+import threading
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from rigctl.errors import DataError, RunFolderError
 from rigctl.files.session_file import SessionFile
+from rigctl.runs import run_writer
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.verification import verify_run
 from rigctl.sessions import interlocks
@@ -169,6 +171,15 @@ def test_a_sum_rule_that_stops_keeps_the_whole_cycle(tmp_path):
     _assert_whole(tmp_path, frames=4)
 
 
+def test_what_noise_allows_widens_the_sum_rule(tmp_path):
+    world = MadeWorld(camera_faults={1: lambda counts: (counts * 1.2).astype(np.uint16)})
+    # Read noise of 1000 DN in 192 pixels: 72 DN in a mean, 144 DN in the sum of four; five of that are far above 85 DN.
+    noise = {"gain_dn_per_e": 0.1, "read_noise_e": 1e4, "black_level_dn": 100.0, "dark_current_e_per_s": 0.0}
+    session = _session()
+    take_session(RIG_FILE, session, tmp_path / "run", files={}, noise=noise, clock=world.time.clock, opener=world.open)
+    assert _trips(tmp_path) == []
+
+
 def test_a_lost_frame_is_taken_again(tmp_path):
     _take(MadeWorld(camera_faults={3: silent()}), tmp_path)
     assert _trips(tmp_path) == [("gone", "retry")]
@@ -267,9 +278,28 @@ def test_a_disk_that_cannot_be_written_stops_and_a_resume_goes_on(tmp_path, monk
     _assert_whole(tmp_path)
 
 
-def _fail_writes(monkeypatch, code, fails):
-    from rigctl.runs import run_writer
+def test_a_slow_disk_makes_the_session_wait_says_so_and_loses_nothing(tmp_path, monkeypatch):
+    is_noted = threading.Event()
+    write, event = run_writer.write_durably, run_writer.RunWriter.event
 
+    def slow(path, data):
+        # The first frame takes until the session has found its queue full.
+        assert path.suffix != ".fits" or is_noted.wait(30)
+        write(path, data)
+
+    def telling(self, name, **facts):
+        event(self, name, **facts)
+        if facts.get("interlock") == "queue":
+            is_noted.set()
+
+    monkeypatch.setattr(run_writer, "write_durably", slow)
+    monkeypatch.setattr(run_writer.RunWriter, "event", telling)
+    _take(MadeWorld(), tmp_path, queue="note")
+    assert ("queue", "note") in _trips(tmp_path)
+    _assert_whole(tmp_path)
+
+
+def _fail_writes(monkeypatch, code, fails):
     write = run_writer.write_durably
 
     def sometimes(path, data):

@@ -1,0 +1,113 @@
+"""A page on how a session went: its frames, the sun, drift, counts, events."""
+
+import base64
+from collections import Counter, defaultdict
+from datetime import datetime
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from rigctl.reports.figure_style import png, subplots
+from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.run_state import read_event_lines
+
+_MOST_FRAMES = 24
+_THUMBNAIL_PIXELS = 160
+_SHOWN_EVENTS = 200
+_TEMPLATE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{{ title }}</title>
+<style>body{font:15px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}
+td,th{padding:.1rem .6rem;text-align:left;vertical-align:top}</style></head><body>
+<h1>{{ title }}</h1>
+<p>{{ frames }} frames, {{ start }} to {{ end }}, {{ origin }}. Made by {{ made_by }}.</p>
+{% for heading, picture in pictures %}<h2>{{ heading }}</h2>
+<img alt="{{ heading }}" src="data:image/png;base64,{{ picture }}">{% endfor %}
+<h2>Events</h2><table><tr><th>event</th><th>times</th></tr>
+{% for name, times in counts %}<tr><td>{{ name }}</td><td>{{ times }}</td></tr>{% endfor %}</table>
+<table>{% for event in events %}<tr><td>{{ event.utc[:19] }}Z</td><td>{{ event.event }}</td>
+<td>{% for key, value in event.facts.items() %}{{ key }} {{ value }}; {% endfor %}</td></tr>{% endfor %}</table>
+</body></html>"""
+
+
+def run_page(run: Run) -> str:
+    """Return the page as HTML that needs no other file.
+
+    Raises
+    ------
+    RunFolderError
+        A frame is damaged, or the events cannot be read.
+
+    Notes
+    -----
+    Every frame is read once, for its mean count.
+    """
+    events = read_event_lines(run.path)
+    means = {record.sequence: float(run.counts(record).mean()) for record in run.frames}
+    pictures = [("Frames", _contact_sheet(run)), ("Mean counts", _count_plot(run, means))]
+    if any(record.sun_elevation_deg is not None for record in run.frames):
+        pictures.append(("Sun", _sun_plot(run)))
+    template = Environment(autoescape=True, undefined=StrictUndefined).from_string(_TEMPLATE)
+    return template.render(
+        title=run.path.name,
+        frames=len(run.frames),
+        start=(run.frames[0].start_utc or "")[:19] if run.frames else "",
+        end=(run.frames[-1].end_utc or "")[:19] if run.frames else "",
+        origin=str(run.session.get("origin", "not stated")),
+        made_by=run.created_by,
+        pictures=[(title, base64.b64encode(data).decode("ascii")) for title, data in pictures],
+        counts=Counter(str(event["event"]) for event in events).most_common(),
+        events=events[-_SHOWN_EVENTS:],
+    )
+
+
+def _contact_sheet(run: Run) -> bytes:
+    places = np.unique(np.linspace(0, len(run.frames) - 1, min(_MOST_FRAMES, len(run.frames))).astype(int))
+    columns = min(6, len(places))
+    rows = -(-len(places) // columns)
+    figure, axes = subplots(rows, columns, size=(1.9 * columns, 1.9 * rows))
+    for ax in axes:
+        ax.set_axis_off()
+    for ax, place in zip(axes, places, strict=False):
+        record = run.frames[place]
+        counts = run.counts(record)
+        step = max(1, counts.shape[1] // _THUMBNAIL_PIXELS)
+        ax.imshow(counts[::step, ::step], cmap="gray", vmin=0.0, vmax=record.saturation_dn)
+        ax.set_title(_label(record), fontsize=7)
+    return png(figure)
+
+
+def _label(record: FrameRecord) -> str:
+    angle = "" if record.polarizer_angle_target_deg is None else f" {record.polarizer_angle_target_deg:g} deg"
+    return f"{record.sequence}: {record.kind}{angle}"
+
+
+def _count_plot(run: Run, means: dict[int, float]) -> bytes:
+    figure, axes = subplots(1, 1, size=(8.0, 3.6))
+    groups: dict[str, list[FrameRecord]] = defaultdict(list)
+    for record in run.frames:
+        groups[_label(record).partition(": ")[2]].append(record)
+    for label, records in groups.items():
+        axes[0].plot([_hours(r, run) for r in records], [means[r.sequence] for r in records], ".-", label=label)
+    axes[0].set_xlabel("time since the first frame [h]")
+    axes[0].set_ylabel("mean count [DN]")
+    axes[0].legend(fontsize=7)
+    return png(figure)
+
+
+def _sun_plot(run: Run) -> bytes:
+    known = [record for record in run.frames if record.sun_elevation_deg is not None]
+    figure, axes = subplots(1, 2, size=(8.0, 3.2))
+    hours = [_hours(record, run) for record in known]
+    axes[0].plot(hours, [90.0 - (record.sun_elevation_deg or 0.0) for record in known], ".")
+    axes[0].set_ylabel("solar zenith angle [deg]")
+    axes[1].plot(hours, [record.sun_azimuth_deg or 0.0 for record in known], ".")
+    axes[1].set_ylabel("solar azimuth [deg]")
+    for ax in axes:
+        ax.set_xlabel("time since the first frame [h]")
+    return png(figure)
+
+
+def _hours(record: FrameRecord, run: Run) -> float:
+    first = run.frames[0].start_utc
+    if record.start_utc is None or first is None:
+        return float(record.sequence)
+    return (datetime.fromisoformat(record.start_utc) - datetime.fromisoformat(first)).total_seconds() / 3600.0

@@ -1,0 +1,29 @@
+"""The page on how a session went."""
+
+from rigctl.cli import main
+from rigctl.reports.run_page import run_page
+from rigctl.runs.run_folder import read_run
+from rigctl.sessions.take_session import take_session
+from tests.rigctl.sessions.made_rig import RIG_FILE, MadeWorld
+from tests.rigctl.sessions.test_schedule import RIG_AT_SITE, _session
+
+
+def _run(tmp_path, rig, schedule):
+    world = MadeWorld()
+    session = _session(schedule)
+    take_session(rig, session, tmp_path / "run", files={}, clock=world.time.clock, opener=world.open)
+    return tmp_path / "run"
+
+
+def test_it_holds_frames_counts_sun_and_events(tmp_path):
+    run = _run(tmp_path, RIG_AT_SITE, {"every_min": 30, "duration_h": 1})
+    assert main(["summary", str(run)]) == 0
+    page = (run / "summary.html").read_text()
+    assert page.count("data:image/png;base64,") == 3
+    assert "<td>round</td><td>2</td>" in page
+    assert 'src="http' not in page
+
+
+def test_without_a_site_there_is_no_sun(tmp_path):
+    page = run_page(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1})))
+    assert page.count("data:image/png;base64,") == 2
