@@ -38,7 +38,7 @@ def command(
 
     A scene whose regions are given by materials is lit by the sun of each round.
 
-    Example: rigctl plan examples/rig-sim.toml examples/session-rooftop.toml --at 2026-05-04T10:00Z
+    Example: rigctl plan examples/rig-rooftop.toml examples/session-rooftop.toml --at 2026-05-04T10:00Z
     """
     if noise is not None and scene is None:
         raise ConfigError("--noise: is for a prediction; give --scene too")
