@@ -8,14 +8,14 @@ from time import process_time
 
 import numpy as np
 
-from model.atmosphere.aerosol_models import AerosolType
-from model.atmosphere.aerosol_presets import preset_aerosol
-from model.atmosphere.mie_aerosol import aerosol_scattering
-from model.atmosphere.mie_sphere import efficiencies, sphere_coefficients
-from model.atmosphere.phase import AerosolKind
+from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
+from model.atmosphere.aerosol.mie_sphere import efficiencies, sphere_coefficients
+from model.atmosphere.aerosol.models import AerosolType
+from model.atmosphere.aerosol.presets import preset_aerosol
+from model.atmosphere.lighting.tiers import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
-from model.atmosphere.tiers import TIERS, Tier
+from model.atmosphere.transfer.phase import AerosolKind
 
 
 def seconds(action: Callable[[int], object]) -> float:

@@ -9,11 +9,11 @@ from time import perf_counter
 
 import numpy as np
 
-from model.atmosphere.phase import AerosolKind
+from model.atmosphere.lighting.tiers import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.sasktran2_engine import Sasktran2Solution, sasktran2_solution
 from model.atmosphere.solver import Layer, Solution, solve
-from model.atmosphere.tiers import TIERS, Tier
+from model.atmosphere.transfer.phase import AerosolKind
 
 SZA_DEG = 50.0
 STATE = AtmosphereState(visibility_m=23e3)

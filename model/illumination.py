@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.atmosphere.lighting import Lighting
+from model.atmosphere.lighting.lighting import Lighting
 from model.panel_light import Skylight
 from model.quadrature import gauss_legendre
 from model.sampled_sky import Sky

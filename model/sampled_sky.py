@@ -24,7 +24,7 @@ _PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
 
 
 class Sky(Protocol):
-    """Stokes radiance of the sky by direction; `model.atmosphere.lighting.Lighting.sky` is one."""
+    """Stokes radiance of the sky by direction; `model.atmosphere.lighting.lighting.Lighting.sky` is one."""
 
     def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
         """Return S0, S1, S2 in the frame of each direction's own azimuth, shape (..., 3) [W m-2 sr-1]."""

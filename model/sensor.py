@@ -270,6 +270,27 @@ def electrons_per_radiance(sensor: Sensor) -> float:
     return photon_conversion(sensor) * efficiency * sensor.wavelength_m
 
 
+def counts_per_radiance(sensor: Sensor) -> float:
+    """Return the counts of a pixel and frame behind the polarizer per unit of unpolarized band radiance.
+
+    Parameters
+    ----------
+    sensor
+        Optics, exposure, polarizer, quantum efficiency and gain.
+
+    Returns
+    -------
+    float
+        [DN per W m-2 sr-1], > 0: the mean over polarizer angles, black level and dark signal taken off.
+
+    References
+    ----------
+    [MK14] eq. (11), (17), (19).
+    """
+    transmitted = 0.5 * (sensor.tau_parallel + sensor.tau_perpendicular)
+    return sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * transmitted
+
+
 def channel_moments(
     aperture: Moments, *, angles_rad: ArrayLike, sensor: Sensor, flat_fielded: bool = False
 ) -> ChannelMoments:

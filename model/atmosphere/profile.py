@@ -5,20 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.atmosphere.aerosol_choice import AerosolChoice, extinction_of, optics_of, spheres_of
-from model.atmosphere.aerosol_models import AerosolOptics, AerosolType
+from model.atmosphere.aerosol.choice import AerosolChoice, extinction_of, optics_of, spheres_of
+from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
+from model.atmosphere.aerosol.models import AerosolOptics, AerosolType
+from model.atmosphere.aerosol.particle_modes import MieAerosol
 from model.atmosphere.aerosol_profile import BOUNDARY_LAYER_TOP_M, AerosolColumn, aerosol_column
-from model.atmosphere.layers import Layer
-from model.atmosphere.mie_aerosol import aerosol_scattering
 from model.atmosphere.molecules import (
     SEA_LEVEL_PRESSURE_PA,
     pressure_ratio,
     rayleigh_anisotropy,
     rayleigh_optical_depth,
 )
-from model.atmosphere.particle_modes import MieAerosol
-from model.atmosphere.phase import AerosolKind
-from model.atmosphere.scattering_matrix import ScatteringMatrix
+from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.transfer.phase import AerosolKind
+from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
 
 _FINE_HEIGHTS_M = 1e3 * np.concatenate(
     [
@@ -130,7 +130,7 @@ class Column:
         aerosol
             SPHERES gives each layer the scattering matrix of its spheres.
         matrix_tolerance
-            As in `model.atmosphere.mie_aerosol.aerosol_scattering`.
+            As in `model.atmosphere.aerosol.mie_aerosol.aerosol_scattering`.
 
         Notes
         -----

@@ -10,12 +10,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.atmosphere.depth import element_edges
-from model.atmosphere.forward_peak import peak_irradiance, with_truncated_matrix
-from model.atmosphere.irradiance import MATRIX_DEGREE, sky_irradiance
-from model.atmosphere.layers import Layer, merge_alike
-from model.atmosphere.phase import AerosolKind, expansion_coefficients, layers_of_kind
+from model.atmosphere.lighting.irradiance import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.solver import check_scene
+from model.atmosphere.transfer.depth import element_edges
+from model.atmosphere.transfer.forward_peak import peak_irradiance, with_truncated_matrix
+from model.atmosphere.transfer.layers import Layer, merge_alike
+from model.atmosphere.transfer.phase import AerosolKind, expansion_coefficients, layers_of_kind
 
 # Optical depth is made height at a constant extinction: only depth matters where air lies in planes. Planes are
 # emulated by a sphere so large that 80 degrees from the vertical the air is thicker by 3e-4; a larger one, or a thinner
@@ -30,7 +30,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Sasktran2Solution:
-    """Diffuse light by sasktran2; a `model.atmosphere.diffuse_light.DiffuseLight`.
+    """Diffuse light by sasktran2; a `model.atmosphere.lighting.diffuse_light.DiffuseLight`.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Sasktran2Solution:
         Parameters
         ----------
         tau_above, mu, phi_rad, looking
-            As in `model.atmosphere.solution.Solution.stokes`; mu above 0.
+            As in `model.atmosphere.transfer.solution.Solution.stokes`; mu above 0.
 
         Raises
         ------

@@ -81,8 +81,7 @@ def propagate_inputs(
     Returns
     -------
     array of float64, shape (m, m)
-        J cov J' with the Jacobian J by central differences over one standard uncertainty to either side (less
-        where `least` is near; to one side where an input stands on it).
+        J cov J' with the Jacobian J of `input_jacobian`.
 
     Notes
     -----
@@ -93,13 +92,47 @@ def propagate_inputs(
     ----------
     JCGM 100:2008 (GUM), section 5.
     """
-    start, input_cov = np.asarray(values, dtype=np.float64), np.asarray(cov, dtype=np.float64)
-    columns = [
-        _slope(function, start, position=k, step=float(np.sqrt(input_cov[k, k])), least=least[k])
-        for k in range(start.size)
-    ]
-    jacobian = np.stack(columns, axis=1) if columns else np.zeros((function(start).size, 0))
+    input_cov = np.asarray(cov, dtype=np.float64)
+    jacobian = input_jacobian(function, values, np.sqrt(np.diag(input_cov)), least=least)
     return np.asarray(jacobian @ input_cov @ jacobian.T)
+
+
+def input_jacobian(
+    function: Callable[[FloatArray], FloatArray], values: ArrayLike, deviations: ArrayLike, *, least: Sequence[float]
+) -> FloatArray:
+    """Return the derivatives of a function's results by its inputs, each taken over one standard uncertainty.
+
+    Parameters
+    ----------
+    function
+        Takes inputs, shape (k,), and returns results, shape (m,).
+    values
+        Where the inputs stand, shape (k,).
+    deviations
+        Standard uncertainty of each input, shape (k,); an input with 0 has the derivative 0.
+    least
+        Smallest value each input may take, for instance 0; -inf where there is none.
+
+    Returns
+    -------
+    array of float64, shape (m, k)
+        By central differences over one standard uncertainty to either side (less where `least` is near; to one side
+        where an input stands on it).
+
+    References
+    ----------
+    JCGM 100:2008 (GUM), section 5.
+    """
+    start, steps = np.asarray(values, dtype=np.float64), np.asarray(deviations, dtype=np.float64)
+    columns = [
+        _slope(function, start, position=k, step=float(steps[k]), least=least[k])
+        for k in range(start.size)
+        if steps[k] > 0.0
+    ]
+    jacobian = np.zeros((function(start).size, start.size))
+    if columns:
+        jacobian[:, steps > 0.0] = np.stack(columns, axis=1)
+    return jacobian
 
 
 def _slope(
@@ -110,9 +143,7 @@ def _slope(
     step: float,
     least: float,
 ) -> FloatArray:
-    """Return the derivative of `function` by one input; 0 for an input that has no uncertainty."""
-    if step == 0.0:
-        return np.zeros_like(function(start))
+    """Return the derivative of `function` by one input."""
     below = min(step, start[position] - least)
     above = below if below > 0.0 else step
     high, low = start.copy(), start.copy()

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.processing import chi_square
 from model.processing.detection_law import DetectionLaw, condition_warnings, detection_law
-from model.processing.quadratic_form import TailProbabilities, tail_probabilities
+from model.processing.quadratic_forms import chi_square
+from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc, betaincc, betainccinv, betaincinv
 
 from model.processing.detection_law import condition_warnings, detection_law
-from model.processing.quadratic_form import TailProbabilities, tail_probabilities
+from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
 
 FloatArray = NDArray[np.float64]
 

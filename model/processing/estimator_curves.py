@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import i0e, i1e
 
-from model.processing.quadratic_form import lower_tail
+from model.processing.quadratic_forms.quadratic_form import lower_tail
 
 FloatArray = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 from collections import OrderedDict
 from collections.abc import Iterable
 
-from model.atmosphere.phase import AerosolKind
+from model.atmosphere.lighting.tiers import TIERS
 from model.atmosphere.profile import column
-from model.atmosphere.tiers import TIERS
+from model.atmosphere.transfer.phase import AerosolKind
 from model.field_light import FieldLight, light_over_field
 from model.field_of_view import FieldPart
 from model.hemisphere import Rules

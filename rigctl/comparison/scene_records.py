@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
-from model.atmosphere.tiers import Tier
 from model.field_of_view import FieldPart, part_of_picture, whole_field
 from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt

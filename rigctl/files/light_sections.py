@@ -5,9 +5,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, AwareDatetime, Field, model_validator
 
-from model.atmosphere.aerosol_models import AerosolType
-from model.atmosphere.phase import AerosolKind
-from model.atmosphere.tiers import Tier
+from model.atmosphere.aerosol.models import AerosolType
+from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.transfer.phase import AerosolKind
 from model.field_of_view import TileRule
 from rigctl.config import NotNegative, Positive, Section, Uncertain
 

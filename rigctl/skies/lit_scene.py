@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from model.atmosphere.compute_lighting import Solver, compute_lighting
-from model.atmosphere.lighting import Lighting
-from model.atmosphere.phase import AerosolKind
+from model.atmosphere.lighting.compute_lighting import Solver, compute_lighting
+from model.atmosphere.lighting.lighting import Lighting
+from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand
-from model.atmosphere.tiers import Tier
+from model.atmosphere.transfer.phase import AerosolKind
 from model.illumination import Illumination, illuminate, require_sun_zenith
 from model.sampled_sky import Sky, sample_sky
 from rigctl.errors import ConfigError
@@ -34,7 +34,7 @@ class SkyRequest:
     response : tuple of (float, float)
         Wavelength [nm] and relative response of the sensor.
     tier, aerosol, state, ground_albedo, wavelengths, dolp_max
-        As `model.atmosphere.compute_lighting.compute_lighting` takes them; `state` is None for a table.
+        As `model.atmosphere.lighting.compute_lighting.compute_lighting` takes them; `state` is None for a table.
     table : Path or None
         File of a table.
     """

@@ -8,11 +8,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from model.atmosphere.compute_lighting import Solver
-from model.atmosphere.layers import Layer
-from model.atmosphere.scattering_matrix import ScatteringMatrix
-from model.atmosphere.solution import ModeBlock, Solution
+from model.atmosphere.lighting.compute_lighting import Solver
 from model.atmosphere.solver import solve
+from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
+from model.atmosphere.transfer.solution import ModeBlock, Solution
 from rigctl.skies.record_codec import NotStorableError, decode, encode, fingerprint
 
 _MAGIC = b"rigctl sky 1 sha256 "

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.table_lighting import TableLighting
+from model.atmosphere.lighting.table_lighting import TableLighting
 from rigctl.errors import ConfigError
 
 # The sun of the scene may differ from the table's by this much.

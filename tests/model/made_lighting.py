@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.atmosphere.analytic_sky import analytic_sky
+from model.atmosphere.lighting.analytic_sky import analytic_sky
 from model.panel_light import Skylight
 
 SUN_AZIMUTH_RAD = np.radians(200.0)

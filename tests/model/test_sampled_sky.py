@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.compute_lighting import compute_lighting
-from model.atmosphere.phase import AerosolKind
+from model.atmosphere.lighting.compute_lighting import compute_lighting
+from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
-from model.atmosphere.tiers import Tier
+from model.atmosphere.transfer.phase import AerosolKind
 from model.sampled_sky import sample_sky
 from tests.model.made_lighting import polarized_sky
 

@@ -4,7 +4,7 @@ from scipy.special import ndtr
 
 from model.moments import Moments
 from model.processing.reconstruction import MODIFIED_PICKERING_RAD, design, stokes_moments
-from model.sensor import aperture_factor, channel_moments, electrons_per_radiance
+from model.sensor import aperture_factor, channel_moments, counts_per_radiance, electrons_per_radiance
 from tests.model.sensors import sensor
 
 FOUR = np.array(MODIFIED_PICKERING_RAD)
@@ -171,3 +171,10 @@ def test_regions_are_computed_together():
 def test_values_out_of_range_are_refused_by_name(change):
     with pytest.raises(ValueError, match=next(iter(change)).split("_")[0]):
         sensor(**change)
+
+
+def test_counts_per_radiance_is_what_unpolarized_light_gives():
+    one = sensor(tau_parallel=0.8, tau_perpendicular=0.1)
+    light = Moments(mean=[1.0, 0.0, 0.0], cov=np.zeros((3, 3)))
+    counts = channel_moments(light, angles_rad=[0.0, 1.0], sensor=one).mean_dn
+    assert counts == pytest.approx(counts_per_radiance(one), rel=1e-12)

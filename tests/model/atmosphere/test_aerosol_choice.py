@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol_models import AerosolType
-from model.atmosphere.angstrom import angstrom_law, angstrom_ratio
-from model.atmosphere.compute_lighting import compute_lighting
-from model.atmosphere.mie_aerosol import aerosol_scattering
-from model.atmosphere.particle_modes import MieAerosol, ParticleMode
-from model.atmosphere.phase import AerosolKind
+from model.atmosphere.aerosol.angstrom import angstrom_law, angstrom_ratio
+from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
+from model.atmosphere.aerosol.models import AerosolType
+from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
+from model.atmosphere.aerosol.refractive_index import RefractiveIndex
+from model.atmosphere.aerosol.size_distribution import LogNormal
+from model.atmosphere.lighting.compute_lighting import compute_lighting
+from model.atmosphere.lighting.tiers import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column, optical_depth
-from model.atmosphere.refractive_index import RefractiveIndex
-from model.atmosphere.size_distribution import LogNormal
 from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand
-from model.atmosphere.tiers import TIERS, Tier
+from model.atmosphere.transfer.phase import AerosolKind
 
 OWN = MieAerosol(
     name="own",

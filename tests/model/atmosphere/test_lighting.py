@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.analytic_sky import AnalyticLighting, analytic_sky
-from model.atmosphere.compute_lighting import compute_lighting
-from model.atmosphere.path import path_radiance, path_transmittance
+from model.atmosphere.lighting.analytic_sky import AnalyticLighting, analytic_sky
+from model.atmosphere.lighting.compute_lighting import compute_lighting
+from model.atmosphere.lighting.path import path_radiance, path_transmittance
+from model.atmosphere.lighting.single import single_solution
+from model.atmosphere.lighting.table_lighting import TableLighting
+from model.atmosphere.lighting.tiers import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column
-from model.atmosphere.single import single_solution
 from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand
-from model.atmosphere.table_lighting import TableLighting
-from model.atmosphere.tiers import TIERS, Tier
 
 STATE = AtmosphereState(visibility_m=23e3)
 MU0 = np.cos(np.radians(25.0))

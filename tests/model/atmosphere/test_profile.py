@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol_models import AerosolType, aerosol_optics
+from model.atmosphere.aerosol.models import AerosolType, aerosol_optics
 from model.atmosphere.aerosol_profile import aerosol_column
 from model.atmosphere.molecules import pressure_ratio, rayleigh_anisotropy, rayleigh_optical_depth
 from model.atmosphere.ozone import ozone_optical_depth

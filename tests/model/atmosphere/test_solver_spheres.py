@@ -3,14 +3,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.atmosphere.forward_peak import peak_irradiance, with_truncated_matrix
-from model.atmosphere.layers import Layer
-from model.atmosphere.mie_aerosol import aerosol_scattering
-from model.atmosphere.path import path_radiance
-from model.atmosphere.phase import AerosolKind
-from model.atmosphere.scattering_matrix import ScatteringMatrix
-from model.atmosphere.single import single_solution
+from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
+from model.atmosphere.lighting.path import path_radiance
+from model.atmosphere.lighting.single import single_solution
 from model.atmosphere.solver import solve
+from model.atmosphere.transfer.forward_peak import peak_irradiance, with_truncated_matrix
+from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.transfer.phase import AerosolKind
+from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
 from tests.model.atmosphere.mie_cases import NOMINAL_RURAL, REFERENCE, SKY, aerosol_of
 
 SPHERES = AerosolKind.SPHERES

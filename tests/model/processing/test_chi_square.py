@@ -4,7 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from model.processing import chi_square
+from model.processing.quadratic_forms import chi_square
 
 
 @pytest.mark.parametrize("degrees", [1, 2, 3, 4, 13, 40])

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.special import betainc, erfc, ndtr
 
-from model.processing import chi_square
-from model.processing.quadratic_form import lower_tail, tail_probabilities, upper_tail
+from model.processing.quadratic_forms import chi_square
+from model.processing.quadratic_forms.quadratic_form import lower_tail, tail_probabilities, upper_tail
 
 # Two or three roundings in the exponent and in the prefactor.
 ROUNDING = 1e-14

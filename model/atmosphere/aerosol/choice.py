@@ -1,0 +1,113 @@
+"""What a state of the atmosphere says of its aerosol, whether a documented kind or spheres of one's own."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.atmosphere.aerosol.angstrom import REFERENCE_WAVELENGTH_M, angstrom_ratio
+from model.atmosphere.aerosol.mie_aerosol import aerosol_extinction_m2, aerosol_scattering
+from model.atmosphere.aerosol.models import (
+    TABULATED,
+    AerosolOptics,
+    AerosolType,
+    aerosol_optics,
+    relative_extinction,
+)
+from model.atmosphere.aerosol.particle_modes import MieAerosol
+from model.atmosphere.aerosol.presets import preset_aerosol
+from model.atmosphere.wavelengths import chebyshev_wavelengths_m, lagrange_basis
+
+AerosolChoice = AerosolType | MieAerosol
+_SPECTRUM_NODES = 8
+
+
+def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol:
+    """Spheres of an aerosol; those of one's own are as they are given, at any humidity.
+
+    References
+    ----------
+    definition
+    """
+    if isinstance(choice, MieAerosol):
+        return choice
+    return preset_aerosol(AerosolType(choice), relative_humidity=relative_humidity)
+
+
+def optics_of(
+    choice: AerosolChoice, *, wavelength_m: float, relative_humidity: float, angstrom_exponent: float | None
+) -> AerosolOptics:
+    """Optical properties of an aerosol at one wavelength: from its table where it has one, otherwise by Mie's theory.
+
+    Parameters
+    ----------
+    choice
+        Which aerosol.
+    wavelength_m
+        [m].
+    relative_humidity
+        At the ground.
+    angstrom_exponent
+        Of the extinction in place of its own spectrum; or None.
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    References
+    ----------
+    definition
+    """
+    extinction = float(
+        extinction_of(
+            choice,
+            wavelength_m=wavelength_m,
+            relative_humidity=relative_humidity,
+            angstrom_exponent=angstrom_exponent,
+        )
+    )
+    if choice in TABULATED:
+        own = aerosol_optics(kind=AerosolType(choice), wavelength_m=wavelength_m, relative_humidity=relative_humidity)
+        return AerosolOptics(extinction=extinction, ssa=own.ssa, g=own.g)
+    spheres = spheres_of(choice, relative_humidity=relative_humidity)
+    scattering = aerosol_scattering(spheres, wavelength_m=wavelength_m)
+    return AerosolOptics(extinction=extinction, ssa=scattering.ssa, g=scattering.matrix.g)
+
+
+def extinction_of(
+    choice: AerosolChoice, *, wavelength_m: ArrayLike, relative_humidity: float, angstrom_exponent: float | None
+) -> NDArray[np.float64]:
+    """Extinction of an aerosol over that at 550 nm; arguments as in `optics_of`, but for many wavelengths.
+
+    Notes
+    -----
+    Of spheres, beyond eight wavelengths, a polynomial in 1/wavelength through eight that are computed.
+
+    References
+    ----------
+    definition
+    """
+    if angstrom_exponent is not None:
+        return angstrom_ratio(exponent=angstrom_exponent, wavelength_m=wavelength_m)
+    if choice in TABULATED:
+        return relative_extinction(
+            kind=AerosolType(choice), wavelength_m=wavelength_m, relative_humidity=relative_humidity
+        )
+    spheres = spheres_of(choice, relative_humidity=relative_humidity)
+    wavelengths = np.asarray(wavelength_m, dtype=float)
+    if wavelengths.size <= _SPECTRUM_NODES:
+        each = [_logarithm(spheres, wavelength) for wavelength in wavelengths.ravel()]
+        return np.asarray(np.exp(np.array(each)).reshape(wavelengths.shape))
+    nodes_m = chebyshev_wavelengths_m(
+        shortest_m=float(np.min(wavelengths)), longest_m=float(np.max(wavelengths)), count=_SPECTRUM_NODES
+    )
+    at_nodes = np.array([_logarithm(spheres, node) for node in nodes_m])
+    basis = lagrange_basis(nodes_m=nodes_m, wavelength_m=wavelengths.ravel())
+    return np.asarray(np.exp(at_nodes @ basis).reshape(wavelengths.shape))
+
+
+def _logarithm(spheres: MieAerosol, wavelength_m: float) -> float:
+    """Logarithm of the extinction over that at 550 nm."""
+    here, there = (
+        aerosol_extinction_m2(spheres, wavelength_m=float(length)) for length in (wavelength_m, REFERENCE_WAVELENGTH_M)
+    )
+    return float(np.log(here / there))

@@ -1,0 +1,124 @@
+"""Light in a band from a computed atmosphere: few wavelengths, each with its share of the solar spectrum."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.atmosphere.lighting.diffuse_light import DiffuseLight
+from model.atmosphere.lighting.path import path_radiance, path_transmittance
+from model.atmosphere.profile import Column
+
+
+@dataclass(frozen=True, kw_only=True)
+class BandLighting:
+    """Light in a band from solved atmospheres; a `model.atmosphere.lighting.lighting.Lighting`.
+
+    Attributes
+    ----------
+    columns
+        The atmosphere at each wavelength.
+    solutions
+        Its diffuse light at each wavelength.
+    irradiance
+        Share of each wavelength in the irradiance outside the atmosphere, after ozone [W m-2].
+    direct_irradiance
+        Irradiance of the beam at the ground on a plane normal to it [W m-2].
+    wavelength_error
+        Relative error of the direct irradiance were it taken from these wavelengths: an estimate of what their number
+        costs the diffuse light.
+    """
+
+    columns: tuple[Column, ...]
+    solutions: tuple[DiffuseLight, ...]
+    irradiance: NDArray[np.float64]
+    direct_irradiance: float
+    wavelength_error: float
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated relative error of the diffuse light by solver and wavelengths; the profile has its own."""
+        return max(solution.error_estimate for solution in self.solutions) + self.wavelength_error
+
+    @property
+    def diffuse_irradiance(self) -> float:
+        """Downward diffuse irradiance at the ground [W m-2]."""
+        return float(self.irradiance @ [solution.diffuse_irradiance for solution in self.solutions])
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky at the ground without the beam, shape (..., 3) [W m-2 sr-1].
+
+        Parameters
+        ----------
+        zenith_rad
+            Zenith angle of the point, 0 to pi/2 [rad].
+        phi_rad
+            Azimuth of the sun minus that of the point [rad].
+
+        References
+        ----------
+        [MK14] eq. (3): the downwelled sky radiance.
+        """
+        mu = _cosine(zenith_rad)
+        return self._band([solution.stokes(solution.depth, mu, phi_rad, looking="up") for solution in self.solutions])
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below a sensor over a black target, shape (..., 3) [W m-2 sr-1].
+
+        Parameters
+        ----------
+        height_m
+            Height of the sensor over the ground [m], 0 or more.
+        zenith_rad
+            View zenith angle, 0 to pi/2 [rad].
+        phi_rad
+            Azimuth of the sun minus that of the sensor as seen from the target [rad].
+
+        References
+        ----------
+        [MK14] eq. (4).
+        """
+        mu = _cosine(zenith_rad)
+        return self._band(
+            [
+                path_radiance(solution, tau_above=column.tau_above(height_m), mu=mu, phi_rad=phi_rad)
+                for column, solution in zip(self.columns, self.solutions, strict=True)
+            ]
+        )
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance from the ground to a sensor, in the mean over the spectrum of the beam at the ground.
+
+        Parameters
+        ----------
+        height_m
+            Height of the sensor over the ground [m], 0 or more.
+        zenith_rad
+            View zenith angle, 0 to pi/2 [rad].
+
+        Notes
+        -----
+        Right for a surface without colour; for another, take the solutions wavelength by wavelength.
+
+        References
+        ----------
+        [MK14] eq. (4).
+        """
+        mu = _cosine(zenith_rad)
+        beam = self.irradiance * [np.exp(-one.depth / one.mu0) for one in self.solutions]
+        each = [
+            path_transmittance(tau_below=column.depth - column.tau_above(height_m), mu=mu) for column in self.columns
+        ]
+        return np.asarray(np.tensordot(beam / np.sum(beam), np.array(each), 1))
+
+    def _band(self, each: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Sum over the wavelengths."""
+        return np.asarray(np.tensordot(self.irradiance, np.array(each), 1))
+
+
+def _cosine(zenith_rad: ArrayLike) -> NDArray[np.float64]:
+    """Cosine of zenith angles that were checked; exactly 0 at the horizon."""
+    zenith = np.asarray(zenith_rad, dtype=float)
+    if not np.all((zenith >= 0.0) & (zenith <= np.pi / 2.0)):
+        raise ValueError("zenith_rad must be 0 to pi/2 rad")
+    return np.asarray(np.sin(np.pi / 2.0 - zenith))

@@ -1,0 +1,160 @@
+"""Light in a band, computed with the effort of a tier."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.atmosphere.lighting.analytic_sky import AnalyticLighting
+from model.atmosphere.lighting.band_lighting import BandLighting
+from model.atmosphere.lighting.diffuse_light import DiffuseLight
+from model.atmosphere.lighting.single import single_solution
+from model.atmosphere.lighting.tiers import TIERS, SolverSettings, Tier
+from model.atmosphere.ozone import ozone_optical_depth
+from model.atmosphere.profile import AtmosphereState, Column, column, optical_depth
+from model.atmosphere.solver import solve
+from model.atmosphere.sun import SolarBand
+from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.transfer.phase import AerosolKind
+from model.atmosphere.transfer.solution import Solution
+from model.atmosphere.wavelengths import chebyshev_wavelengths_m, lagrange_basis
+
+
+class Solver(Protocol):
+    """The call of `model.atmosphere.solver.solve`; an application may put a store of solutions in its place."""
+
+    def __call__(
+        self,
+        layers: tuple[Layer, ...],
+        *,
+        mu0: float,
+        albedo: float,
+        aerosol: AerosolKind,
+        nodes: int,
+        element_depth: float,
+        tolerance: float,
+    ) -> Solution:
+        """Solve one wavelength."""
+        ...
+
+
+class LightSolver(Protocol):
+    """The same call where only the light counts: `Solver`, or `model.atmosphere.sasktran2_engine`."""
+
+    def __call__(
+        self,
+        layers: tuple[Layer, ...],
+        *,
+        mu0: float,
+        albedo: float,
+        aerosol: AerosolKind,
+        nodes: int,
+        element_depth: float,
+        tolerance: float,
+    ) -> DiffuseLight:
+        """Solve one wavelength."""
+        ...
+
+
+def compute_lighting(
+    state: AtmosphereState,
+    *,
+    tier: Tier,
+    band: SolarBand,
+    mu0: float,
+    albedo: float,
+    aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
+    wavelengths: int = 4,
+    dolp_max: float = 0.2,
+    solver: LightSolver = solve,
+) -> BandLighting | AnalyticLighting:
+    """Light of one sun position in a band.
+
+    Parameters
+    ----------
+    state
+        The atmosphere.
+    tier
+        Any but TABLE, which is made from a table (`model.atmosphere.lighting.table_lighting`).
+    band
+        Spectrum of the sun at its actual distance, and response of the sensor.
+    mu0
+        Cosine of the solar zenith angle, cos(85 deg) to 1.
+    albedo
+        Albedo of the ground around, 0 to 1.
+    aerosol
+        What the aerosol does to polarization.
+    wavelengths
+        How many to compute.
+    dolp_max
+        Largest degree of polarization of the sky; tier ANALYTIC alone uses it.
+    solver
+        What solves a wavelength.
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    References
+    ----------
+    definition
+    """
+    if tier is Tier.TABLE:
+        raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
+    kind = AerosolKind(aerosol)
+    shortest, longest = band.limits_m
+    nodes_m = chebyshev_wavelengths_m(shortest_m=shortest, longest_m=longest, count=wavelengths)
+    columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in nodes_m)
+    settings = TIERS[tier].settings
+    solutions = tuple(
+        single_solution(one.layers(fine=True, aerosol=kind), mu0=mu0, albedo=albedo)
+        if settings is None
+        else _solved(solver, one, settings, mu0=mu0, albedo=albedo, aerosol=kind)
+        for one in columns
+    )
+    lighting = _band_lighting(state, band, nodes_m, columns, solutions)
+    if tier is not Tier.ANALYTIC:
+        return lighting
+    zenith = float(lighting.sky(zenith_rad=0.0, phi_rad=0.0)[0])
+    return AnalyticLighting(path_and_beam=lighting, mu0=mu0, zenith_radiance=zenith, dolp_max=dolp_max)
+
+
+def _solved(
+    solver: LightSolver, one: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
+) -> DiffuseLight:
+    """One wavelength with the settings of a tier."""
+    return solver(
+        one.layers(fine=settings.fine_layers, aerosol=aerosol, matrix_tolerance=settings.matrix_tolerance),
+        mu0=mu0,
+        albedo=albedo,
+        aerosol=aerosol,
+        nodes=settings.nodes,
+        element_depth=settings.element_depth,
+        tolerance=settings.tolerance,
+    )
+
+
+def _band_lighting(
+    state: AtmosphereState,
+    band: SolarBand,
+    nodes_m: NDArray[np.float64],
+    columns: tuple[Column, ...],
+    solutions: tuple[DiffuseLight, ...],
+) -> BandLighting:
+    """Wavelengths put together; ozone, whose spectrum is not smooth, and the beam at all samples of the spectrum."""
+    mu0 = solutions[0].mu0
+    ozone = np.exp(-ozone_optical_depth(wavelength_m=band.wavelength_m, ozone_m=state.ozone_m) / mu0)
+    used = band.weighted > 0.0
+    depth = np.zeros(used.size)
+    depth[used] = optical_depth(state, wavelength_m=band.wavelength_m[used])
+    direct = float(band.integral(ozone * np.exp(-depth / mu0)))
+    irradiance = band.integral(ozone * lagrange_basis(nodes_m=nodes_m, wavelength_m=band.wavelength_m))
+    from_nodes = float(irradiance @ [np.exp(-one.depth / mu0) for one in columns])
+    return BandLighting(
+        columns=columns,
+        solutions=solutions,
+        irradiance=irradiance,
+        direct_irradiance=direct,
+        wavelength_error=abs(from_nodes / direct - 1.0),
+    )

@@ -1,0 +1,175 @@
+"""Counts per radiance from a run: a panel of known reflectance under the run's own sun."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.radiometric import PanelScale, panel_scale
+from model.prediction import predict
+from model.processing.agreement import input_jacobian
+from rigctl.comparison.run_geometry import scene_of_run
+from rigctl.comparison.run_readout import one_exposure_s, run_readout
+from rigctl.comparison.scene_inputs import Inputs, build_scenario, gather
+from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.throughput import modelled_response, without_throughput
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.scene_file import SceneFile
+from rigctl.measurement.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+
+# Saturated pixels that are left out make the rest look darker than the panel is.
+_MOST_SATURATED = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PanelResponse:
+    """The counts that a radiance makes, by a panel.
+
+    Attributes
+    ----------
+    panel : str
+        Its region.
+    exposure_s : float
+        Of each frame [s].
+    f_number : float
+        As the scene file has it.
+    channel_names : tuple of str
+        Of the N polarizer angles.
+    polarizer_angles_rad : (N,) array
+        Those [rad].
+    modelled_dn_per_radiance : float
+        Counts per unit of unpolarized radiance as the scene file's sensor has it [DN per W m-2 sr-1].
+    scale : PanelScale
+        Measured over that, by channel and for all.
+    radiance, radiance_error : float
+        S0 of the panel at the aperture as it was predicted, and its standard error [W m-2 sr-1].
+    shares : dict
+        Uncertain input to the share of the variance of the common scale that comes from it alone; "measurement" is
+        one of them. Where inputs are correlated they do not add up to 1.
+    pixels : int
+        Of the panel.
+    remarks : tuple of str
+        What was assumed, overruled or found on the way.
+    """
+
+    panel: str
+    exposure_s: float
+    f_number: float
+    channel_names: tuple[str, ...]
+    polarizer_angles_rad: FloatArray
+    modelled_dn_per_radiance: float
+    scale: PanelScale
+    radiance: float
+    radiance_error: float
+    shares: dict[str, float]
+    pixels: int
+    remarks: tuple[str, ...]
+
+
+def panel_response(
+    measurement: Measurement, *, scene: SceneFile, panel: str, noise: dict[str, Any] | None
+) -> PanelResponse:
+    """Return the counts that a radiance makes, by a panel of known reflectance.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Of a run, with the panel among its regions.
+    scene : SceneFile
+        Says what the panel is made of, or which radiance it sends; the sun is that of the run.
+    panel : str
+        Name of its region.
+    noise : dict or None
+        A noise calibration as its file holds it.
+
+    Raises
+    ------
+    ConfigError
+        The scene has no such region.
+    DataError
+        The panel is saturated, or the run cannot be predicted: exposures differ or are not known.
+    """
+    alone = _alone(scene, panel)
+    frames = [record for cycle in measurement.grid.records for record in cycle]
+    alone, moved = scene_of_run(alone, measurement.run, frames)
+    measured = _unsaturated(measurement, panel)
+    inputs = without_throughput(gather(alone, noise))
+    light, exposure_s = SceneLight(), one_exposure_s(measurement)
+
+    def at(values: FloatArray) -> FloatArray:
+        return _prediction(measurement, alone, light, inputs.names, values)
+
+    *channels, radiance = at(inputs.values)
+    jacobian = input_jacobian(at, inputs.values, np.sqrt(np.diag(inputs.cov)), least=tuple(inputs.least))
+    cov = jacobian @ inputs.cov @ jacobian.T
+    predicted_dn = np.array(channels)
+    scale = panel_scale(measured.channels_mean.mean, measured.channels_mean.cov, predicted_dn, cov[:-1, :-1])
+    return PanelResponse(
+        panel=panel,
+        exposure_s=exposure_s,
+        f_number=inputs.named["sensor.f_number"],
+        channel_names=measurement.grid.channel_names,
+        polarizer_angles_rad=measurement.grid.polarizer_angles_rad,
+        modelled_dn_per_radiance=modelled_response(alone, inputs.named, exposure_s=exposure_s),
+        scale=scale,
+        radiance=float(radiance),
+        radiance_error=float(np.sqrt(cov[-1, -1])),
+        shares=_shares(scale, predicted_dn, inputs, jacobian[:-1]),
+        pixels=measured.pixels,
+        remarks=(*inputs.remarks, *moved, *light.remarks(alone, inputs.named), *_of_channels(scale)),
+    )
+
+
+def _alone(scene: SceneFile, panel: str) -> SceneFile:
+    named = [region for region in scene.regions if region.name == panel]
+    if not named:
+        known = ", ".join(region.name for region in scene.regions)
+        raise ConfigError(f"--panel: {panel!r} is no region of {scene.name}; there are {known}")
+    return scene.model_copy(update={"regions": named})
+
+
+def _unsaturated(measurement: Measurement, panel: str) -> Any:
+    region = measurement.regions[panel]
+    share = region.excluded / (region.excluded + region.pixels)
+    if share > _MOST_SATURATED:
+        raise DataError(
+            f"{measurement.run.path}: {share:.1%} of the panel's pixels are saturated or missing (allowed are "
+            f"{_MOST_SATURATED:.1%}): what is left is not its mean; expose shorter, or draw the region within the panel"
+        )
+    return region
+
+
+def _prediction(
+    measurement: Measurement, scene: SceneFile, light: SceneLight, names: tuple[str, ...], values: FloatArray
+) -> FloatArray:
+    """Return the counts of the panel's channels, and S0 of its light at the aperture."""
+    named: Mapping[str, float] = dict(zip(names, values.tolist(), strict=True))
+    scenario = build_scenario(
+        scene, named, readout=run_readout(measurement), exposure_s=one_exposure_s(measurement), light=light
+    )
+    (prediction,) = predict(scenario).values()
+    return np.append(prediction.channels.mean_dn, scenario.regions[0].aperture_moments().mean[0])
+
+
+def _shares(scale: PanelScale, predicted_dn: FloatArray, inputs: Inputs, jacobian: FloatArray) -> dict[str, float]:
+    """Return how much of the common scale's variance each uncertain number makes alone."""
+    slopes = scale.common * jacobian.sum(axis=0) / predicted_dn.sum()
+    parts = np.square(slopes) * np.diag(inputs.cov) / scale.common_error**2
+    found = {name: float(part) for name, part in zip(inputs.names, parts, strict=True) if part > 0.0}
+    found["measurement"] = (scale.measurement_error / scale.common_error) ** 2
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _of_channels(scale: PanelScale) -> tuple[str, ...]:
+    if scale.channels_agree:
+        return ()
+    spread = (scale.channel.max() - scale.channel.min()) / scale.common
+    return (
+        f"channels differ by {spread:.2%} more than their errors allow (chi-squared {scale.chi2:.3g}): the throughput "
+        "depends on the angle, the light drifted, or the panel's polarization is not as predicted; see "
+        "rigctl calibrate axis",
+    )

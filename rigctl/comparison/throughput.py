@@ -1,0 +1,80 @@
+"""The numbers of a scene file that only say how many counts a radiance makes, and what takes their place."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.sensor import Sensor, counts_per_radiance
+from rigctl.comparison.scene_inputs import Inputs, build_sensor
+from rigctl.errors import DataError
+from rigctl.files.scene_file import SceneFile
+
+FloatArray = NDArray[np.float64]
+
+EFFICIENCY, TRANSMITTANCE, GAIN = (
+    "sensor.quantum_efficiency",
+    "sensor.optics_transmittance",
+    "noise.gain_dn_per_e",
+)
+# A scale that is measured holds all of them; the gain is not one, since noise rests on it too.
+_THROUGHPUT = (
+    EFFICIENCY,
+    TRANSMITTANCE,
+    "sensor.pixel_pitch_um",
+    "sensor.f_number",
+    "sensor.wavelength_nm",
+    "sensor.polarizer_transmittance",
+)
+
+
+def modelled_response(scene: SceneFile, values: Mapping[str, float], *, exposure_s: float) -> float:
+    """Return the counts per unit of unpolarized radiance by the sensor of a scene file [DN per W m-2 sr-1]."""
+    sensor: Sensor = build_sensor(scene, values, exposure_s)
+    return counts_per_radiance(sensor)
+
+
+def without_throughput(inputs: Inputs) -> Inputs:
+    """Return the inputs with the numbers of the throughput taken as exact."""
+    keep = np.array([0.0 if name in _THROUGHPUT else 1.0 for name in inputs.names])
+    return replace(inputs, cov=inputs.cov * np.outer(keep, keep))
+
+
+def rescaled(inputs: Inputs, factor: float, *, variance: float, common: FloatArray) -> Inputs:
+    """Return the inputs with a factor on the counts per radiance in place of what the scene file says of it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Of scene file and noise calibration.
+    factor : float
+        On the electrons that a radiance makes, > 0.
+    variance : float
+        Of its logarithm, with all that goes into `common`.
+    common : (k,) array
+        Covariance of its logarithm with each input.
+
+    Raises
+    ------
+    DataError
+        More electrons than photons would be needed.
+
+    Notes
+    -----
+    Transmittance and quantum efficiency are only known as their product, which stands under the latter's name.
+    """
+    place = {name: k for k, name in enumerate(inputs.names)}
+    efficiency = inputs.values[place[EFFICIENCY]] * inputs.values[place[TRANSMITTANCE]] * factor
+    if efficiency > 1.0:
+        raise DataError(
+            f"the scale of the counts needs {efficiency:.3g} electrons per photon, more than there can be: check gain, "
+            "exposure, f-number and pixel pitch of scene file and calibrations, and the radiance of the panel"
+        )
+    fixed = without_throughput(inputs)
+    values, cov = fixed.values.copy(), fixed.cov.copy()
+    values[place[TRANSMITTANCE]], values[place[EFFICIENCY]] = 1.0, efficiency
+    row = efficiency * common * np.array([0.0 if name in _THROUGHPUT else 1.0 for name in inputs.names])
+    cov[place[EFFICIENCY], :] = cov[:, place[EFFICIENCY]] = row
+    cov[place[EFFICIENCY], place[EFFICIENCY]] = efficiency**2 * variance
+    return replace(fixed, values=values, cov=cov)
