@@ -22,7 +22,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
 from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
@@ -77,6 +77,9 @@ class StandIn:
 
     def home(self) -> StagePosition:
         return StagePosition(angle_deg=0.0, counts=0)
+
+    def status(self) -> StageStatus:
+        return StageStatus(moving=False, homed=True, code=0, meaning="ok")
 
     def move_to(self, angle_deg: float) -> Move:
         begin = time.perf_counter()

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.frame_statistics import level_statistics
+from calibration.sensor.frame_statistics import level_statistics
 from rigctl.noise.calibrate_files import calibrate_frames
 from rigctl.noise.noise_frames import emva_frames
 

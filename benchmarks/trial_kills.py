@@ -1,5 +1,8 @@
 """`rigctl acquire` killed at random moments and gone on with: no frame is lost, torn, doubled or mislabelled.
 
+Labels are compared with the log that the simulator itself writes of each exposure (`truth=FILE` in the camera's
+address), counts with those of a session that nobody disturbed.
+
 Usage: python -m benchmarks.trial_kills [--kills 200] [--seed 1]
 """
 
@@ -16,16 +19,19 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.runs.fits_frame import decode_frame
-from rigctl.runs.run_folder import EVENTS_FILE, FRAMES_FOLDER, MANIFEST_FILE, Run, read_run
+from rigctl.runs.run_folder import EVENTS_FILE, FRAMES_FOLDER, MANIFEST_FILE, FrameRecord, Run, read_run
 from rigctl.runs.run_state import read_event_lines
 from rigctl.runs.verification import verify_run
-from rigctl.utc_time import NS_PER_S
+from rigctl.utc_time import NS_PER_S, utc_text
+from sim_devices.truth_log import TrueFrame, read_truth
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 _START_TIMEOUT_S = 60.0
-# Without landing errors of the stage the light of each frame is that of the undisturbed session, whose labels are
-# the simulator's truth.
+# Without landing errors of the stage the light of each frame is that of the undisturbed session.
 _STAGE, _EXACT_STAGE = "sim:ellx?speed=20", "sim:ellx?speed=60&landing=0"
+_CAMERA, _TRUTH_FILE = "sim:gc780", "truth.jsonl"
+# The encoder's step of an ELL14 is 360 / 143360 deg: a readback is off by half of it at most, and by rounding.
+_ANGLE_TOLERANCE_DEG = 0.5 * 360.0 / 143360.0 + 1e-9
 _SESSION = """
 name = "killed"
 [[take]]
@@ -51,9 +57,10 @@ def run_kills(kills: int, *, seed: int = 1) -> bool:
         session_s = duration_s(undisturbed)
         failures = 0
         for kill in range(kills):
-            run = Path(folder) / "killed"
+            run, truth = Path(folder) / "killed", Path(folder) / _TRUTH_FILE
+            truth.unlink()
             named, there = killed_session(run, files, delay_s=moments.uniform(0.0, session_s))
-            bad = problems_of(run) + problems_after_resume(run, undisturbed)
+            bad = problems_of(run) + problems_after_resume(run, undisturbed, truth)
             failures += bool(bad)
             print(
                 f"kill {kill + 1:3d}: {named:3d} frames named, {there:3d} there: {'; '.join(bad) or 'sound, and whole'}"
@@ -66,7 +73,8 @@ def run_kills(kills: int, *, seed: int = 1) -> bool:
 def write_files(folder: Path) -> tuple[Path, Path]:
     """Write a rig file and a session file; return both."""
     rig, session = folder / "rig.toml", folder / "session.toml"
-    rig.write_text((EXAMPLES / "rig-sim.toml").read_text().replace(_STAGE, _EXACT_STAGE))
+    example = (EXAMPLES / "rig-sim.toml").read_text().replace(_STAGE, _EXACT_STAGE)
+    rig.write_text(example.replace(_CAMERA, f"{_CAMERA}?truth={folder / _TRUTH_FILE}"))
     shutil.copyfile(EXAMPLES / "scene-panels.toml", folder / "scene-panels.toml")
     session.write_text(_SESSION)
     return rig, session
@@ -108,8 +116,8 @@ def problems_of(run: Path) -> list[str]:
     return found
 
 
-def problems_after_resume(run: Path, undisturbed: Run) -> list[str]:
-    """Go on with a run; return in what it differs from the undisturbed one, times apart."""
+def problems_after_resume(run: Path, undisturbed: Run, truth: Path) -> list[str]:
+    """Go on with a run; return in what it differs from the simulator's truth, and from the undisturbed run."""
     result = subprocess.run(
         [sys.executable, "-m", "rigctl", "resume", run], stderr=subprocess.PIPE, text=True, check=False
     )
@@ -119,13 +127,41 @@ def problems_after_resume(run: Path, undisturbed: Run) -> list[str]:
     resumed = read_run(run)
     if [record.sequence for record in resumed.frames] != [record.sequence for record in undisturbed.frames]:
         return [*found, "not every planned frame is there once"]
+    found += mislabelled(resumed, read_truth(truth))
     for one, two in zip(resumed.frames, undisturbed.frames, strict=True):
         moment = {name: getattr(two, name) for name in _OF_THE_MOMENT}
         if replace(one, **moment) != two:
-            found.append(f"{one.file}: another label than the truth")
+            found.append(f"{one.file}: another label than undisturbed")
         if not np.array_equal(resumed.counts(one), undisturbed.counts(two)):
             found.append(f"{one.file}: other counts than undisturbed")
     return found
+
+
+def mislabelled(run: Run, truth: tuple[TrueFrame, ...]) -> list[str]:
+    """Return which frames bear another label than the simulator's own log of the exposure says."""
+    exposures = {(frame.sequence, utc_text(frame.start_utc_ns)): frame for frame in truth}
+    found = []
+    for record in run.frames:
+        true = exposures.get((record.camera_frame or 0, record.start_utc or ""))
+        if true is None:
+            found.append(f"{record.file}: the simulator has exposed no such frame")
+        elif wrong := _wrong_fields(record, true):
+            found.append(f"{record.file}: the simulator's log has another {', '.join(wrong)}")
+    return found
+
+
+def _wrong_fields(record: FrameRecord, true: TrueFrame) -> list[str]:
+    pairs = {
+        "kind": (record.kind, true.subject),
+        "exposure": (record.exposure_s, true.exposure_s),
+        "gain": (record.gain_db, true.gain_db),
+        "time": (record.start_monotonic_ns, true.start_monotonic_ns),
+    }
+    wrong = [name for name, (stated, truth) in pairs.items() if stated != truth]
+    if record.polarizer_angle_deg is not None:
+        off_deg = (record.polarizer_angle_deg - true.polarizer_angle_deg + 90.0) % 180.0 - 90.0
+        wrong += ["angle"] if abs(off_deg) > _ANGLE_TOLERANCE_DEG else []
+    return wrong
 
 
 def _acquire(files: tuple[Path, Path], out: Path) -> list[str | Path]:

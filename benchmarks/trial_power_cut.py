@@ -9,7 +9,6 @@ that the disk honours a flush.
 """
 
 import argparse
-import os
 import random
 import shutil
 import signal
@@ -18,14 +17,14 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.loop_disk import ext4_image, mounted, why_not
 from benchmarks.trial_kills import write_files
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
@@ -38,21 +37,6 @@ _IMAGE_BYTES = 128 * 1024 * 1024
 _FRAMES = 20
 _LONGEST_S = 1.5
 _START_TIMEOUT_S = 60.0
-
-
-def can_run() -> str | None:
-    """Return why there can be no trial here, or None."""
-    if os.geteuid() != 0:
-        return "needs root, for a loop device"
-    missing = [tool for tool in ("losetup", "mkfs.ext4", "mount", "umount") if shutil.which(tool) is None]
-    if missing:
-        return f"needs {', '.join(missing)}"
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            with _mounted(_image(Path(folder) / "try.img"), Path(folder) / "try"):
-                return None
-        except subprocess.CalledProcessError as error:
-            return f"no loop device can be mounted here: {error.stderr}"
 
 
 def run_cuts(cuts: int, *, seed: int = 1) -> bool:
@@ -72,10 +56,10 @@ def one_cut(delay_s: float) -> tuple[int, list[str]]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = write_files(folder)
-        image, copy = _image(folder / "disk.img"), folder / "after.img"
-        with _mounted(image, folder / "disk") as disk:
+        image, copy = ext4_image(folder / "disk.img", size_bytes=_IMAGE_BYTES), folder / "after.img"
+        with mounted(image, folder / "disk") as disk:
             told = _session_cut_short(files, disk / "run", delay_s, lambda: shutil.copyfile(image, copy))
-        with _mounted(copy, folder / "after") as after:
+        with mounted(copy, folder / "after") as after:
             return len(told), _problems(after / "run", told)
 
 
@@ -123,27 +107,6 @@ def _problems(run: Path, told: dict[int, str]) -> list[str]:
     return found
 
 
-def _image(path: Path) -> Path:
-    with path.open("wb") as file:
-        file.truncate(_IMAGE_BYTES)
-    _call("mkfs.ext4", "-q", "-F", path)
-    return path
-
-
-@contextmanager
-def _mounted(image: Path, place: Path) -> Iterator[Path]:
-    place.mkdir()
-    _call("mount", "-o", "loop", image, place)
-    try:
-        yield place
-    finally:
-        _call("umount", place)
-
-
-def _call(*command: str | Path) -> None:
-    subprocess.run(command, check=True, capture_output=True, text=True)
-
-
 def _take_and_tell(rig: Path, session: Path, run: Path) -> None:
     """Take a session, and tell of each frame once it is durable."""
     write_frame = RunWriter.write_frame
@@ -167,7 +130,7 @@ def main() -> int:
     if arguments.session is not None:
         _take_and_tell(*arguments.session)
         return 0
-    reason = can_run()
+    reason = why_not()
     if reason is not None:
         print(f"power cuts were not simulated: {reason}")
         return 0

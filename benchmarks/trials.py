@@ -7,9 +7,10 @@ import argparse
 import sys
 from pathlib import Path
 
+from benchmarks.loop_disk import why_not
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_kills import run_kills
-from benchmarks.trial_power_cut import can_run, run_cuts
+from benchmarks.trial_power_cut import run_cuts
 
 
 def main() -> int:
@@ -23,7 +24,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
     sound = run_kills(arguments.kills)
-    reason = can_run()
+    reason = why_not()
     if reason is None:
         sound &= run_cuts(arguments.cuts)
     else:

@@ -4,7 +4,7 @@ Real and simulated devices keep the same promises; the suites in ``tests/contrac
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,3 +200,68 @@ class Camera(Protocol):
 
     def close(self) -> None:
         """Release the camera. May be called twice."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameTally:
+    """What became of the pictures that a camera sent, counted since it was opened.
+
+    Attributes
+    ----------
+    accepted : int
+        Pictures that were handed on.
+    damaged : int
+        Pictures that came in incomplete, or marked as damaged.
+    too_old : int
+        Pictures whose exposure began before they were asked for.
+    never_came : int
+        Pictures that were asked for and did not come.
+    reopened : int
+        How often the connection was lost, made again, and all settings restored.
+    """
+
+    accepted: int = 0
+    damaged: int = 0
+    too_old: int = 0
+    never_came: int = 0
+    reopened: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFacts:
+    """What is known of how a camera's counts come about, beside its settings.
+
+    Attributes
+    ----------
+    sample_format : str
+        How its samples come, in the words of its own standard.
+    justified : {"right", "left"}
+        At which end of its bytes a sample comes. The counts of a `Frame` are right-justified in any case.
+    linear : bool or None
+        True: what the camera has to bend its counts (gamma, look-up table, sharpening, noise reduction) was read back
+        as switched off. None: it tells of nothing of that kind, so nothing is known. False: it bends them.
+    """
+
+    sample_format: str
+    justified: Literal["right", "left"]
+    linear: bool | None
+
+
+@runtime_checkable
+class ReportingCamera(Protocol):
+    """What our own cameras tell beside pictures. A plug-in's camera need not: then a run has nothing of it."""
+
+    def tally(self) -> FrameTally:
+        """Return what became of the pictures so far; of a camera that is gone too."""
+
+    def facts(self) -> CameraFacts:
+        """Return how its counts come about."""
+
+    def features(self) -> dict[str, str]:
+        """Return what was set, what was found and left, and what it measures: values by its own names.
+
+        Raises
+        ------
+        DeviceError
+            The camera does not answer.
+        """

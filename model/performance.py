@@ -113,18 +113,41 @@ def pair_detections(
     ----------
     [MK14] eq. (30), section IV-B.
     """
-    rates = np.asarray(p_false_alarm, dtype=np.float64)
     return tuple(
-        _pair_detection(target, background, predictions, rates) for target, background in permutations(predictions, 2)
+        pair_detection(target, background, predictions, p_false_alarm)
+        for target, background in permutations(predictions, 2)
     )
 
 
-def _pair_detection(
-    target: str, background: str, predictions: Mapping[str, RegionPrediction], rates: FloatArray
+def pair_detection(
+    target: str,
+    background: str,
+    predictions: Mapping[str, RegionPrediction],
+    p_false_alarm: Sequence[float],
+    *,
+    tolerance: float = 1e-10,
 ) -> PairDetection:
+    """Return what the RX detector does for one region on another, on Stokes parameters of one cycle.
+
+    Parameters
+    ----------
+    target, background
+        Names of regions.
+    predictions
+        Region to prediction.
+    p_false_alarm
+        Shape (K,), each in (0, 1).
+    tolerance
+        Relative, of the tail that is integrated, 1e-12 to 0.01.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    rates = np.asarray(p_false_alarm, dtype=np.float64)
     one, other = predictions[target].stokes_dn, predictions[background].stokes_dn
     try:
-        curve = rx_roc(rates, one.mean, one.cov, other.mean, other.cov)
+        curve = rx_roc(rates, one.mean, one.cov, other.mean, other.cov, tolerance=tolerance)
     except ValueError as error:
         nothing, reason = np.full(rates.shape, np.nan), f"{background} cannot be a background: {error}"
         return PairDetection(

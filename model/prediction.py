@@ -1,16 +1,16 @@
 """What a scenario gives: counts, Stokes parameters, DoLP and their deviations, per region."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.channels import ChannelMoments, channel_moments
 from model.moments import Moments
 from model.processing import dolp
 from model.processing.reconstruction import Design, design
 from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
 from model.scenario import RegionLight, Scenario
-from model.sensor import ChannelMoments, channel_moments
 
 FloatArray = NDArray[np.float64]
 
@@ -158,7 +158,11 @@ def _law(stokes: Moments, tolerance: float) -> _Law:
 
 
 def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
-    return channel_moments(region.aperture_moments(), angles_rad=scenario.readout.angles_rad, sensor=scenario.sensor)
+    readout = scenario.readout
+    found = channel_moments(region.aperture_moments(), angles_rad=readout.angles_rad, sensor=scenario.sensor)
+    if readout.noise_factor is None:
+        return found
+    return replace(found, temporal_var_dn2=found.temporal_var_dn2 * readout.noise_factor)
 
 
 def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:

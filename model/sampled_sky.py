@@ -32,6 +32,33 @@ class Sky(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class MixedSky:
+    """Two skies mixed linearly.
+
+    Attributes
+    ----------
+    first, second
+        The skies, under the same sun.
+    share
+        Of the second.
+    """
+
+    first: Sky
+    second: Sky
+    share: float
+
+    def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+        """Return the Stokes radiance of the mixture; arguments as those of its skies.
+
+        References
+        ----------
+        definition
+        """
+        first, second = (sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for sky in (self.first, self.second))
+        return (1.0 - self.share) * first + self.share * second
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SampledSky:
     """A sky on a grid; call it like the sky it was made from.
 

@@ -62,12 +62,16 @@ class Readout:
         How many times all angles are gone through, >= 1.
     extinction_ratio
         Of the polarizer, as the processing takes it to be; infinite for ideal.
+    noise_factor
+        What the processing makes of the variance of temporal noise before anything else, one factor a frame, such as
+        by interpolation between pixels; None for nothing.
     """
 
     angles_rad: FloatArray
     channel_names: tuple[str, ...]
     cycles: int
     extinction_ratio: float
+    noise_factor: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,9 @@ from model.view import View
 
 FloatArray = NDArray[np.float64]
 
+# Of a panel on which no skylight falls: Stokes parameters, error, rules.
+_NO_SKY = (np.zeros(3), 0.0, Rules(lobe=2, diffuse=2))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ApertureLight:
@@ -94,6 +97,8 @@ def aperture_lights(
     views: Sequence[View],
     tolerance: float = TOLERANCE,
     rules: Rules | None = None,
+    skylight: bool = True,
+    path: bool = True,
 ) -> tuple[ApertureLight, ...]:
     """Return what `aperture_light` does for several views from one height, faster than one by one.
 
@@ -106,6 +111,8 @@ def aperture_lights(
     rules
         Of the hemisphere integral, where they are known from a similar view; its error is then not estimated anew and
         counts as the tolerance and the sky's.
+    skylight, path
+        Whether these parts are computed; what is not is zero.
 
     Raises
     ------
@@ -123,10 +130,18 @@ def aperture_lights(
     phi = illumination.sun_azimuth_rad - np.array([view.azimuth_rad for view in views])
     (height_m,) = heights_m
     through = illumination.lighting.transmittance(height_m=height_m, zenith_rad=zenith)
-    paths = illumination.lighting.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi)
+    paths = np.zeros((len(views), 3))
+    if path:
+        paths = illumination.lighting.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi)
     return tuple(
-        _one_light(illumination, PanelLight(surface=surface, tilt=tilt, view=view), float(part), path, tolerance, rules)
-        for view, part, path in zip(views, through, paths, strict=True)
+        _one_light(
+            illumination,
+            PanelLight(surface=surface, tilt=tilt, view=view),
+            float(part),
+            added,
+            (tolerance, rules) if skylight else None,
+        )
+        for view, part, added in zip(views, through, paths, strict=True)
     )
 
 
@@ -135,16 +150,15 @@ def _one_light(
     panel: PanelLight,
     through: float,
     path: FloatArray,
-    tolerance: float,
-    rules: Rules | None,
+    effort: tuple[float, Rules | None] | None,
 ) -> ApertureLight:
-    """Light of one view, its path being known."""
+    """Light of one view, its path being known; without an effort, of the sun alone."""
     sun = panel.sun(
         zenith_rad=illumination.sun_zenith_rad,
         azimuth_rad=illumination.sun_azimuth_rad,
         irradiance=illumination.lighting.direct_irradiance,
     )
-    sky, error, used = _sky_part(panel, illumination.skylight, tolerance, rules)
+    sky, error, used = _NO_SKY if effort is None else _sky_part(panel, illumination.skylight, *effort)
     roll_rad = panel.view.roll_rad
     return ApertureLight(
         reflected_sun=rotate_frame(through * sun, roll_rad),

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.sensor import Sensor, photon_conversion
+from model.electrons import photon_conversion
+from model.sensor import Sensor
 
 FloatArray = NDArray[np.float64]
 

@@ -7,6 +7,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from model.rectangular import rectangular_std
 from rigctl.errors import ConfigError
 
 
@@ -17,7 +18,11 @@ class Section(BaseModel):
 
 
 class Uncertain(Section):
-    """A number with its standard uncertainty. In a file: a plain number, or ``{value = 1.2, std = 0.1}``."""
+    """A number with its standard uncertainty.
+
+    In a file: a plain number, ``{value = 1.2, std = 0.1}``, or ``{range = [1.0, 1.4]}`` where any value between two
+    limits is as likely as any other.
+    """
 
     value: float
     std: Annotated[float, Field(ge=0)] = 0.0
@@ -25,7 +30,21 @@ class Uncertain(Section):
     @model_validator(mode="before")
     @classmethod
     def _plain_number(cls, given: object) -> object:
-        return {"value": given} if isinstance(given, int | float) else given
+        if isinstance(given, int | float):
+            return {"value": given}
+        if isinstance(given, dict) and set(given) == {"range"}:
+            return _of_range(given["range"])
+        return given
+
+
+def _of_range(limits: object) -> dict[str, float]:
+    """Return middle and standard deviation of a rectangular law (JCGM 100:2008, 4.3.7)."""
+    if not isinstance(limits, list | tuple) or len(limits) != 2 or not all(isinstance(x, int | float) for x in limits):
+        raise ValueError(f"range is {limits!r}; it needs two numbers, for instance [1.0, 1.4]")
+    low, high = limits
+    if not low < high:
+        raise ValueError(f"range is {limits!r}; the first number must be below the second")
+    return {"value": 0.5 * (low + high), "std": rectangular_std(low, high)}
 
 
 def _positive(number: Uncertain) -> Uncertain:

@@ -1,16 +1,20 @@
 """A simulated camera that looks at a simulated world."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 from sim_devices.detector import Detector, Lens, draw_fixed_pattern
 from sim_devices.exposure import counts_of, exposure_effects
+from sim_devices.random_streams import Stream, generator
+from sim_devices.rendering.effect import RenderingEffect, Shot
+from sim_devices.truth_log import TrueFrame, TruthLog
 from sim_devices.world import World
 
 CameraFault = Literal["lost", "repeated", "black"]
@@ -19,9 +23,6 @@ _MODEL = "simulated GC780-like camera"
 _EXPOSURE_RANGE_S = (1e-6, 60.0)
 _GAIN_RANGE_DB = (0.0, 24.0)
 _POWER_ON_EXPOSURE_S = 0.01
-
-# First number of the spawn key, so that no two uses of a seed share a stream.
-_PATTERN_STREAM, _NOISE_STREAM = 0, 1
 
 
 class SimCamera:
@@ -45,6 +46,10 @@ class SimCamera:
         (the counts of the frame before, under a new number and time) or "black" (all counts 0).
     utc_ns, monotonic_ns
         The clocks of the host [ns], for the time stamps.
+    truth
+        Where every exposure is noted as it truly was; None notes nothing.
+    rendering
+        Effects beside those of lens and detector; what is not named is not called.
 
     Raises
     ------
@@ -70,17 +75,22 @@ class SimCamera:
         faults: Mapping[int, CameraFault] | None = None,
         utc_ns: Callable[[], int] = time.time_ns,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        truth: TruthLog | None = None,
+        rendering: Sequence[RenderingEffect] = (),
     ) -> None:
         _refuse_mismatch(world, detector)
         _refuse_negative(pattern_seed=pattern_seed, noise_seed=noise_seed, first_sequence=first_sequence)
         self._world, self._lens, self._detector = world, lens, detector
         self._pattern_seed, self._noise_seed = pattern_seed, noise_seed
-        self._pattern = draw_fixed_pattern(detector, generator=_generator(pattern_seed, _PATTERN_STREAM))
+        self._pattern = draw_fixed_pattern(detector, generator=generator(pattern_seed, Stream.PATTERN))
         self._utc_ns, self._monotonic_ns = utc_ns, monotonic_ns
         self._next_sequence = first_sequence
         self._faults = dict(faults or {})
+        self._truth = truth
+        self._rendering = tuple(rendering)
         self._last_counts = np.zeros(world.shape, dtype=np.uint16)
         self._free_at_monotonic_ns = monotonic_ns()
+        self._tally = FrameTally()
         self._open = True
         self.configure(exposure_s=_POWER_ON_EXPOSURE_S, gain_db=0.0)
 
@@ -122,6 +132,7 @@ class SimCamera:
             pattern=self._pattern,
             exposure_s=self._settings.exposure_s,
             gain_db=gain_db,
+            rendering=self._rendering,
         )
         return self._settings
 
@@ -141,10 +152,13 @@ class SimCamera:
         self._next_sequence += 1
         start_utc_ns, start_monotonic_ns = self._start_exposure()
         fault = self._faults.get(sequence)
+        self._note_truth(sequence, start_utc_ns, start_monotonic_ns, fault)
         if fault == "lost":
+            self._tally = replace(self._tally, never_came=self._tally.never_came + 1)
             raise DeviceTimeoutError(f"{_MODEL}: frame {sequence} did not come within {timeout_s} s; try again")
         if fault != "repeated":
             self._last_counts = self._picture(sequence=sequence, black=fault == "black")
+        self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
         return Frame(
             counts=self._last_counts.copy(),
             settings=self._settings,
@@ -153,6 +167,24 @@ class SimCamera:
             end_utc_ns=start_utc_ns + self._exposure_us * 1000,
             start_monotonic_ns=start_monotonic_ns,
         )
+
+    def tally(self) -> FrameTally:
+        """Return what became of the pictures so far."""
+        return self._tally
+
+    def facts(self) -> CameraFacts:
+        """Return that it is linear, up to its full well and its range."""
+        return CameraFacts(sample_format="none: within the program", justified="right", linear=True)
+
+    def features(self) -> dict[str, str]:
+        """Return nothing: it has no features with names of their own, and no thermometer."""
+        return {}
+
+    def go_on_from(self, sequence: int) -> None:
+        """Give the next frame this number, on which its noise hangs; ValueError where it is used up."""
+        if sequence < self._next_sequence:
+            raise ValueError(f"sequence is {sequence}; numbers below {self._next_sequence} are used up")
+        self._next_sequence = sequence
 
     def close(self) -> None:
         """Release the camera. May be called twice."""
@@ -165,6 +197,21 @@ class SimCamera:
         self._free_at_monotonic_ns = start_ns + self._exposure_us * 1000
         return self._utc_ns() + start_ns - now_ns, start_ns
 
+    def _note_truth(self, sequence: int, start_utc_ns: int, start_monotonic_ns: int, fault: CameraFault | None) -> None:
+        if self._truth is None:
+            return
+        true_frame = TrueFrame(
+            sequence=sequence,
+            subject=self._world.subject,
+            polarizer_angle_deg=self._world.polarizer_angle_deg(),
+            exposure_s=self._settings.exposure_s,
+            gain_db=self._settings.gain_db,
+            start_utc_ns=start_utc_ns,
+            start_monotonic_ns=start_monotonic_ns,
+            fault=fault,
+        )
+        self._truth.note(true_frame)
+
     def _picture(self, *, sequence: int, black: bool) -> NDArray[np.uint16]:
         if black:
             return np.zeros(self._world.shape, dtype=np.uint16)
@@ -172,7 +219,16 @@ class SimCamera:
             self._world.radiance_behind_polarizer(),
             effects=self._effects,
             bit_depth=self._detector.bit_depth,
-            generator=_generator(self._noise_seed, _NOISE_STREAM, sequence),
+            shot=self._shot(sequence),
+        )
+
+    def _shot(self, sequence: int) -> Shot:
+        return Shot(
+            noise=generator(self._noise_seed, Stream.NOISE, sequence),
+            noise_seed=self._noise_seed,
+            sequence=sequence,
+            exposure_s=self._settings.exposure_s,
+            axis_deg=self._world.axis_deg(),
         )
 
     def _refuse_closed(self) -> None:
@@ -185,11 +241,6 @@ class SimCamera:
                 f"{_MODEL}: no frame within {timeout_s} s, since the exposure is "
                 f"{self._settings.exposure_s} s; allow more time or expose shorter"
             )
-
-
-def _generator(seed: int, *key: int) -> np.random.Generator:
-    # A spawn key keeps streams apart; plain entropy does not: (5,) and (5, 0) give the same numbers.
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 def _refuse_mismatch(world: World, detector: Detector) -> None:

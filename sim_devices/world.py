@@ -107,6 +107,19 @@ class World:
         height, width = self._unpolarised.shape
         return height, width
 
+    @property
+    def subject(self) -> Subject:
+        """What is in front of the camera."""
+        return self._subject
+
+    def axis_deg(self) -> float:
+        """Return where the polarizer's axis truly points now, over whole turns: a wedge is no axis [deg]."""
+        return self._polarizer.axis_deg(stage_angle_deg=self._stage_angle_deg())
+
+    def polarizer_angle_deg(self) -> float:
+        """Return where the transmission axis truly points now, in [0, 180) [deg]."""
+        return self.axis_deg() % 180.0
+
     def present(self, subject: Subject) -> None:
         """Put something in front of the camera until the next call.
 
@@ -126,8 +139,7 @@ class World:
             return np.zeros(self.shape)
         if self._subject == "flat":
             return np.full(self.shape, self._share_of_unpolarised() * self._flat_radiance)
-        axis_deg = self._polarizer.axis_deg(stage_angle_deg=self._stage_angle_deg())
-        return self._passed(axis_rad=np.deg2rad(axis_deg))
+        return self._passed(axis_rad=np.deg2rad(self.axis_deg()))
 
     def _share_of_unpolarised(self) -> float:
         return (self._polarizer.transmittance_along + self._polarizer.transmittance_across) / 2.0

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cameras.frame_tally import FrameTally
 from drivers.cameras.place import one_of, split_place, whole
 from drivers.cameras.raw_files import PLANES, RAW_SUFFIXES, Plane, read_raw
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 
 _SUFFIXES = frozenset((".png", ".tif", ".tiff")) | RAW_SUFFIXES
 _LOOK_S = 0.02
@@ -108,6 +107,14 @@ class FolderCamera:
     def tally(self) -> FrameTally:
         """Return what became of the files so far."""
         return self._tally
+
+    def facts(self) -> CameraFacts:
+        """Return what is known of the files: what the camera's own program does to pictures is not."""
+        return CameraFacts(sample_format="files", justified="right", linear=None)
+
+    def features(self) -> dict[str, str]:
+        """Return which colour is taken, where files have several."""
+        return {} if self._options.plane is None else {"plane": self._options.plane}
 
     def take_frame(self, *, timeout_s: float) -> Frame:
         """Return the picture of the next file whose exposure began after this call.

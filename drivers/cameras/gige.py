@@ -5,21 +5,19 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.cameras.aravis_library import AravisLibrary, load_aravis
-from drivers.cameras.frame_tally import FrameTally
+from drivers.cameras.gige_frame import Asked, FrameNumbers, asked_now, frame_of
 from drivers.cameras.gige_link import GigeLink
 from drivers.cameras.gige_options import GigeOptions, read_gige_place
 from drivers.cameras.gige_stream import Received
-from drivers.cameras.pixel_format import unpack
 from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 
 _FIRST_EXPOSURE_S = 0.01
 _PROBE_TIMEOUT_S = 5.0
 _REOPENINGS = 3  # in one picture
 _LOOK_S = 0.2  # how often a wait looks whether the camera is still there
 _DELIVERY_S = 1.0  # beyond exposure (and frame period): a picture that takes longer does not come any more
-_CLOCK_STEP_NS = 2_000_000
-_LARGEST_SHORT_ID = 65535
+_THERMOMETERS = ("SensorTemperature", "DeviceTemperature")
 _NO_PICTURES = (
     "If no picture ever comes, a firewall may hold back the stream (UDP), or packets are larger than the network "
     "carries: `rigctl doctor` tells"
@@ -56,8 +54,7 @@ class GigeCamera:
     ) -> None:
         self._library, self._options, self._now_s = library, options, now_s
         self._tally = FrameTally()
-        self._last_id: int | None = None
-        self._sequence = 0
+        self._numbers = FrameNumbers()
         self._link: GigeLink | None = GigeLink(library, options)
         self._identity = self._link.identity
         try:
@@ -96,11 +93,17 @@ class GigeCamera:
         """Return what became of the pictures so far."""
         return self._tally
 
+    def facts(self) -> CameraFacts:
+        """Return how its samples come, and whether all that bends them is off."""
+        setup = self._opened().setup
+        pixel_format = setup.pixel_format
+        return CameraFacts(sample_format=pixel_format.name, justified=pixel_format.justified, linear=setup.linear)
+
     def features(self) -> dict[str, str]:
         """Return what was written to the camera, under its own names, and its temperature where it tells it."""
         link = self._opened()
-        used = dict(link.features.used)
-        for feature in filter(link.features.has, ("DeviceTemperature", "SensorTemperature")):
+        used = dict(link.features.used) | ({} if link.setup.plane is None else {"plane": link.setup.plane})
+        for feature in filter(link.features.has, _THERMOMETERS):
             used[feature] = f"{link.features.number(feature):g}"
         return used
 
@@ -161,28 +164,35 @@ class GigeCamera:
         """Take one picture; return None if it was damaged or did not come, after which another may be asked for."""
         link = self._opened()
         link.stream.drain()
-        asked_utc_ns, asked_monotonic_ns = time.time_ns(), time.monotonic_ns()
+        asked = asked_now()
         if self._options.trigger == "software":
             link.features.execute("TriggerSoftware")
-        received = self._await_picture(asked_utc_ns, deadline_s)
+        received = self._await_picture(asked, deadline_s)
         if received is None:
             # It may come yet. A new stream cannot take it for an answer to the next trigger.
             self._tally = replace(self._tally, never_came=self._tally.never_came + 1)
-            self._last_id = None
+            self._numbers.forget()
             link.restart()
             return None
-        if _clock_was_set(asked_utc_ns, asked_monotonic_ns):
+        if asked.was_clock_set():
             return None  # then its time of arrival says nothing
         if received.damage is not None:
             self._tally = replace(self._tally, damaged=self._tally.damaged + 1)
             return None
         self._require_settings(link)
-        return self._frame(link, received, asked_utc_ns, asked_monotonic_ns)
+        return frame_of(
+            received,
+            setup=link.setup,
+            settings=self._settings,
+            sequence=self._numbers.of(received.frame_id),
+            asked=asked,
+            runs_by_itself=self._options.trigger == "free",
+        )
 
-    def _await_picture(self, asked_utc_ns: int, deadline_s: float) -> Received | None:
+    def _await_picture(self, asked: Asked, deadline_s: float) -> Received | None:
         """Return the first picture that began after it was asked for; None if none comes."""
         link = self._opened()
-        oldest_utc_ns = asked_utc_ns + self._earliest_arrival_ns()
+        oldest_utc_ns = asked.utc_ns + self._earliest_arrival_ns()
         patience_s = self._settings.exposure_s + _DELIVERY_S + self._earliest_arrival_ns() / 1e9
         give_up_s = min(deadline_s, self._now_s() + patience_s)
         while (left_s := give_up_s - self._now_s()) > 0.0:
@@ -209,34 +219,6 @@ class GigeCamera:
                 f"{self._name}: it is set to {found}, not to {self._settings}: it was restarted, or another program "
                 "has changed it"
             )
-
-    def _frame(self, link: GigeLink, received: Received, asked_utc_ns: int, asked_monotonic_ns: int) -> Frame:
-        setup, settings = link.setup, self._settings
-        sent = (received.width, received.height, received.pixel_format_code)
-        if sent != (setup.width, setup.height, setup.pixel_format_code):
-            raise ProtocolError(
-                f"{self._name}: it sent a picture of {sent[0]} x {sent[1]} pixels in format {sent[2]:#010x}, and was "
-                f"set to {setup.width} x {setup.height} in {setup.pixel_format.name}"
-            )
-        counts = unpack(received.data, pixel_format=setup.pixel_format, width=setup.width, height=setup.height)
-        delay_ns = 0
-        if self._options.trigger == "free":
-            delay_ns = received.first_packet_utc_ns - asked_utc_ns - round(settings.exposure_s * 1e9)
-        return Frame(
-            counts=counts,
-            settings=settings,
-            sequence=self._next_sequence(received.frame_id),
-            start_utc_ns=asked_utc_ns + delay_ns,
-            end_utc_ns=asked_utc_ns + delay_ns + round(settings.exposure_s * 1e9),
-            start_monotonic_ns=asked_monotonic_ns + delay_ns,
-        )
-
-    def _next_sequence(self, frame_id: int) -> int:
-        """Return a number that grows as the camera's does: 65535 is followed by 1, and a restart begins anew."""
-        last, self._last_id = self._last_id, frame_id
-        advance = 1 if last is None else frame_id - last
-        self._sequence += advance if advance > 0 else advance + _LARGEST_SHORT_ID
-        return self._sequence
 
     def _refuse_too_many(self, damaged: int, *, deadline_s: float) -> None:
         if self._now_s() >= deadline_s:
@@ -265,7 +247,8 @@ class GigeCamera:
                 link.close(answers=False)
                 self._link = None
                 raise
-            self._link, self._last_id = link, None
+            self._link = link
+            self._numbers.forget()
             self._tally = replace(self._tally, reopened=self._tally.reopened + 1)
             return
         self._link = None
@@ -293,8 +276,3 @@ def open_gige(place: str) -> GigeCamera:
         The address is wrong, or the camera cannot be set to it.
     """
     return GigeCamera(load_aravis(), read_gige_place(place))
-
-
-def _clock_was_set(then_utc_ns: int, then_monotonic_ns: int) -> bool:
-    """Return whether the host's clock has been set since then."""
-    return abs((time.time_ns() - then_utc_ns) - (time.monotonic_ns() - then_monotonic_ns)) > _CLOCK_STEP_NS

@@ -100,7 +100,7 @@ class GigeLink:
             gain_db=self._gain_db(),
             width=setup.width,
             height=setup.height,
-            bit_depth=setup.pixel_format.bit_depth,
+            bit_depth=setup.bit_depth,
         )
 
     def restart(self) -> None:

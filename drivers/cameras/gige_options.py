@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from drivers.cameras.bayer import PLANES, Plane
 from drivers.cameras.pixel_format import ByteOrder, Justified
 from drivers.cameras.place import one_of, positive, split_place, whole, yes_or_no
 
@@ -20,6 +21,8 @@ class GigeOptions:
         IP address, serial number, or name.
     pixel_format : str or None
         As PFNC names it.
+    plane : str or None
+        What is taken of a Bayer format: see `drivers.cameras.bayer`.
     width, height : int or None
         Size of the region [pixels after binning].
     offset_x, offset_y : int
@@ -49,6 +52,7 @@ class GigeOptions:
 
     place: str
     pixel_format: str | None = None
+    plane: Plane | None = None
     width: int | None = None
     height: int | None = None
     offset_x: int = 0
@@ -69,6 +73,7 @@ class GigeOptions:
 
 _READERS: dict[str, Callable[[str], Any]] = {
     "pixel_format": str,
+    "plane": one_of(*PLANES),
     "width": whole(1, 65535),
     "height": whole(1, 65535),
     "offset_x": whole(0, 65535),

@@ -4,13 +4,16 @@ import socket
 from dataclasses import dataclass, replace
 
 from drivers.cameras.aravis_library import AravisLibrary
+from drivers.cameras.bayer import Plane, size_of_counts
 from drivers.cameras.gige_features import GigeFeatures
 from drivers.cameras.gige_options import GigeOptions
-from drivers.cameras.pixel_format import GENICAM, PixelFormat
+from drivers.cameras.known_formats import GENICAM
+from drivers.cameras.pixel_format import PixelFormat
 from drivers.errors import LimitError
 
 _AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "ContrastAuto")
 _PROCESSING = ("GammaEnable", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
+_GAMMA = "Gamma"
 _EXPOSURE = ("ExposureTime", "ExposureTimeAbs")
 _GAIN, _GAIN_RAW = "Gain", "GainRaw"
 # Makers whose GainRaw counts dB.
@@ -33,8 +36,14 @@ class GigeSetup:
         Of its samples.
     pixel_format_code : int
         The number that each picture bears.
-    width, height : int
-        Size of its pictures.
+    sent_width, sent_height : int
+        Size of the pictures that it sends.
+    width, height, bit_depth : int
+        Of counts: half as large, and of more bits, where several colours are summed.
+    plane : str or None
+        What is taken of a mosaic of colours.
+    linear : bool or None
+        What bends counts is off; None where the camera has nothing of that kind to be asked for.
     exposure_feature : str
         The camera's own name of the exposure [us].
     gain_feature : str or None
@@ -45,8 +54,13 @@ class GigeSetup:
 
     pixel_format: PixelFormat
     pixel_format_code: int
+    sent_width: int
+    sent_height: int
     width: int
     height: int
+    bit_depth: int
+    plane: Plane | None
+    linear: bool | None
     exposure_feature: str
     gain_feature: str | None
     gain_step_db: float | None
@@ -60,9 +74,12 @@ def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
     LimitError
         The camera refuses a value, takes another one, or has something automatic that cannot be switched off.
     """
-    _switch_off(features)
-    width, height = _set_region(features, options)
+    linear = _switch_off(features)
+    sent = _set_region(features, options)
     pixel_format, code = _set_pixel_format(features, options)
+    if options.plane is not None:
+        _refuse_moved_mosaic(options)
+    width, height, bit_depth = size_of_counts(pixel_format, plane=options.plane, width=sent[0], height=sent[1])
     _set_black_level(features, options)
     _set_trigger(features, options)
     exposure_feature = features.first_of(*_EXPOSURE)
@@ -72,8 +89,13 @@ def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
     return GigeSetup(
         pixel_format=pixel_format,
         pixel_format_code=code,
+        sent_width=sent[0],
+        sent_height=sent[1],
         width=width,
         height=height,
+        bit_depth=bit_depth,
+        plane=options.plane,
+        linear=linear,
         exposure_feature=exposure_feature,
         gain_feature=gain_feature,
         gain_step_db=_gain_step_db(features, options) if gain_feature == _GAIN_RAW else None,
@@ -112,12 +134,17 @@ def path_mtu(address: str) -> int:
             raise LimitError(f"{address}: there is no way to this address: {error.strerror}") from error
 
 
-def _switch_off(features: GigeFeatures) -> None:
-    """Switch off what changes pictures without being told to."""
+def _switch_off(features: GigeFeatures) -> bool | None:
+    """Switch off what changes pictures without being told to; return whether it had something that bends counts."""
     for feature in filter(features.has, _AUTOMATIC):
         features.set_text(feature, "Off")
-    for feature in filter(features.has, _PROCESSING):
+    processing = [feature for feature in _PROCESSING if features.has(feature)]
+    for feature in processing:
         features.set_truth(feature, False)
+    if features.has(_GAMMA) and "GammaEnable" not in processing:
+        features.set_number(_GAMMA, 1.0, relative=0.0)
+        processing.append(_GAMMA)
+    return True if processing else None
 
 
 def _set_region(features: GigeFeatures, options: GigeOptions) -> tuple[int, int]:
@@ -168,10 +195,16 @@ def _set_pixel_format(features: GigeFeatures, options: GigeOptions) -> tuple[Pix
         known = ", ".join(fmt.name for fmt in GENICAM.values())
         raise LimitError(f"{options.place}: pixel format {name} ({code:#010x}) cannot be read; known are {known}")
     depth = options.bit_depth or GENICAM[code].bit_depth
-    if depth != GENICAM[code].bit_depth and name != "Mono16":
+    if depth != GENICAM[code].bit_depth and GENICAM[code].bit_depth != 16:
         raise LimitError(f"{options.place}: bit_depth {depth}: samples of {name} have {GENICAM[code].bit_depth}")
     stated = replace(GENICAM[code], bit_depth=depth, justified=options.justified, byte_order=options.byte_order)
     return stated, code
+
+
+def _refuse_moved_mosaic(options: GigeOptions) -> None:
+    """Refuse what moves the mosaic's cell: what a camera then calls its format differs from maker to maker."""
+    if options.offset_x % 2 or options.offset_y % 2 or options.reverse_x or options.reverse_y or options.binning != 1:
+        raise LimitError(f"{options.place}: a plane of a mosaic needs even offsets, no mirroring and no binning")
 
 
 def _set_black_level(features: GigeFeatures, options: GigeOptions) -> None:

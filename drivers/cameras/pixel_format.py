@@ -1,6 +1,5 @@
 """From the bytes that a camera sends to whole counts: plain, shifted and packed samples."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -52,6 +51,8 @@ class PixelFormat:
         At which end of its bytes an unpacked sample stands.
     packing : Packing or None
         Where samples share bytes.
+    cell : str or None
+        Colours of the mosaic's cell of 2 x 2 samples, row by row; None for grey.
     """
 
     name: str
@@ -60,67 +61,7 @@ class PixelFormat:
     byte_order: ByteOrder = "little"
     justified: Justified = "right"
     packing: Packing | None = None
-
-
-# Two samples in three bytes: high, both low parts, high (GigE Vision).
-_GVSP_12 = Packing(group_bytes=3, group_pixels=2, moves=((0, 0xFF, 4), (1, 0x0F, 0), (1, 0xF0, 12), (2, 0xFF, 20)))
-_GVSP_10 = Packing(group_bytes=3, group_pixels=2, moves=((0, 0xFF, 2), (1, 0x03, 0), (1, 0x30, 12), (2, 0xFF, 18)))
-# One stream of bits, lowest first (PFNC's "p").
-_PFNC_12 = Packing(group_bytes=3, group_pixels=2, moves=((0, 0xFF, 0), (1, 0x0F, 8), (1, 0xF0, 12), (2, 0xFF, 20)))
-_PFNC_10 = Packing(
-    group_bytes=5,
-    group_pixels=4,
-    moves=(
-        (0, 0xFF, 0),
-        (1, 0x03, 8),
-        (1, 0xFC, 14),
-        (2, 0x0F, 22),
-        (2, 0xF0, 28),
-        (3, 0x3F, 36),
-        (3, 0xC0, 42),
-        (4, 0xFF, 50),
-    ),
-)
-# All high parts, then one byte with the low parts (MIPI CSI-2; V4L2's Y10P and Y12P).
-_CSI_12 = Packing(group_bytes=3, group_pixels=2, moves=((0, 0xFF, 4), (1, 0xFF, 20), (2, 0x0F, 0), (2, 0xF0, 12)))
-_CSI_10 = Packing(
-    group_bytes=5,
-    group_pixels=4,
-    moves=(
-        (0, 0xFF, 2),
-        (1, 0xFF, 18),
-        (2, 0xFF, 34),
-        (3, 0xFF, 50),
-        (4, 0x03, 0),
-        (4, 0x0C, 14),
-        (4, 0x30, 28),
-        (4, 0xC0, 42),
-    ),
-)
-
-GENICAM: Mapping[int, PixelFormat] = {
-    0x01080001: PixelFormat(name="Mono8", bit_depth=8, sample_bytes=1),
-    0x01100003: PixelFormat(name="Mono10", bit_depth=10),
-    0x01100005: PixelFormat(name="Mono12", bit_depth=12),
-    0x01100025: PixelFormat(name="Mono14", bit_depth=14),
-    0x01100007: PixelFormat(name="Mono16", bit_depth=16),
-    0x010C0004: PixelFormat(name="Mono10Packed", bit_depth=10, packing=_GVSP_10),
-    0x010C0006: PixelFormat(name="Mono12Packed", bit_depth=12, packing=_GVSP_12),
-    0x010A0046: PixelFormat(name="Mono10p", bit_depth=10, packing=_PFNC_10),
-    0x010C0047: PixelFormat(name="Mono12p", bit_depth=12, packing=_PFNC_12),
-}
-"""Grey formats of GigE Vision by their number (PFNC)."""
-
-V4L2: Mapping[str, PixelFormat] = {
-    "GREY": PixelFormat(name="GREY", bit_depth=8, sample_bytes=1),
-    "Y10 ": PixelFormat(name="Y10", bit_depth=10),
-    "Y12 ": PixelFormat(name="Y12", bit_depth=12),
-    "Y14 ": PixelFormat(name="Y14", bit_depth=14),
-    "Y16 ": PixelFormat(name="Y16", bit_depth=16),
-    "Y10P": PixelFormat(name="Y10P", bit_depth=10, packing=_CSI_10),
-    "Y12P": PixelFormat(name="Y12P", bit_depth=12, packing=_CSI_12),
-}
-"""Grey formats of V4L2 by their four letters."""
+    cell: str | None = None
 
 
 def unpack(

@@ -7,16 +7,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.cameras import bayer
 from drivers.errors import LimitError, ProtocolError
 
-Plane = Literal["red", "green-1", "green-2", "blue", "all"]
+Plane = Literal["red", "green-1", "green-2", "blue", "green", "sum", "all"]
 PLANES: tuple[Plane, ...] = get_args(Plane)
 RAW_SUFFIXES = frozenset(
     (".dng", ".nef", ".cr2", ".cr3", ".arw", ".kdc", ".raf", ".orf", ".rw2", ".pef", ".srw", ".raw", ".3fr", ".iiq")
 )
 
 _COLOURS = b"RGBG"
-_INDEX: dict[str, int] = {"red": 0, "green-1": 1, "blue": 2, "green-2": 3}
 _LINEAR_MONO = 6  # what LibRaw has for the pattern of a picture without a colour mosaic
 
 
@@ -27,11 +27,12 @@ class RawPicture:
     Attributes
     ----------
     counts : (H, W) array of uint16
-        Samples as stored, black level and all; of one colour every second pixel of every second row.
+        Samples as stored, black level and all; of one colour every second pixel of every second row. Of a sum, and of
+        all colours where their black levels differ: see `read_raw`.
     black_level_dn : float
-        Of that colour, by the file.
+        Of these counts, by the file.
     white_level_dn : int
-        Largest count of the format, by the file. Pixels may saturate below.
+        Largest count of the format, by the file; of a sum, that of all its samples. Pixels may saturate below.
     exposure_s : float or None
         None where the file does not tell.
     iso : float or None
@@ -61,15 +62,22 @@ def read_raw(path: Path, *, plane: Plane | None) -> RawPicture:
     path : Path
         The file.
     plane : str or None
-        "red", "green-1" (in the rows of red), "green-2", "blue", or "all": the whole mosaic. None is for a camera
+        "red", "green-1" (in the rows of red), "green-2", "blue"; "green" (the sum of both) or "sum" (of all four):
+        see `drivers.cameras.bayer.take_plane` for what a sum loses; or "all": the whole mosaic. None is for a camera
         without a mosaic.
 
     Raises
     ------
     LimitError
-        The colour is not said, or not there, or the colours of the whole mosaic have different black levels.
+        The colour is not said, or not there; or the colours' black levels differ by other than whole counts, so that
+        the whole mosaic cannot have one.
     ProtocolError
         The file is empty, damaged, or no RAW file; or its pattern of colours is not the usual one.
+
+    Notes
+    -----
+    Where the colours of "all" have different black levels, those with a lower one are raised to the highest, so that
+    one black level holds for all; counts stop at the white level, and so many are lost below it.
     """
     import rawpy  # only whoever has RAW files needs it
 
@@ -86,6 +94,7 @@ def _picture(path: Path, raw: Any, plane: Plane | None) -> RawPicture:
     pattern = _pattern(path, raw)
     counts = raw.raw_image_visible
     blacks = [float(level) for level in raw.black_level_per_channel]
+    samples = 1
     if pattern is None:
         if plane not in (None, "all"):
             raise LimitError(f"{path}: has no colours, so there is no plane {plane!r}")
@@ -93,16 +102,14 @@ def _picture(path: Path, raw: Any, plane: Plane | None) -> RawPicture:
     elif plane is None:
         raise LimitError(f"{path}: has a mosaic of colours; say which plane: {', '.join(PLANES)}")
     elif plane == "all":
-        black_level_dn = _one_black_level(path, blacks)
+        black_level_dn = max(blacks)
+        counts = _levelled(path, counts, pattern, blacks, white=int(raw.white_level))
     else:
-        row, column = (int(place[0]) for place in np.nonzero(pattern == _INDEX[plane]))
-        counts = counts[row::2, column::2]
-        # By number of colour, not by place in the mosaic: the two differ.
-        black_level_dn = blacks[_INDEX[plane]]
+        counts, black_level_dn, samples = _plane(raw, pattern, plane, blacks)
     return RawPicture(
         counts=np.array(counts, dtype=np.uint16, order="C"),  # the file's own memory goes with it
         black_level_dn=black_level_dn,
-        white_level_dn=int(raw.white_level),
+        white_level_dn=samples * int(raw.white_level),
         exposure_s=_stated(raw.other.shutter_speed),
         iso=_stated(raw.other.iso_speed),
         flip=int(raw.sizes.flip),
@@ -126,10 +133,36 @@ def _pattern(path: Path, raw: Any) -> NDArray[np.uint8] | None:
     return np.asarray(pattern, dtype=np.uint8)
 
 
-def _one_black_level(path: Path, blacks: list[float]) -> float:
-    if len(set(blacks)) > 1:
+def _levelled(
+    path: Path, counts: NDArray[np.uint16], pattern: NDArray[np.uint8], blacks: list[float], *, white: int
+) -> NDArray[np.uint16]:
+    """Return the mosaic with the black level of every colour raised to the highest."""
+    lift = max(blacks) - np.array(blacks)[pattern]
+    if not lift.any():
+        return counts
+    if (lift != np.round(lift)).any():
         raise LimitError(f"{path}: its colours have the black levels {blacks}; take one colour at a time")
-    return blacks[0]
+    height, width = counts.shape
+    lifts = np.tile(lift.astype(np.uint32), (height // 2 + 1, width // 2 + 1))[:height, :width]
+    # A sample that was saturated stays so, and stays what it was.
+    return np.where(counts >= white, counts, np.minimum(counts + lifts, white)).astype(np.uint16)
+
+
+def _plane(
+    raw: Any, pattern: NDArray[np.uint8], plane: bayer.Plane, blacks: list[float]
+) -> tuple[NDArray[np.uint16], float, int]:
+    """Return counts of a plane, its black level, and of how many samples each count is the sum."""
+    cell = "".join("RGBG"[index] for index in pattern.ravel())
+    places, white = bayer.places_of(plane, cell=cell), int(raw.white_level)
+    counts = bayer.take_plane(
+        raw.raw_image_visible,
+        cell=cell,
+        plane=plane,
+        saturation_dn=white,
+        saturated_as_dn=len(places) * white,
+    )
+    # By number of colour, not by place in the mosaic: the two differ.
+    return counts, sum(blacks[pattern[place]] for place in places), len(places)
 
 
 def _stated(value: float) -> float | None:

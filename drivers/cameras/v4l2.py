@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.cameras import v4l2_structs as v4l2
-from drivers.cameras.frame_tally import FrameTally
+from drivers.cameras.bayer import counts_of_picture, size_of_counts
 from drivers.cameras.pixel_format import needed_bytes, unpack
 from drivers.cameras.v4l2_controls import V4l2Controls
 from drivers.cameras.v4l2_node import LinuxVideoNode, VideoNode, told
-from drivers.cameras.v4l2_options import V4l2Options, place_in_cell, read_v4l2_place, sample_format
+from drivers.cameras.v4l2_options import V4l2Options, read_v4l2_place, sample_format
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 
 _BUFFERS = 4
 _FIRST_EXPOSURE_S = 0.01
@@ -49,7 +49,7 @@ class V4l2Camera:
     ) -> None:
         self._node, self._options = node, options
         self._now_ns, self._utc_ns = now_ns, utc_ns
-        self._pixel_format, self._cell = sample_format(options), place_in_cell(options)
+        self._pixel_format = sample_format(options)
         self._identity = self._identified()
         self._controls = V4l2Controls(node, options)
         self._controls.set(exposure_s=_FIRST_EXPOSURE_S, gain_db=0.0)
@@ -88,9 +88,16 @@ class V4l2Camera:
         """Return what became of the pictures so far."""
         return self._tally
 
+    def facts(self) -> CameraFacts:
+        """Return how its samples come; nothing is known of their linearity."""
+        fmt = self._pixel_format
+        return CameraFacts(sample_format=fmt.name, justified=fmt.justified, linear=None)
+
     def features(self) -> dict[str, str]:
-        """Return the controls that were set, under the device's own names."""
-        return {"pixel format": self._options.pixel_format, **self._controls.used}
+        """Return controls that were set and those that were found, under the device's own names."""
+        self._refuse_closed()
+        plane = {} if self._options.plane is None else {"plane": self._options.plane}
+        return plane | self._controls.used | self._controls.found()
 
     def take_frame(self, *, timeout_s: float) -> Frame:
         """Return a complete picture whose exposure began after this call.
@@ -154,8 +161,7 @@ class V4l2Camera:
     def _identified(self) -> DeviceIdentity:
         found = v4l2.Capability()
         self._ask(v4l2.QUERYCAP, found, "asking what it is")
-        can = found.device_caps if found.capabilities & v4l2.HAS_DEVICE_CAPS else found.capabilities
-        if not (can & v4l2.CAN_CAPTURE and can & v4l2.CAN_STREAM):
+        if not v4l2.can_take_pictures(found):
             raise NotConnectedError(f"{self._name}: it is no camera that streams; try the next /dev/video*")
         version = (found.version >> 16, found.version >> 8 & 0xFF, found.version & 0xFF)
         return DeviceIdentity(
@@ -218,9 +224,11 @@ class V4l2Camera:
             height=self._format.height,
             row_bytes=self._format.bytesperline,
         )
-        if self._cell is not None:
-            counts = counts[self._cell[0] :: 2, self._cell[1] :: 2].copy()
-        return _Picture(counts=counts, sequence=buffer.sequence, start_monotonic_ns=start_ns)
+        return _Picture(
+            counts=counts_of_picture(counts, pixel_format=self._pixel_format, plane=self._options.plane),
+            sequence=buffer.sequence,
+            start_monotonic_ns=start_ns,
+        )
 
     def _start_ns(self, buffer: v4l2.Buffer) -> int:
         if buffer.flags & v4l2.CLOCK_MASK != v4l2.MONOTONIC:
@@ -248,15 +256,18 @@ class V4l2Camera:
             )
 
     def _read_settings(self) -> CameraSettings:
-        width, height = int(self._format.width), int(self._format.height)
-        if self._cell is not None:
-            width, height = (width - self._cell[1] + 1) // 2, (height - self._cell[0] + 1) // 2
+        width, height, bit_depth = size_of_counts(
+            self._pixel_format,
+            plane=self._options.plane,
+            width=int(self._format.width),
+            height=int(self._format.height),
+        )
         return CameraSettings(
             exposure_s=self._controls.exposure_s(),
             gain_db=self._controls.gain_db(),
             width=width,
             height=height,
-            bit_depth=self._pixel_format.bit_depth,
+            bit_depth=bit_depth,
         )
 
     def _frame(self, picture: _Picture, to_utc_ns: int) -> Frame:

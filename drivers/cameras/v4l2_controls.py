@@ -59,6 +59,15 @@ class V4l2Controls:
             return 0.0
         return (self._get(v4l2.GAIN) - int(limits.minimum)) * (self._options.gain_step_db or 0.0)
 
+    def found(self) -> dict[str, str]:
+        """Return name and value of the controls that bend or shift counts, which are left as they were found."""
+        there = ((control, self._described(control)) for control in v4l2.PROCESSING)
+        return {
+            described.name.decode(): f"{self._get(control)} (as found)"
+            for control, described in there
+            if described is not None
+        }
+
     def require_manual(self) -> None:
         """Refuse a device on which something automatic is on again."""
         for control, off in v4l2.AUTOMATIC.items():

@@ -1,33 +1,14 @@
 """How a video device is to be used, as its address says."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from drivers.cameras.pixel_format import V4L2, Justified, PixelFormat
+from drivers.cameras.bayer import PLANES, Plane
+from drivers.cameras.known_formats import V4L2
+from drivers.cameras.pixel_format import Justified, PixelFormat
 from drivers.cameras.place import one_of, positive, split_place, whole
 from drivers.errors import LimitError
-
-COLOURS = ("red", "green-1", "green-2", "blue")
-# Format -> bits and cell, row by row.
-_BAYER = {
-    "BA81": (8, "BGGR"),
-    "GBRG": (8, "GBRG"),
-    "GRBG": (8, "GRBG"),
-    "RGGB": (8, "RGGB"),
-    "BG10": (10, "BGGR"),
-    "GB10": (10, "GBRG"),
-    "BA10": (10, "GRBG"),
-    "RG10": (10, "RGGB"),
-    "BG12": (12, "BGGR"),
-    "GB12": (12, "GBRG"),
-    "BA12": (12, "GRBG"),
-    "RG12": (12, "RGGB"),
-    "BYR2": (16, "BGGR"),
-    "GB16": (16, "GBRG"),
-    "GR16": (16, "GRBG"),
-    "RG16": (16, "RGGB"),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +24,7 @@ class V4l2Options:
     width, height : int or None
         Size of a picture; None: as the device has it.
     plane : str or None
-        Colour of a Bayer format; green-1 stands in the rows of red.
+        What is taken of a Bayer format: see `drivers.cameras.bayer`.
     bit_depth : int or None
         True bits, where a format of 16 has fewer.
     justified : str
@@ -60,7 +41,7 @@ class V4l2Options:
     pixel_format: str = "Y12"
     width: int | None = None
     height: int | None = None
-    plane: str | None = None
+    plane: Plane | None = None
     bit_depth: int | None = None
     justified: Justified = "right"
     exposure_control: str = "device"
@@ -69,10 +50,10 @@ class V4l2Options:
 
 
 _READERS: dict[str, Callable[[str], Any]] = {
-    "pixel_format": one_of(*(name.strip() for name in (*V4L2, *_BAYER))),
+    "pixel_format": one_of(*(name.strip() for name in V4L2)),
     "width": whole(1, 65535),
     "height": whole(1, 65535),
-    "plane": one_of(*COLOURS),
+    "plane": one_of(*PLANES),
     "bit_depth": whole(8, 16),
     "justified": one_of("right", "left"),
     "exposure_control": one_of("device", "none"),
@@ -91,41 +72,19 @@ def read_v4l2_place(text: str) -> V4l2Options:
     """
     path, values = split_place(text, _READERS)
     options = V4l2Options(path=path, **values)
-    if (options.pixel_format in _BAYER) != (options.plane is not None):
-        raise LimitError(f"camera address {text!r}: plane={'|'.join(COLOURS)} goes with a Bayer format, and only there")
+    if (_known(options).cell is None) != (options.plane is None):
+        raise LimitError(f"camera address {text!r}: plane={'|'.join(PLANES)} goes with a Bayer format, and only there")
     return options
 
 
 def sample_format(options: V4l2Options) -> PixelFormat:
-    """Return how samples stand in a picture of the device, whatever their colours."""
-    letters = options.pixel_format.ljust(4)
-    if letters in V4L2:
-        known = V4L2[letters]
-    else:
-        bits = _BAYER[options.pixel_format][0]
-        known = PixelFormat(name=options.pixel_format, bit_depth=bits, sample_bytes=1 if bits == 8 else 2)
+    """Return how samples stand in a picture of the device."""
+    known = _known(options)
     depth = options.bit_depth or known.bit_depth
     if depth != known.bit_depth and known.bit_depth != 16:
         raise LimitError(f"{options.path}: bit_depth {depth}: samples of {known.name} have {known.bit_depth}")
-    return PixelFormat(
-        name=known.name,
-        bit_depth=depth,
-        sample_bytes=known.sample_bytes,
-        justified=options.justified,
-        packing=known.packing,
-    )
+    return replace(known, bit_depth=depth, justified=options.justified)
 
 
-def place_in_cell(options: V4l2Options) -> tuple[int, int] | None:
-    """Return row and column of the wanted colour within the cell of 2 x 2 pixels; None for grey."""
-    if options.plane is None:
-        return None
-    cell = _BAYER[options.pixel_format][1]
-    red, blue = divmod(cell.index("R"), 2), divmod(cell.index("B"), 2)
-    places = {
-        "red": red,
-        "blue": blue,
-        "green-1": (red[0], 1 - red[1]),
-        "green-2": (blue[0], 1 - blue[1]),
-    }
-    return places[options.plane]
+def _known(options: V4l2Options) -> PixelFormat:
+    return V4L2[options.pixel_format.ljust(4)]

@@ -48,6 +48,20 @@ class Format(ctypes.Structure):
     _fields_ = (("type", _u32), ("fmt", _FormatUnion))
 
 
+class FormatDescription(ctypes.Structure):
+    """One of the formats that a device offers, by its place in their list."""
+
+    _fields_ = (
+        ("index", _u32),
+        ("type", _u32),
+        ("flags", _u32),
+        ("description", ctypes.c_char * 32),
+        ("pixelformat", _u32),
+        ("mbus_code", _u32),
+        ("reserved", _u32 * 3),
+    )
+
+
 class RequestBuffers(ctypes.Structure):
     """How many buffers are wanted, and then how many there are."""
 
@@ -119,6 +133,7 @@ def _request(direction: int, number: int, content: type[ctypes.Structure] | type
 
 
 QUERYCAP = _request(_READ, 0, Capability)
+ENUM_FMT = _request(_BOTH, 2, FormatDescription)
 G_FMT, S_FMT = _request(_BOTH, 4, Format), _request(_BOTH, 5, Format)
 REQBUFS = _request(_BOTH, 8, RequestBuffers)
 QUERYBUF, QBUF, DQBUF = (_request(_BOTH, number, Buffer) for number in (9, 15, 17))
@@ -143,6 +158,15 @@ AUTOMATIC = {
     0x00980919: 0,  # hue
     0x009A090C: 0,  # focus
 }
+# What else may change counts: brightness, contrast, gamma, sharpness, backlight compensation. The standard does not say
+# which value of each changes nothing.
+PROCESSING = (0x00980900, 0x00980901, 0x00980910, 0x0098091B, 0x0098091C)
+
+
+def can_take_pictures(device: Capability) -> bool:
+    """Return whether a device is a camera that streams."""
+    can = device.device_caps if device.capabilities & HAS_DEVICE_CAPS else device.capabilities
+    return bool(can & CAN_CAPTURE and can & CAN_STREAM)
 
 
 def fourcc(letters: str) -> int:

@@ -119,7 +119,12 @@ class Column:
         return np.asarray(self._rayleigh_above(height) + self._aerosol_between(height, np.asarray(np.inf)))
 
     def layers(
-        self, *, fine: bool, aerosol: AerosolKind = AerosolKind.DEPOLARIZING, matrix_tolerance: float = 1e-3
+        self,
+        *,
+        fine: bool,
+        aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
+        matrix_tolerance: float = 1e-3,
+        cuts: int = 1,
     ) -> tuple[Layer, ...]:
         """Homogeneous layers, top to bottom.
 
@@ -131,6 +136,8 @@ class Column:
             SPHERES gives each layer the scattering matrix of its spheres.
         matrix_tolerance
             As in `model.atmosphere.aerosol.mie_aerosol.aerosol_scattering`.
+        cuts
+            Into how many parts of equal height each of these layers is cut, 1 or more.
 
         Notes
         -----
@@ -140,7 +147,8 @@ class Column:
         ----------
         definition
         """
-        heights = _FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M
+        edges = _FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M
+        heights = np.interp(np.arange((edges.size - 1) * cuts + 1) / cuts, np.arange(edges.size), edges)
         lower, upper = self._matrices(matrix_tolerance) if aerosol is AerosolKind.SPHERES else (None, None)
         return tuple(
             self._layer(low, high, lower if high <= BOUNDARY_LAYER_TOP_M else upper)

@@ -1,21 +1,28 @@
 """``rigctl acquire``: take a session."""
 
+import time
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
+from rigctl.commands.acquire_calibrations import open_calibrated_rig
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.noise.noise_file import read_noise_file
+from rigctl.polarimeter.polarizer_file import read_polarizer_file
+from rigctl.sessions.drift_cost import grouping_cost
 from rigctl.sessions.mean_noise import noise_numbers
 from rigctl.sessions.plan import Need, Step, estimate, plan_steps
 from rigctl.sessions.schedule import unix_ns
-from rigctl.sessions.take_session import Outcome, take_session
-from rigctl.terminal import progress, results
+from rigctl.sessions.sitting import Outcome
+from rigctl.sessions.take_session import take_session
+from rigctl.terminal import progress, results, warn
+from rigctl.utc_time import utc_text
 
 _SECONDS_A_MINUTE = 60
 # As sysexits.h has it: a temporary failure, try again.
@@ -34,7 +41,11 @@ def command(
     ] = None,
     until: Annotated[str | None, typer.Option(metavar="TIME", help="Take no frame from then on.")] = None,
     noise: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Noise calibration: how far noise may bend the sum rule.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Noise calibration: what noise does to sum rule, drift and DoLP."),
+    ] = None,
+    polarizer: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: the rig file has to agree with it.")
     ] = None,
 ) -> None:
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
@@ -44,10 +55,22 @@ def command(
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels
     """
     rig_file, session_file = load_rig(rig), load_session(session)
+    grouping = grouping_cost(session_file)
+    if grouping is not None:
+        warn(grouping)
     if dry_run:
         steps = plan_steps(session_file)
         _print_steps(steps, estimate(steps, rig_file))
         return
+    noise_content = None if noise is None else read_noise_file(noise)
+    opener = partial(
+        open_calibrated_rig,
+        rig_file,
+        session_name=session_file.name,
+        noise=noise_content,
+        polarizer=None if polarizer is None else read_polarizer_file(polarizer),
+        now_utc=utc_text(time.time_ns()),
+    )
     outcome = take_session(
         rig_file,
         session_file,
@@ -55,7 +78,8 @@ def command(
         files={"rig": rig, "session": session},
         at_ns=time_option("--at", at),
         until_ns=time_option("--until", until),
-        noise=None if noise is None else noise_numbers(read_noise_file(noise)),
+        noise=None if noise_content is None else noise_numbers(noise_content),
+        opener=opener,
     )
     say_outcome(outcome, out)
 
@@ -71,12 +95,12 @@ def time_option(name: str, text: str | None) -> int | None:
     if text is None:
         return None
     try:
-        time = datetime.fromisoformat(text)
+        moment = datetime.fromisoformat(text)
     except ValueError as error:
         raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
-    if time.tzinfo is None:
+    if moment.tzinfo is None:
         raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
-    return unix_ns(time.astimezone(UTC))
+    return unix_ns(moment.astimezone(UTC))
 
 
 def say_outcome(outcome: Outcome, run: Path) -> None:

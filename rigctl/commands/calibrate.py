@@ -3,53 +3,31 @@
 from pathlib import Path
 from typing import Annotated, Any
 
+import cv2
 import typer
 from rich.progress import Progress
 from rich.table import Table
 
 from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
+from drivers.cameras.raw_files import PLANES, Plane
 from rigctl.commands.calibrate_axis import axis
+from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
 from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, DataError
 from rigctl.noise.calibrate_files import FrameCalibration, calibrate_frames
+from rigctl.noise.folder_frames import folder_frames
+from rigctl.noise.frame_table import table_frames
 from rigctl.noise.noise_file import QUANTITIES, flags_json, write_noise_file
 from rigctl.noise.noise_frames import FrameSet, emva_frames, run_frames
+from rigctl.reports.calibration_table import calibration_rows
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 app.command()(axis)
+app.command()(radiometric)
 app.command()(registration)
-
-# Quantity -> (what it is called, unit, factor from the file's unit to this one, the standard's name for it)
-_ROWS = {
-    "gain_dn_per_e": ("gain", "DN/e-", 1.0, "gain_dn_per_e"),
-    "read_noise_e": ("read noise", "e-", 1.0, "temporal_dark_noise_e"),
-    "dark_current_e_per_s": ("dark current", "e-/s", 1.0, "dark_current_mean_e_per_s"),
-    "black_level_dn": ("black level", "DN", 1.0, None),
-    "saturation_e": ("saturation", "e-", 1.0, "saturation_e"),
-    "prnu": ("PRNU", "%", 100.0, "prnu"),
-    "dsnu_e": ("DSNU", "e-", 1.0, "dsnu_e"),
-}
-# Numbers that only the standard has.
-_EMVA_ROWS = {
-    "temporal_dark_noise_dn": ("dark noise, 1/12 DN^2 in it", "DN", 1.0),
-    "quantum_efficiency": ("quantum efficiency", "%", 100.0),
-    "threshold_e": ("absolute sensitivity threshold", "e-", 1.0),
-    "threshold_photons": ("absolute sensitivity threshold", "photons", 1.0),
-    "dynamic_range": ("dynamic range", "", 1.0),
-    "snr_max": ("largest SNR", "", 1.0),
-    "linearity_error_min": ("linearity error, lowest", "%", 100.0),
-    "linearity_error_max": ("linearity error, highest", "%", 100.0),
-    "dark_current_variance_e_per_s": ("dark current by variance", "e-/s", 1.0),
-    "prnu_row": ("PRNU of rows", "%", 100.0),
-    "prnu_column": ("PRNU of columns", "%", 100.0),
-    "prnu_pixel": ("PRNU of pixels", "%", 100.0),
-    "dsnu_row_e": ("DSNU of rows", "e-", 1.0),
-    "dsnu_column_e": ("DSNU of columns", "e-", 1.0),
-    "dsnu_pixel_e": ("DSNU of pixels", "e-", 1.0),
-}
 
 
 @app.callback()
@@ -62,7 +40,13 @@ def noise(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Calibration file to write, such as noise.json.")],
     run: Annotated[Path | None, typer.Option(metavar="RUN", help="Run folder with dark and flat frames.")] = None,
     emva: Annotated[Path | None, typer.Option(metavar="FILE", help="Descriptor of an EMVA 1288 data set.")] = None,
+    folder: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of PNG, TIFF, FITS or RAW images.")] = None,
+    table: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Table: file, kind, exposure_ms, ...")] = None,
+    bit_depth: Annotated[int | None, typer.Option(min=1, max=16, help="Bits per sample of a folder's images.")] = None,
+    plane: Annotated[str | None, typer.Option(metavar="NAME", help="Colour of RAW files, such as green.")] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the photon-transfer curve.")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write a page with curves and maps.")] = None,
+    defects: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Write the map of defect pixels.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:
     """Gain, read noise, dark current, black level, saturation, PRNU and DSNU, each with its standard error.
@@ -70,10 +54,13 @@ def noise(
     Wanted are two flats and two darks at each of some ten exposures up to saturation, and a stack of 16 of each at
     one of them. Frames that make every number wrong are refused by name (exit 4), and no file is written.
 
-    Example: rigctl calibrate noise --run runs/noise --out noise.json --plot noise.png
+    A folder's images say in their names what they are (dark_10ms_001.png, flat/10ms/001.fits); a table says it of any
+    (columns file, kind, exposure_ms, photons, level). Both need --bit-depth.
+
+    Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
     """
-    frames = _frames(run, emva)
-    _require_folders(out, plot)
+    frames = _frames(run=run, emva=emva, folder=folder, table=table, bit_depth=bit_depth, plane=_plane(plane))
+    _require_folders(out, plot, report, defects)
     try:
         calibration = _calibrate(frames)
     except RefusedFramesError as error:
@@ -84,18 +71,48 @@ def noise(
     write_noise_file(out, content)
     if plot is not None:
         _write_plot(plot, calibration)
+    if report is not None:
+        _write_report(report, calibration, content)
+    if defects is not None:
+        _write_defects(defects, calibration)
     if as_json:
         print_json(content)
     else:
         _print_table(content, calibration.noise.flags)
 
 
-def _frames(run: Path | None, emva: Path | None) -> FrameSet:
-    if run is not None and emva is None:
+def _plane(name: str | None) -> Plane | None:
+    for plane in PLANES:
+        if name == plane:
+            return plane
+    if name is not None:
+        raise ConfigError(f"--plane: is {name!r}, must be one of {', '.join(PLANES)}")
+    return None
+
+
+def _frames(
+    *,
+    run: Path | None,
+    emva: Path | None,
+    folder: Path | None,
+    table: Path | None,
+    bit_depth: int | None,
+    plane: Plane | None,
+) -> FrameSet:
+    if sum(given is not None for given in (run, emva, folder, table)) != 1:
+        raise ConfigError(
+            "give either --run RUN (a run folder), --emva FILE (the descriptor of an EMVA 1288 data set), "
+            "--folder DIR (images) or --table FILE.csv (a list of images)"
+        )
+    if run is not None:
         return run_frames(run)
-    if emva is not None and run is None:
+    if emva is not None:
         return emva_frames(emva)
-    raise ConfigError("give either --run RUN (a run folder) or --emva FILE (the descriptor of an EMVA 1288 data set)")
+    if bit_depth is None:
+        raise ConfigError("images do not say how many bits the camera has: give --bit-depth, such as --bit-depth 12")
+    if folder is not None:
+        return folder_frames(folder, bit_depth=bit_depth, plane=plane)
+    return table_frames(table or Path(), bit_depth=bit_depth, plane=plane)
 
 
 def _require_folders(*paths: Path | None) -> None:
@@ -111,10 +128,29 @@ def _calibrate(frames: FrameSet) -> FrameCalibration:
 
 
 def _write_plot(path: Path, calibration: FrameCalibration) -> None:
-    from rigctl.noise.noise_figure import photon_transfer_png
+    from rigctl.reports.photon_transfer_figure import photon_transfer_png  # matplotlib, wanted for a plot only
 
+    _write(path, photon_transfer_png(calibration.noise))
+
+
+def _write_report(path: Path, calibration: FrameCalibration, content: dict[str, Any]) -> None:
+    from rigctl.reports.calibration_page import calibration_page  # matplotlib, as above
+
+    _write(path, calibration_page(calibration, content).encode())
+
+
+def _write_defects(path: Path, calibration: FrameCalibration) -> None:
+    if calibration.pattern is None:
+        raise DataError(f"{path}: there is no defect map, since no flat is brighter than its dark")
+    done, encoded = cv2.imencode(".png", calibration.pattern.defects.mask)
+    if not done:
+        raise ConfigError(f"{path}: a map of this size cannot be written as PNG")
+    _write(path, encoded.tobytes())
+
+
+def _write(path: Path, data: bytes) -> None:
     try:
-        write_durably(path, photon_transfer_png(calibration.noise))
+        write_durably(path, data)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
 
@@ -123,31 +159,10 @@ def _print_table(content: dict[str, Any], flags: tuple[Flag, ...]) -> None:
     table = Table(box=None, pad_edge=False)
     for title in ("quantity", "value", "std error", "EMVA 1288", "std error", "unit", "frames"):
         table.add_column(title, justify="left" if title in ("quantity", "unit") else "right")
-    emva = content["emva1288"]
-    for name, (title, unit, factor, emva_name) in _ROWS.items():
-        value, error, frames = _cells(content[name], factor)
-        beside = _cells(emva[emva_name], factor)[:2] if emva_name else ("", "")
-        table.add_row(title, value, error, *beside, unit, frames)
-    for name, (title, unit, factor) in _EMVA_ROWS.items():
-        value, error, frames = _cells(emva[name], factor)
-        table.add_row(title, "", "", value, error, unit, frames)
+    for row in calibration_rows(content):
+        frames = row.frames or row.emva_frames
+        table.add_row(row.title, row.value, row.error, row.emva_value, row.emva_error, row.unit, frames)
     console = results()
     console.print(table)
     for flag in flags:
         console.print(f"{flag.name}: {flag.message}", markup=False)
-
-
-def _cells(found: dict[str, Any] | None, factor: float) -> tuple[str, str, str]:
-    """Return value and standard error to two digits of the error, and the number of frames."""
-    if found is None:
-        return "not known", "", ""
-    value = factor * found["value"]
-    if found["std_error"] is None:
-        return f"{value:.4g}", "", str(found["n"])
-    error = factor * found["std_error"]
-    digits = max(0, 1 - _exponent(error))
-    return f"{value:.{digits}f}", f"{error:.{digits}f}", str(found["n"])
-
-
-def _exponent(number: float) -> int:
-    return int(f"{number:.0e}".partition("e")[2])

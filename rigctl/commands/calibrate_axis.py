@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from calibration.axis import AxisFit
+from calibration.polarimeter.axis import AxisFit
 from rigctl.config import Uncertain
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions
@@ -37,6 +37,9 @@ def axis(
     ] = None,
     expect_std_deg: Annotated[float, typer.Option(metavar="DEG", help="How well the mark says it.")] = 5.0,
     regions: Annotated[Path | None, typer.Option(metavar="FILE", help="Regions file; its first region.")] = None,
+    valid_days: Annotated[
+        float | None, typer.Option(metavar="DAYS", min=0.0, help="For how long it holds; 180 if not said.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:
     """Sense of rotation and axis offset of the polarizer, and its extinction, each with its error.
@@ -57,7 +60,7 @@ def axis(
     region = None if regions is None else load_regions(regions)[0]
     folders = [read_run(run) for run in runs]
     found = _calibrate(folders, reference_deg or [], generator, region, known)
-    content = polarizer_json(found, folders)
+    content = polarizer_json(found, folders, valid_days=valid_days)
     if as_json:
         print_json(content)
     if not found.axis.is_decided:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from rigctl.polarimeter.registration_file import registration_json, write_registration_file
 from rigctl.polarimeter.run_registration import register_run
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, results
@@ -14,16 +15,26 @@ from rigctl.terminal import print_json, results
 def registration(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of a scene with shapes in it.")],
     cycle: Annotated[int | None, typer.Option(help="Repeat of the set of angles; the first if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File for --register of stokes and compare, such as walk.json.")
+    ] = None,
+    valid_days: Annotated[
+        float | None, typer.Option(metavar="DAYS", min=0.0, help="For how long it holds; 180 if not said.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
-    """Report the shift of the picture at each angle, and the circle of a wedged polarizer. Nothing is moved.
+    """Report the shift of the picture at each angle, and the circle of a wedged polarizer.
 
-    A shift of 0.1 pixel makes a false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
+    A shift of 0.1 pixel makes a false DoLP of 0.003 on a natural scene, and up to 0.05 at edges. With --out the shifts
+    are kept, and `rigctl stokes --register FILE` and `rigctl compare --register FILE` move frames back by them.
 
-    Example: rigctl calibrate registration runs/panels
+    Example: rigctl calibrate registration runs/panels --out walk.json
     """
-    found = register_run(read_run(run), cycle=cycle)
-    content = found.as_json()
+    folder = read_run(run)
+    found = register_run(folder, cycle=cycle)
+    content = registration_json(found, folder, valid_days=valid_days)
+    if out is not None:
+        write_registration_file(out, content)
     if as_json:
         print_json(content)
         return
@@ -39,3 +50,5 @@ def registration(
         results().print(
             f"circle of {wander['radius_pixels']:.3f} pixel, residual {wander['residual_pixels']:.3f} pixel"
         )
+    if found.finding is not None:
+        results().print(found.finding)

@@ -20,6 +20,8 @@ from rigctl.terminal import print_json, progress, results
 _MOST_STEPS = 100
 _SECONDS_A_MINUTE = 60
 _UTC_DIGITS = 19
+# Share of saturated pixels beyond which a predicted DoLP says nothing.
+_MOST_SATURATED = 0.01
 
 
 def command(
@@ -31,6 +33,9 @@ def command(
     until: Annotated[str | None, typer.Option(metavar="TIME", help="Take no frame from then on.")] = None,
     scene: Annotated[Path | None, typer.Option(metavar="FILE", help="Scene file: predict each round.")] = None,
     noise: Annotated[Path | None, typer.Option(metavar="FILE", help="Noise calibration for the prediction.")] = None,
+    frame: Annotated[
+        str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Size of a real camera's pictures, for the disk.")
+    ] = None,
     all_steps: Annotated[bool, typer.Option("--all", help="Print every step, however many.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
@@ -48,6 +53,7 @@ def command(
         session_file,
         now_ns=time_option("--at", at) or SessionClock().utc_ns(),
         until_ns=time_option("--until", until),
+        pixels=None if frame is None else _pixels(frame),
     )
     content = planned.content()
     if scene is not None:
@@ -64,12 +70,20 @@ def command(
         _print(content, all_steps=all_steps)
 
 
+def _pixels(frame: str) -> int:
+    width, times, height = frame.partition("x")
+    if not (times and width.isdecimal() and height.isdecimal() and int(width) * int(height)):
+        raise ConfigError(f"--frame: {frame!r} is no size; write it like 782x582")
+    return int(width) * int(height)
+
+
 def _print(content: dict[str, Any], *, all_steps: bool) -> None:
     console = results()
+    sun = [column for column in _SUN_COLUMNS if column in content["steps"][0]]
     if len(content["rounds"]) > 1:
-        console.print(_table(content["rounds"], ("round", "utc", *_SUN_COLUMNS)))
+        console.print(_table(content["rounds"], ("round", "utc", *sun)))
     steps = content["steps"] if all_steps else content["steps"][:_MOST_STEPS]
-    console.print(_table(steps, ("sequence", "round", "utc", "kind", "cycle", "angle_deg", "exposure_ms")))
+    console.print(_table(steps, ("sequence", "round", "utc", *sun, "kind", "cycle", "angle_deg", "exposure_ms")))
     if len(steps) < len(content["steps"]):
         console.print(f"... and {len(content['steps']) - len(steps)} more; --all prints them", markup=False)
     for row in content.get("predictions", []):
@@ -102,14 +116,16 @@ def _prediction_line(row: dict[str, Any]) -> str:
     if "problem" in row:
         return f"{where}: {row['problem']}"
     counts = ", ".join(f"{name.removeprefix('dn_')} deg {mean:.0f}" for name, mean in row["mean_dn"].items())
+    saturated = row["saturated_fraction"]
     snr = "not known" if row["dolp_snr"] is None else f"{row['dolp_snr']:.3g}"
-    return f"{where}: counts [DN] {counts}; saturated {100 * row['saturated_fraction']:.2g} %; DoLP SNR {snr}"
+    snr = snr if saturated <= _MOST_SATURATED else "none, since it saturates"
+    return f"{where}: counts above black [DN] {counts}; saturated {100 * saturated:.1f} %; DoLP SNR {snr}"
 
 
 def _print_need(content: dict[str, Any]) -> None:
     console = results()
     disk = content["disk_bytes"]
-    size = "not known before the camera is opened" if disk is None else f"{disk / 1e6:.0f} MB"
+    size = "not known: give --frame" if disk is None else f"{disk / 1e6:.0f} MB"
     minutes, seconds = divmod(round(content["duration_s"]), _SECONDS_A_MINUTE)
     frames = len(content["steps"])
     console.print(f"{frames} frames, {minutes} min {seconds} s until the last is taken, disk {size}", markup=False)

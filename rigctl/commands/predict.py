@@ -1,23 +1,26 @@
 """``rigctl predict``: what the model says that a scene will give."""
 
 import json
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from model.field_light import Source
+from rigctl.calibrations.made_for import MadeFor
 from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.noise.noise_file import read_noise_file
+from rigctl.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
 from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
 from rigctl.reports.tables_json import prediction_json
-from rigctl.terminal import print_json, progress, results
+from rigctl.terminal import print_json, progress, results, warn
+from rigctl.utc_time import utc_text
 
 
 def command(
@@ -41,14 +44,23 @@ def command(
 
     Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
-    calibration = None if noise is None else read_noise_file(noise)
-    predictor = ScenePredictor(load_scene(scene), calibration, source=light)
+    scene_file = load_scene(scene)
+    calibration = None if noise is None else _fitting_noise(noise, bit_depth=scene_file.sensor.bit_depth)
+    predictor = ScenePredictor(scene_file, calibration, source=light)
     if key_and_range is not None:
         _show_sweep(sweep(predictor, key_and_range), predictor.inputs.remarks, out=out, as_json=as_json)
         return
     if out is not None:
         raise ConfigError("--out: is for a sweep; give --sweep KEY=start:stop:n too")
     _show(predictor.predict(), as_json=as_json)
+
+
+def _fitting_noise(path: Path, *, bit_depth: int) -> dict[str, Any]:
+    """Return a noise calibration; a prediction names no camera, so that only format and age can be unfit."""
+    calibration = read_noise_file(path)
+    for doubt in require_noise_fits(calibration, MadeFor(bit_depth=bit_depth, taken_utc=utc_text(time.time_ns()))):
+        warn(doubt)
+    return calibration
 
 
 def _show(found: ScenePrediction, *, as_json: bool) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rigctl.errors import RunFolderError
 from rigctl.runs.run_lock import writing_process
-from rigctl.sessions.control import Request, ask
+from rigctl.sessions.control import Request, ask_process
 from rigctl.terminal import progress
 
 
@@ -19,5 +19,5 @@ def request_of_running(run: Path, request: Request) -> None:
     process = writing_process(run) if run.is_dir() else None
     if process is None:
         raise RunFolderError(f"{run}: no session writes into this run; look at `rigctl status {run}`")
-    ask(run, request)
+    ask_process(run, process, request)
     progress().print(f"process {process} is asked to {request} after this frame", markup=False)

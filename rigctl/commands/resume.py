@@ -7,7 +7,7 @@ import typer
 
 from rigctl.commands.acquire import say_outcome
 from rigctl.runs.run_lock import writing_process
-from rigctl.sessions.control import ask
+from rigctl.sessions.control import ask_process
 from rigctl.sessions.take_session import resume_session
 from rigctl.terminal import progress
 
@@ -22,7 +22,7 @@ def command(run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN
     """
     process = writing_process(run)
     if process is not None:
-        ask(run, "go on")
+        ask_process(run, process, "go on")
         progress().print(f"process {process} is told to go on", markup=False)
         return
     outcome = resume_session(run)

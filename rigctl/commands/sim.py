@@ -52,7 +52,9 @@ def stage_command(
 
 @app.command("camera")
 def camera_command(
-    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="IP address of this machine, such as 127.0.0.1.")],
+    address: Annotated[
+        str, typer.Argument(metavar="ADDRESS", help="Of this machine, such as 127.0.0.1 or 127.0.0.1?hang=20.")
+    ],
     rig: Annotated[Path | None, typer.Option(metavar="RIG.toml", help="What it sees; without: the demo's rig.")] = None,
     lost: Annotated[float, typer.Option(metavar="X", min=0.0, max=1.0, help="Share of packets not sent.")] = 0.0,
 ) -> None:

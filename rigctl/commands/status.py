@@ -2,11 +2,13 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from rigctl.runs.event_text import event_line
 from rigctl.runs.run_state import RunState, state_of
+from rigctl.sessions.live_text import live_lines
 from rigctl.terminal import print_json, results
 
 _SECONDS_A_MINUTE = 60
@@ -16,7 +18,10 @@ def command(
     run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")],
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
-    """Say where a session stands: frames, remaining time, numbers per angle, last events. Ask from any terminal.
+    """Say where a session stands; ask from any terminal.
+
+    Frames, remaining time, counts and saturation by angle; sum rule, drift, and DoLP of the regions of the last cycle,
+    each with the standard deviation that noise predicts where the session was given a calibration (`--noise`).
 
     Example: rigctl status runs/2026-05-04
     """
@@ -36,15 +41,7 @@ def _print(state: RunState) -> None:
     if state.process is not None and "remaining_s" in live:
         minutes, seconds = divmod(round(live["remaining_s"]), _SECONDS_A_MINUTE)
         console.print(f"remaining     {minutes} min {seconds} s, until {live['end_utc'][:19]}Z", markup=False)
-    for angle, numbers in live.get("angles", {}).items():
-        console.print(f"{angle:>6} deg    {_numbers(numbers)}", markup=False)
-    for name, text in (("sum_rule", "(I0 + I90) / (I45 + I135)"), ("dolp_of_mean", "DoLP of the mean counts")):
-        if live.get(name) is not None:
-            console.print(f"{text}  {live[name]:.4f}", markup=False)
+    for line in live_lines(live):
+        console.print(line, markup=False)
     for event in state.events:
-        facts = ", ".join(f"{name} {value}" for name, value in event["facts"].items())
-        console.print(f"{event['utc'][:19]}Z  {event['event']}  {facts}", markup=False)
-
-
-def _numbers(numbers: dict[str, Any]) -> str:
-    return f"mean {numbers['mean_dn']:.1f} DN, saturated {100 * numbers['saturated_fraction']:.2f} %"
+        console.print(event_line(event), markup=False)

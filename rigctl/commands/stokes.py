@@ -9,12 +9,13 @@ from rigctl.files.regions import load_regions
 from rigctl.measurement.measurement import measure
 from rigctl.measurement.region_texture import region_textures
 from rigctl.measurement.temporal_noise import temporal_noise
-from rigctl.noise.noise_file import read_noise_file
+from rigctl.noise.noise_file import read_fitting_noise
+from rigctl.polarimeter.registration_file import read_fitting_registration
 from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.stokes_files import write_stokes
 from rigctl.reports.tables_json import measurement_json
 from rigctl.runs.run_folder import read_run
-from rigctl.terminal import print_json, progress, results
+from rigctl.terminal import print_json, progress, results, warn
 
 
 def command(
@@ -23,6 +24,9 @@ def command(
     regions: Annotated[Path | None, typer.Option(metavar="FILE", help="Regions file.")] = None,
     noise: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Noise calibration: tells texture from noise, and a dark level.")
+    ] = None,
+    register: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
@@ -33,8 +37,12 @@ def command(
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
     """
     areas = [] if regions is None else load_regions(regions)
-    calibration = None if noise is None else read_noise_file(noise)
-    measurement = measure(read_run(run), regions=areas, noise=calibration)
+    folder = read_run(run)
+    calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)
+    moves, more_doubts = (None, ()) if register is None else read_fitting_registration(register, folder)
+    for doubt in (*doubts, *more_doubts):
+        warn(doubt)
+    measurement = measure(folder, regions=areas, noise=calibration, registration=moves)
     content = measurement_json(
         measurement, None if calibration is None else region_textures(measurement, temporal_noise(calibration))
     )

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model.channels import ChannelMoments
 from model.prediction import RegionPrediction, predict_region
 from model.processing.agreement import propagate_inputs
 from model.processing.law_check import check_dolp_law
 from model.processing.sample_moments import Sample, deviation
-from model.sensor import ChannelMoments
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose
 from rigctl.comparison.rows import Row, decide, pair, scored

@@ -14,6 +14,7 @@ from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.run_readout import one_exposure_s, run_readout
 from rigctl.comparison.scene_inputs import Inputs, build_scenario, gather
 from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.scene_numbers import assumed_materials
 from rigctl.comparison.throughput import modelled_response, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
@@ -97,7 +98,8 @@ def panel_response(
     frames = [record for cycle in measurement.grid.records for record in cycle]
     alone, moved = scene_of_run(alone, measurement.run, frames)
     measured = _unsaturated(measurement, panel)
-    inputs = without_throughput(gather(alone, noise))
+    # Counts are compared with the radiance: what the sensor makes of it is what is sought.
+    inputs = without_throughput(gather(alone, noise), gain=True)
     light, exposure_s = SceneLight(), one_exposure_s(measurement)
 
     def at(values: FloatArray) -> FloatArray:
@@ -120,7 +122,7 @@ def panel_response(
         radiance_error=float(np.sqrt(cov[-1, -1])),
         shares=_shares(scale, predicted_dn, inputs, jacobian[:-1]),
         pixels=measured.pixels,
-        remarks=(*inputs.remarks, *moved, *light.remarks(alone, inputs.named), *_of_channels(scale)),
+        remarks=(*assumed_materials(alone), *moved, *light.remarks(alone, inputs.named), *_of_channels(scale)),
     )
 
 
@@ -168,8 +170,9 @@ def _of_channels(scale: PanelScale) -> tuple[str, ...]:
     if scale.channels_agree:
         return ()
     spread = (scale.channel.max() - scale.channel.min()) / scale.common
-    return (
-        f"channels differ by {spread:.2%} more than their errors allow (chi-squared {scale.chi2:.3g}): the throughput "
+    remark = (
+        f"channels differ by {spread:.2%}, more than their errors allow (chi-squared {scale.chi2:.3g}): the throughput "
         "depends on the angle, the light drifted, or the panel's polarization is not as predicted; see "
-        "rigctl calibrate axis",
+        "rigctl calibrate axis"
     )
+    return (remark,)

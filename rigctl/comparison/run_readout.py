@@ -13,6 +13,7 @@ def run_readout(measurement: Measurement) -> Readout:
         channel_names=grid.channel_names,
         cycles=grid.cycles,
         extinction_ratio=measurement.extinction_ratio,
+        noise_factor=None if measurement.walk is None else measurement.noise_factor,
     )
 
 

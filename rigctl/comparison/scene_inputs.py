@@ -7,12 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model.accuracy.chain import scenario_of
 from model.field_light import Source
-from model.scenario import Readout, RegionLight, Scenario
+from model.scenario import Readout, Scenario
 from model.sensor import Sensor, SensorNoise
+from rigctl.comparison.lit_scene import file_settings, lit_scene
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_numbers import Stated, assumed_materials, light_numbers, region_numbers, sensor_numbers
-from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import NoiseSection, SceneFile
 
 FloatArray = NDArray[np.float64]
 
@@ -121,12 +124,15 @@ def build_scenario(
     ConfigError
         The light of a material cannot be computed.
     """
-    computer = SceneLight() if light is None and scene.has_materials else light
-    return Scenario(
-        regions=tuple(_light(scene, region, values, computer, source) for region in scene.regions),
-        sensor=_sensor(scene, values, exposure_s),
-        readout=readout,
-    )
+    sensor = build_sensor(scene, values, exposure_s)
+    lit = lit_scene(scene, values, sensor=sensor, readout=readout, source=source)
+    if not scene.has_materials:
+        return scenario_of(lit, file_settings(scene))
+    computer = SceneLight() if light is None else light
+    try:
+        return scenario_of(lit, file_settings(scene), store=computer.lights)
+    except ValueError as error:
+        raise ConfigError(f"scene {scene.name}: {error}") from error
 
 
 def file_readout(scene: SceneFile) -> Readout:
@@ -172,23 +178,8 @@ def _covariance(names: tuple[str, ...], deviations: Mapping[str, float], noise: 
     return cov
 
 
-def _light(
-    scene: SceneFile, region: SceneRegion, values: Mapping[str, float], computer: SceneLight | None, source: Source
-) -> RegionLight:
-    prefix = f"regions.{region.name}"
-    covariance = np.zeros((3, 3)) if region.texture_covariance is None else np.array(region.texture_covariance)
-    texture_rms = values[f"{prefix}.texture_rms"]
-    if region.material is None or computer is None:
-        radiance = np.array([values[f"{prefix}.stokes_radiance.{k}"] for k in range(3)])
-        return RegionLight(name=region.name, stokes_radiance=radiance, texture_rms=texture_rms, texture_cov=covariance)
-    r0, r1, r2 = (values.get(f"{prefix}.texture_diagonal.{k}", 0.0) for k in range(3))
-    moments = computer.region(scene, region, values).moments(
-        source, texture_rms=texture_rms, texture_diagonal=(r0, r1, r2), texture_cov=covariance
-    )
-    return RegionLight(name=region.name, stokes_radiance=moments.mean, texture_rms=0.0, texture_cov=moments.cov)
-
-
-def _sensor(scene: SceneFile, values: Mapping[str, float], exposure_s: float) -> Sensor:
+def build_sensor(scene: SceneFile, values: Mapping[str, float], exposure_s: float) -> Sensor:
+    """Return the sensor of a scene file with the given numbers, by the names that `gather` returns."""
     along = values["sensor.polarizer_transmittance"]
     return Sensor(
         pixel_pitch_m=values["sensor.pixel_pitch_um"] * 1e-6,

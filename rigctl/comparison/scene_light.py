@@ -1,46 +1,35 @@
 """The light of a scene's regions, computed from sun, atmosphere and materials with given numbers."""
 
-from collections import OrderedDict
 from collections.abc import Iterable
 
+from model.accuracy.light_store import LightStore
 from model.atmosphere.lighting.tiers import TIERS
 from model.atmosphere.profile import column
 from model.atmosphere.transfer.phase import AerosolKind
-from model.field_light import FieldLight, light_over_field
-from model.field_of_view import FieldPart
-from model.hemisphere import Rules
+from model.field_light import FieldLight
 from model.illumination import Illumination
-from model.scene import ApertureLight, aperture_lights
-from model.surface.pbrdf import Surface
-from model.surface.tilt import Tilt
-from model.view import View
-from rigctl.comparison.scene_records import (
-    Values,
-    camera_view,
-    field_part,
-    region_surface,
-    region_tilt,
-    sky_request,
-    sun_azimuth_rad,
-)
+from rigctl.comparison.lit_scene import file_settings, lit_region
+from rigctl.comparison.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
-from rigctl.skies.lit_scene import Skies, SkyRequest
+from rigctl.skies.lit_scene import SkyRequest, air_of
 from rigctl.skies.sky_store import SkyStore, user_cache_folder
 
-# Lights of regions that are kept: those of a sweep, and those about which a derivative is taken.
-_KEPT = 512
 _REFERENCE_M = 550e-9
 
 
 class SceneLight:
-    """Computes the light of regions, and keeps what it computed."""
+    """Computes the light of scene files, and keeps what it computed."""
 
     def __init__(self, store: SkyStore | None = None) -> None:
-        self._store = SkyStore(user_cache_folder()) if store is None else store
-        self._skies = Skies(solver=self._store)
-        self._kept: OrderedDict[object, FieldLight] = OrderedDict()
+        self._solved = SkyStore(user_cache_folder()) if store is None else store
+        self._lights = LightStore(solver=self._solved)
+
+    @property
+    def lights(self) -> LightStore:
+        """What the model keeps its lights in."""
+        return self._lights
 
     def illumination(self, scene: SceneFile, values: Values) -> Illumination:
         """Return sun, sky and air of a scene with given numbers.
@@ -51,7 +40,11 @@ class SceneLight:
             A number is outside its range, such as a sun too low.
         """
         try:
-            return self._skies.illumination(sky_request(scene, values), sun_azimuth_rad=sun_azimuth_rad(values))
+            return self._lights.illumination(
+                air_of(sky_request(scene, values)),
+                file_settings(scene),
+                sun_azimuth_rad=sun_azimuth_rad(values),
+            )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
@@ -64,51 +57,21 @@ class SceneLight:
             A number is outside its range.
         """
         try:
-            view, surface, tilt = (
-                camera_view(scene, values),
-                region_surface(region, values),
-                region_tilt(region, values),
+            return self._lights.region(
+                lit_region(scene, region, values),
+                file_settings(scene),
+                air=air_of(sky_request(scene, values)),
+                view=camera_view(scene, values),
+                sun_azimuth_rad=sun_azimuth_rad(values),
             )
-            part = field_part(scene, region, values)
-            key = (sky_request(scene, values), sun_azimuth_rad(values), view, surface, tilt, part)
         except ValueError as error:
-            raise ConfigError(f"scene {scene.name}, region {region.name}: {error}") from error
-        if key not in self._kept:
-            illumination = self.illumination(scene, values)
-            self._keep(key, _over_field(scene, region, illumination, view, surface, tilt, part))
-        return self._kept[key]
+            raise ConfigError(f"scene {scene.name}: {error}") from error
 
     def remarks(self, scene: SceneFile, values: Values) -> tuple[str, ...]:
         """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
-        return (*_of_atmosphere(scene.atmosphere, sky_request(scene, values)), *self._store.remarks)
-
-    def _keep(self, key: object, light: FieldLight) -> None:
-        self._kept[key] = light
-        if len(self._kept) > _KEPT:
-            self._kept.popitem(last=False)
-
-
-def _over_field(
-    scene: SceneFile,
-    region: SceneRegion,
-    illumination: Illumination,
-    view: View,
-    surface: Surface,
-    tilt: Tilt,
-    part: FieldPart | None,
-) -> FieldLight:
-    def lights_at(views: tuple[View, ...], rules: Rules | None) -> tuple[ApertureLight, ...]:
-        return aperture_lights(illumination, surface=surface, tilt=tilt, views=views, rules=rules)
-
-    field = scene.field_of_view
-    try:
-        if part is None or field is None:
-            return light_over_field(lights_at, view=view, part=None, per_side=1)
-        return light_over_field(lights_at, view=view, part=part, per_side=field.tiles_per_side, rule=field.rule)
-    except ValueError as error:
-        raise ConfigError(f"scene {scene.name}, region {region.name}: {error}") from error
+        return (*_of_atmosphere(scene.atmosphere, sky_request(scene, values)), *self._solved.remarks)
 
 
 def _of_atmosphere(air: AtmosphereSection, request: SkyRequest) -> Iterable[str]:

@@ -151,6 +151,10 @@ def _atmosphere(scene: SceneFile) -> dict[str, Stated]:
         for name, number in given.items()
         if isinstance(number, Uncertain)
     }
+    for k, measured in enumerate(scene.atmosphere.measured_depths or ()):
+        found[f"atmosphere.measured_depths.{k}.optical_depth"] = Stated.of(measured.optical_depth)
+    if scene.atmosphere.alternative is not None:
+        found["atmosphere.alternative.share"] = Stated.of(scene.atmosphere.alternative.share)
     return found | {"atmosphere.relative_humidity": Stated(value=scene.atmosphere.relative_humidity)}
 
 

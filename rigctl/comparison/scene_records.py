@@ -4,6 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from model.atmosphere.aerosol.angstrom import angstrom_law
+from model.atmosphere.aerosol.choice import AerosolChoice
 from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
 from model.field_of_view import FieldPart, part_of_picture, whole_field
@@ -13,6 +15,7 @@ from model.view import View
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection, FieldSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
+from rigctl.skies.alternative_air import AlternativeAir
 from rigctl.skies.lit_scene import SkyRequest
 
 # Name, as `rigctl.comparison.scene_inputs.gather` has it, to number.
@@ -40,7 +43,8 @@ def sky_request(scene: SceneFile, values: Values) -> SkyRequest:
         response=band_points(scene),
         tier=air.tier,
         aerosol=air.aerosol,
-        state=None if air.tier is Tier.TABLE else _state(air, values),
+        state=None if air.tier is Tier.TABLE else _state(air, values, lower=air.lower, upper=air.upper),
+        alternative=_alternative(air, values),
         ground_albedo=values["atmosphere.ground_albedo"],
         wavelengths=air.wavelengths,
         dolp_max=values["atmosphere.dolp_max"],
@@ -92,18 +96,39 @@ def sun_azimuth_rad(values: Values) -> float:
     return float(np.deg2rad(values.get("sun.azimuth_deg", _ANY_AZIMUTH_DEG)))
 
 
-def _state(air: AtmosphereSection, values: Values) -> AtmosphereState:
+def _alternative(air: AtmosphereSection, values: Values) -> AlternativeAir | None:
+    other = air.alternative
+    if other is None:
+        return None
+    return AlternativeAir(
+        aerosol=other.aerosol,
+        state=_state(air, values, lower=other.lower, upper=other.upper),
+        share=values["atmosphere.alternative.share"],
+    )
+
+
+def _state(air: AtmosphereSection, values: Values, *, lower: AerosolChoice, upper: AerosolChoice) -> AtmosphereState:
     visibility_km = values.get("atmosphere.visibility_km")
+    exponent, depth = _spectrum(air, values)
     return AtmosphereState(
         visibility_m=None if visibility_km is None else visibility_km * 1e3,
-        aerosol_optical_depth=values.get("atmosphere.aerosol_optical_depth"),
-        boundary_aerosol=air.aerosol_type,
-        upper_aerosol=air.upper_aerosol_type,
-        angstrom_exponent=values.get("atmosphere.angstrom_exponent"),
+        aerosol_optical_depth=depth,
+        boundary_aerosol=lower,
+        upper_aerosol=upper,
+        angstrom_exponent=exponent,
         relative_humidity=values["atmosphere.relative_humidity"],
         ozone_m=values["atmosphere.ozone_du"] * _M_PER_DU,
         surface_pressure_pa=values["atmosphere.surface_pressure_hpa"] * _PA_PER_HPA,
     )
+
+
+def _spectrum(air: AtmosphereSection, values: Values) -> tuple[float | None, float | None]:
+    """Angstrom's exponent and optical depth at 550 nm, as stated or as measured at two wavelengths."""
+    if air.measured_depths is None:
+        return values.get("atmosphere.angstrom_exponent"), values.get("atmosphere.aerosol_optical_depth")
+    (first_m, second_m) = (one.wavelength_nm * 1e-9 for one in air.measured_depths)
+    (first, second) = (values[f"atmosphere.measured_depths.{k}.optical_depth"] for k in range(2))
+    return angstrom_law(first_m=first_m, first_depth=first, second_m=second_m, second_depth=second)
 
 
 def region_surface(region: SceneRegion, values: Values) -> Surface:

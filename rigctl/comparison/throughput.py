@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.sensor import Sensor, counts_per_radiance
+from model.electrons import counts_per_radiance
+from model.sensor import Sensor
 from rigctl.comparison.scene_inputs import Inputs, build_sensor
 from rigctl.errors import DataError
 from rigctl.files.scene_file import SceneFile
@@ -35,9 +36,10 @@ def modelled_response(scene: SceneFile, values: Mapping[str, float], *, exposure
     return counts_per_radiance(sensor)
 
 
-def without_throughput(inputs: Inputs) -> Inputs:
-    """Return the inputs with the numbers of the throughput taken as exact."""
-    keep = np.array([0.0 if name in _THROUGHPUT else 1.0 for name in inputs.names])
+def without_throughput(inputs: Inputs, *, gain: bool = False) -> Inputs:
+    """Return the inputs with the numbers of the throughput taken as exact, and with `gain` that of the gain too."""
+    exact = (*_THROUGHPUT, GAIN) if gain else _THROUGHPUT
+    keep = np.array([0.0 if name in exact else 1.0 for name in inputs.names])
     return replace(inputs, cov=inputs.cov * np.outer(keep, keep))
 
 

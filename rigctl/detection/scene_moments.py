@@ -11,8 +11,9 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure, signal_of_cycle
-from rigctl.noise.noise_file import read_noise_file
+from rigctl.noise.noise_file import read_fitting_noise
 from rigctl.runs.run_folder import read_run
+from rigctl.terminal import warn
 
 
 def read_detection(
@@ -46,8 +47,11 @@ def read_detection(
     regions: list[Region] = list(scene.regions) if scene is not None else []
     if regions_path is not None:
         regions = load_regions(regions_path)
-    noise = None if noise_path is None else read_noise_file(noise_path)
-    measurement = measure(read_run(run_path), regions=regions, noise=noise)
+    run = read_run(run_path)
+    noise, doubts = (None, ()) if noise_path is None else read_fitting_noise(noise_path, run)
+    for doubt in doubts:
+        warn(doubt)
+    measurement = measure(run, regions=regions, noise=noise)
     predicted: dict[str, Moments] | None = None
     if scene is not None:
         predicted = {name: p.stokes_dn for name, p in predict_run(measurement, scene=scene, noise=noise).items()}

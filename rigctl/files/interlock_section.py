@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rigctl.config import Section
 
@@ -17,19 +17,40 @@ class InterlockSection(Section):
 
     angle: Action = "retry"
     button: Action = "retry"
+    fault: Literal["retry", "hold", "stop"] = "stop"
+    homed: Watched = "stop"
     settings: Action = "stop"
+    counter: Action = "note"
     identical: Action = "retry"
     black: Action = "retry"
     saturated: Action = "note"
+    low_signal: Action = "note"
+    temperature: Watched = "note"
     sum_rule: Watched = "note"
+    drift: Watched = "note"
     disk: Watched = "hold"
     clock: Watched = "note"
+    synchronised: Watched = "note"
     queue: Literal["note", "off"] = "note"
-    gone: Literal["retry", "stop"] = "retry"
+    gone: Literal["retry", "hold", "stop"] = "retry"
 
     retries: Annotated[int, Field(ge=1, le=100)] = 2
     saturated_fraction: Annotated[float, Field(ge=0, le=1)] = 0.01
+    low_signal_fraction: Annotated[float, Field(ge=0, le=1)] = 0.5
+    low_signal_level: Annotated[float, Field(gt=0, lt=1)] = 0.02
+    temperature_least_c: float = -20.0
+    temperature_most_c: float = 60.0
     sum_rule_tolerance: Annotated[float, Field(gt=0, le=1)] = 0.02
+    drift_tolerance: Annotated[float, Field(gt=0, le=1)] = 0.02
     disk_free_mb: Annotated[float, Field(ge=0)] = 200.0
     clock_jump_s: Annotated[float, Field(gt=0)] = 1.0
     reconnect_s: Annotated[float, Field(gt=0)] = 60.0
+
+    @model_validator(mode="after")
+    def _temperatures_in_order(self) -> "InterlockSection":
+        if self.temperature_least_c >= self.temperature_most_c:
+            raise ValueError(
+                f"temperature_least_c ({self.temperature_least_c:g}) must lie below temperature_most_c "
+                f"({self.temperature_most_c:g})"
+            )
+        return self

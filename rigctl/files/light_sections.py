@@ -5,11 +5,13 @@ from typing import Annotated
 
 from pydantic import AfterValidator, AwareDatetime, Field, model_validator
 
+from model.atmosphere.aerosol.choice import AerosolChoice
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.transfer.phase import AerosolKind
 from model.field_of_view import TileRule
 from rigctl.config import NotNegative, Positive, Section, Uncertain
+from rigctl.files.aerosol_section import OwnAerosolSection
 
 Number = Annotated[float, Field(strict=True)]
 
@@ -55,19 +57,56 @@ class SunSection(Section):
         return self
 
 
+class MeasuredDepthSection(Section):
+    """Optical depth of the aerosol at a wavelength, as a sun photometer measures it."""
+
+    wavelength_nm: Annotated[Number, Field(gt=0)]
+    optical_depth: Positive
+
+
+class AlternativeSection(Section):
+    """Another aerosol that it might as well be, and how much of the light is taken as of that one.
+
+    Between two skies light is mixed linearly. The standard uncertainty of `share` is how unsure one is of the kind:
+    ``share = { value = 0.0, std = 0.5 }`` lets a prediction carry half the difference between the two as uncertainty.
+    """
+
+    aerosol: AerosolKind = AerosolKind.SPHERES
+    aerosol_type: AerosolType = AerosolType.RURAL
+    upper_aerosol_type: AerosolType = AerosolType.TROPOSPHERIC
+    own_aerosol: OwnAerosolSection | None = None
+    own_upper_aerosol: OwnAerosolSection | None = None
+    share: Share
+
+    @property
+    def lower(self) -> AerosolChoice:
+        """Aerosol below 2 km."""
+        return self.aerosol_type if self.own_aerosol is None else self.own_aerosol.aerosol()
+
+    @property
+    def upper(self) -> AerosolChoice:
+        """Aerosol above 2 km."""
+        return self.upper_aerosol_type if self.own_upper_aerosol is None else self.own_upper_aerosol.aerosol()
+
+
 class AtmosphereSection(Section):
     """The air: US standard atmosphere of 1976 with so much aerosol, or a table of somebody's own.
 
-    `aerosol` says what aerosol does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind it is below
-    and above 2 km.
+    How much aerosol: by visibility, by its optical depth at 550 nm, or by its optical depth measured at two wavelengths
+    (Angstrom's law). `aerosol` says what it does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind
+    it is below and above 2 km; `own_aerosol` and `own_upper_aerosol`, spheres of one's own, take the place of these.
     """
 
     tier: Tier = Tier.STANDARD
     visibility_km: Positive | None = None
     aerosol_optical_depth: NotNegative | None = None
+    measured_depths: tuple[MeasuredDepthSection, MeasuredDepthSection] | None = None
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING
     aerosol_type: AerosolType = AerosolType.RURAL
     upper_aerosol_type: AerosolType = AerosolType.TROPOSPHERIC
+    own_aerosol: OwnAerosolSection | None = None
+    own_upper_aerosol: OwnAerosolSection | None = None
+    alternative: AlternativeSection | None = None
     angstrom_exponent: Uncertain | None = None
     relative_humidity: Annotated[float, Field(ge=0, le=0.8)] = 0.5
     ozone_du: NotNegative = Uncertain(value=344.0)
@@ -77,15 +116,38 @@ class AtmosphereSection(Section):
     dolp_max: Share = Uncertain(value=0.2)
     table: Path | None = None
 
+    @property
+    def lower(self) -> AerosolChoice:
+        """Aerosol below 2 km."""
+        return self.aerosol_type if self.own_aerosol is None else self.own_aerosol.aerosol()
+
+    @property
+    def upper(self) -> AerosolChoice:
+        """Aerosol above 2 km."""
+        return self.upper_aerosol_type if self.own_upper_aerosol is None else self.own_upper_aerosol.aerosol()
+
     @model_validator(mode="after")
     def _one_source(self) -> "AtmosphereSection":
-        given = [
-            name for name in ("visibility_km", "aerosol_optical_depth", "table") if getattr(self, name) is not None
-        ]
+        sources = ("visibility_km", "aerosol_optical_depth", "measured_depths", "table")
+        given = [name for name in sources if getattr(self, name) is not None]
         if self.tier is Tier.TABLE and given != ["table"]:
             raise ValueError("tier 'table' needs table = \"FILE.npz\", and neither visibility_km nor an optical depth")
         if self.tier is not Tier.TABLE and (len(given) != 1 or self.table is not None):
-            raise ValueError(f"tier '{self.tier}' needs exactly one of visibility_km and aerosol_optical_depth")
+            raise ValueError(
+                f"tier '{self.tier}' needs exactly one of visibility_km, aerosol_optical_depth and measured_depths"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_spectrum(self) -> "AtmosphereSection":
+        if self.measured_depths is not None and self.angstrom_exponent is not None:
+            raise ValueError("measured_depths say the angstrom_exponent too; leave it out")
+        if self.measured_depths is not None and len({one.wavelength_nm for one in self.measured_depths}) != 2:
+            raise ValueError("measured_depths need two different wavelengths")
+        if self.tier is Tier.TABLE and (self.alternative or self.own_aerosol or self.own_upper_aerosol):
+            raise ValueError(
+                "tier 'table' has its own aerosol: leave out alternative, own_aerosol and own_upper_aerosol"
+            )
         return self
 
 

@@ -3,9 +3,12 @@
 x runs right, y down, (0, 0) is the centre of the top left pixel.
 """
 
+from collections.abc import Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
@@ -29,11 +32,15 @@ Vertex = tuple[float, float]
 
 
 class Region(Section):
-    """A named part of the picture: exactly one of a rectangle and a polygon."""
+    """A named part of the picture: exactly one of a rectangle and a polygon.
+
+    `edge_px` pixels along its border are left out of every measurement: the blur of the lens mixes in what lies beside.
+    """
 
     name: Name
     rectangle: Rectangle | None = None
     polygon: Annotated[list[Vertex], Field(min_length=3)] | None = None
+    edge_px: Annotated[int, Field(ge=0)] = 0
 
     @model_validator(mode="after")
     def _one_shape(self) -> "Region":
@@ -52,16 +59,60 @@ class Region(Section):
         return [(left, top), (right, top), (right, bottom), (left, bottom)]
 
 
+class Dictionary(StrEnum):
+    """Families of ArUco markers, by cells a side and how many markers they have."""
+
+    FOUR_50 = "4x4_50"
+    FOUR_100 = "4x4_100"
+    FOUR_250 = "4x4_250"
+    FIVE_50 = "5x5_50"
+    FIVE_100 = "5x5_100"
+    SIX_50 = "6x6_50"
+    SIX_250 = "6x6_250"
+    ORIGINAL = "aruco_original"
+
+
+class Marker(Section):
+    """Where an ArUco marker was in the picture that the regions were drawn on.
+
+    `corners` (x, y) run clockwise from the marker's own top left. It leads the regions that are named, or all of them.
+    """
+
+    id: Annotated[int, Field(ge=0)]
+    corners: Annotated[list[Vertex], Field(min_length=4, max_length=4)]
+    regions: tuple[Name, ...] = ()
+
+
+class Markers(Section):
+    """Markers on the panels, by which the regions are found again when the camera has moved."""
+
+    dictionary: Dictionary = Dictionary.FOUR_50
+    seen: Annotated[list[Marker], Field(min_length=1)]
+
+
 class RegionsFile(Section):
     """What a regions file holds."""
 
     schema_version: Literal[1] = 1
     regions: Annotated[list[Region], Field(min_length=1)]
+    markers: Markers | None = None
 
     @model_validator(mode="after")
     def _distinct_names(self) -> "RegionsFile":
-        require_distinct([region.name for region in self.regions])
+        names = [region.name for region in self.regions]
+        require_distinct(names)
+        if self.markers is not None:
+            _require_known(self.markers, names)
         return self
+
+
+def _require_known(markers: Markers, names: list[str]) -> None:
+    ids = [marker.id for marker in markers.seen]
+    if len(set(ids)) < len(ids):
+        raise ValueError(f"markers.seen: an id occurs more than once, of {ids}")
+    unknown = sorted({name for marker in markers.seen for name in marker.regions}.difference(names))
+    if unknown:
+        raise ValueError(f"markers.seen: no region is called {', '.join(unknown)}; there are {', '.join(names)}")
 
 
 def require_distinct(names: list[str]) -> None:
@@ -74,6 +125,26 @@ def require_distinct(names: list[str]) -> None:
 def load_regions(path: Path) -> list[Region]:
     """Return the regions of a regions file."""
     return load(path, RegionsFile).regions
+
+
+def inner_masks(regions: list[Region], outer: Mapping[str, NDArray[np.bool_]]) -> dict[str, NDArray[np.bool_]]:
+    """Return the pixels of each region that are farther than its `edge_px` from any pixel outside of it.
+
+    Parameters
+    ----------
+    regions : list of Region
+        What is to be left out along the border.
+    outer : mapping
+        Name to the whole mask (H, W). The border of the picture is no border of a region.
+    """
+    return {region.name: _without_edge(outer[region.name], region.edge_px) for region in regions}
+
+
+def _without_edge(mask: NDArray[np.bool_], edge_px: int) -> NDArray[np.bool_]:
+    if edge_px == 0:
+        return mask
+    distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(mask & (distance > edge_px))
 
 
 def masks(regions: list[Region], *, width: int, height: int) -> dict[str, NDArray[np.bool_]]:

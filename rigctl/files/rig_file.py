@@ -5,8 +5,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rigctl.config import Section, load
+from rigctl.config import Section, Uncertain, load
 from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.rendering_sections import RenderingSection
 
 PositiveNumber = Annotated[float, Field(gt=0)]
 NotNegativeNumber = Annotated[float, Field(ge=0)]
@@ -32,12 +33,22 @@ class StageSection(Section):
 class PolarizerSection(Section):
     """How the polarizer sits in the stage, as calibrated: neither sense nor offset has a default.
 
-    polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene.
+    polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene. The offset may be
+    given as ``{value = 12.3, std = 0.05}``; a comparison then allows for that standard uncertainty.
     """
 
     sense: Literal[1, -1]
     offset_deg: float
+    offset_std_deg: Annotated[float, Field(ge=0)] = 0.0
     extinction_ratio: Annotated[float, Field(gt=1)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _offset_with_std(cls, given: object) -> object:
+        if not isinstance(given, dict) or not isinstance(given.get("offset_deg"), dict):
+            return given
+        offset = Uncertain.model_validate(given["offset_deg"])
+        return given | {"offset_deg": offset.value, "offset_std_deg": offset.std}
 
 
 class CameraSection(Section):
@@ -80,13 +91,25 @@ class SimulatedCamera(Section):
 
 
 class SimulationSection(Section):
-    """What the simulated rig looks at, and what it is made of."""
+    """What the simulated rig looks at, what it is made of, and which effects its pictures go through beside.
+
+    An effect that `effects` does not name is not called.
+    """
 
     scene: Path
     seed: Annotated[int, Field(ge=0)] = 1
     flat_radiance: PositiveNumber
     polarizer: SimulatedPolarizer
     camera: SimulatedCamera
+    effects: list[RenderingSection] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _each_effect_once(self) -> "SimulationSection":
+        names = [section.effect for section in self.effects]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"effects names {', '.join(twice)} more than once")
+        return self
 
 
 class RigFile(Section):

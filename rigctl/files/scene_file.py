@@ -82,6 +82,20 @@ class AcquisitionSection(Section):
     cycles: Annotated[int, Field(ge=1)] = 1
 
 
+class RigSection(Section):
+    """How far the rig may be from what a run records of it; each is an input with an uncertainty, exact by default.
+
+    `polarizer_offset_deg` is what would have to be added to every recorded angle of the polarizer, `angle_std_deg` how
+    well each angle is known on its own, `exposure_ratio` the true exposure over the recorded one, `light_drift` the
+    relative change of the light through a cycle of angles.
+    """
+
+    polarizer_offset_deg: Uncertain = Uncertain(value=0.0)
+    angle_std_deg: Annotated[float, Field(ge=0, lt=45)] = 0.0
+    exposure_ratio: Positive = Uncertain(value=1.0)
+    light_drift: Uncertain = Uncertain(value=0.0)
+
+
 class SceneRegion(Region):
     """A region, by the radiance that comes from it to the aperture, or by what it is made of and how it stands.
 
@@ -148,6 +162,7 @@ class SceneFile(Section):
     noise: NoiseSection
     acquisition: AcquisitionSection
     background_radiance: Annotated[float, Field(gt=0)] = 20.0
+    rig: RigSection = RigSection()
     site: SiteSection | None = None
     sun: SunSection | None = None
     geometry: GeometrySection | None = None

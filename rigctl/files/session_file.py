@@ -7,6 +7,7 @@ from pydantic import AwareDatetime, Field, model_validator
 
 from rigctl.config import Section, load
 from rigctl.files.interlock_section import InterlockSection
+from rigctl.files.regions import Name, Region, require_distinct
 
 # 0 and 90 next to each other, 45 and 135 next to each other: a linear drift of the light then makes half the
 # false polarization that 0, 45, 90, 135 makes.
@@ -121,8 +122,17 @@ class ScheduleSection(Section):
         return self
 
 
+# What is meant where no region is: the whole of the picture.
+PICTURE = "picture"
+
+
 class SessionFile(Section):
-    """What a session file holds."""
+    """What a session file holds.
+
+    `regions` are watched while the session runs: their DoLP and its noise. `reference_region` is the one whose
+    reflectance does not change, such as a white panel: by it the drift of the light is measured. Without one it is
+    the whole picture.
+    """
 
     schema_version: Literal[1] = 1
     name: str
@@ -131,6 +141,19 @@ class SessionFile(Section):
     metering: MeteringSection = MeteringSection()
     schedule: ScheduleSection | None = None
     interlocks: InterlockSection = InterlockSection()
+    regions: list[Region] = Field(default_factory=list)
+    reference_region: Name | None = None
+
+    @model_validator(mode="after")
+    def _regions_are_known(self) -> "SessionFile":
+        names = [region.name for region in self.regions]
+        require_distinct(names)
+        if PICTURE in names:
+            raise ValueError(f"a region cannot be called {PICTURE!r}: that is the whole of it")
+        if self.reference_region not in (None, *names):
+            known = ", ".join(names) or "none"
+            raise ValueError(f"reference_region is {self.reference_region!r}; [[regions]] has {known}")
+        return self
 
 
 def load_session(path: Path) -> SessionFile:

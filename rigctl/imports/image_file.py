@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from drivers.cameras.raw_files import RAW_SUFFIXES, Plane
 from rigctl.errors import ConfigError, DataError
 from rigctl.imports.raw_image import RawSettings, raw_header, raw_picture, raw_settings
+from rigctl.imports.unfiltered_png import unfiltered_png
 
 FirstRow = Literal["top", "bottom"]
 
@@ -120,7 +121,8 @@ def _uncompressed(data: bytes) -> bytes:
 def _read_png(data: bytes) -> ImageFile:
     if data[_PNG_BIT_DEPTH] < 8:
         raise DataError(f"has {data[_PNG_BIT_DEPTH]} bits per sample, which is no camera's raw image")
-    return _plain_image(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+    plain = unfiltered_png(data)
+    return _plain_image(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if plain is None else plain)
 
 
 def _read_tiff(data: bytes) -> ImageFile:

@@ -1,5 +1,6 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,10 +9,11 @@ from numpy.typing import NDArray
 
 from model.processing.reconstruction import Design, design
 from rigctl.errors import DataError
-from rigctl.files.regions import Region, masks
+from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.dark_level import DarkLevel, find_dark_level
 from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
+from rigctl.measurement.walk_back import WalkBack, walk_back
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +43,8 @@ class Measurement:
         Pixels that are so in any frame.
     regions : dict
         Name to what its pixels say.
+    walk : WalkBack or None
+        How frames were moved to lie on one another; None where they were not.
     """
 
     run: Run
@@ -52,9 +56,21 @@ class Measurement:
     saturated: NDArray[np.bool_]
     missing: NDArray[np.bool_]
     regions: dict[str, MeasuredRegion]
+    walk: WalkBack | None = None
+
+    @property
+    def noise_factor(self) -> FloatArray:
+        """What moving frames makes of the variance of their noise, shape (N,)."""
+        return np.ones(self.grid.angles) if self.walk is None else self.walk.variance_factor
 
 
-def measure(run: Run, *, regions: list[Region], noise: dict[str, Any] | None = None) -> Measurement:
+def measure(
+    run: Run,
+    *,
+    regions: list[Region],
+    noise: dict[str, Any] | None = None,
+    registration: Mapping[str, Any] | None = None,
+) -> Measurement:
     """Return the Stokes pictures of a run and the numbers of its regions.
 
     Parameters
@@ -65,6 +81,8 @@ def measure(run: Run, *, regions: list[Region], noise: dict[str, Any] | None = N
         May be empty.
     noise : dict or None
         A noise calibration as its file holds it: its black level serves where the run says nothing of one.
+    registration : mapping or None
+        A registration as its file holds it: frames are moved back by it.
 
     Raises
     ------
@@ -77,8 +95,10 @@ def measure(run: Run, *, regions: list[Region], noise: dict[str, Any] | None = N
     extinction_ratio = _extinction_ratio(run)
     plan = _plan(run, grid, extinction_ratio)
     dark_level = find_dark_level(run, grid, noise)
-    inside = masks(regions, width=grid.width, height=grid.height)
-    frames = _Frames(run, grid, dark_level)
+    outer = masks(regions, width=grid.width, height=grid.height)
+    inside = inner_masks(regions, outer)
+    walk = None if registration is None else walk_back(run, grid, registration)
+    frames = _Frames(run, grid, dark_level, walk)
     pixels = {name: np.empty((grid.cycles, grid.angles, int(mask.sum()))) for name, mask in inside.items()}
     for cycle in range(grid.cycles):
         for angle in range(grid.angles):
@@ -101,43 +121,50 @@ def measure(run: Run, *, regions: list[Region], noise: dict[str, Any] | None = N
                 pixels=pixels[name][:, :, usable[mask]],
                 inside=mask & usable,
                 excluded=int(np.sum(mask & ~usable)),
+                edge=int(np.sum(outer[name] & ~mask)),
                 channel_names=grid.channel_names,
                 plan=plan,
                 level_std_error=dark_level.std_error_dn * grid.to_unit,
             )
             for name, mask in inside.items()
         },
+        walk=walk,
     )
 
 
 def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
     """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
-    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level)
+    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level, measurement.walk)
     return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
 
 
 class _Frames:
     """Reads frames one by one; keeps their sum by angle and which pixels were ever saturated or missing."""
 
-    def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel) -> None:
+    def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, walk: WalkBack | None) -> None:
         shape = (grid.height, grid.width)
-        self._run, self._grid, self._dark_level = run, grid, dark_level
+        self._run, self._grid, self._dark_level, self._walk = run, grid, dark_level, walk
         self.sums = np.zeros((grid.angles, *shape))
         self.saturated = np.zeros(shape, dtype=np.bool_)
-        self.missing = np.zeros(shape, dtype=np.bool_)
+        self.missing = np.zeros(shape, dtype=np.bool_) if walk is None else walk.beyond(shape)
 
     def read(self, cycle: int, angle: int) -> FloatArray:
         record = self._grid.records[cycle][angle]
         counts = self._run.counts(record)
         self._note_unusable(record, counts)
         signal = (counts - self._dark_level.level_dn[angle]) * self._grid.to_unit[angle]
+        if self._walk is not None:
+            signal = self._walk.signal(record, signal)
         self.sums[angle] += signal
         return np.asarray(signal)
 
     def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
-        self.saturated |= counts >= record.saturation_dn
+        self.saturated |= self._where_it_lies(record, counts >= record.saturation_dn)
         if record.missing_dn is not None:
-            self.missing |= counts == record.missing_dn
+            self.missing |= self._where_it_lies(record, counts == record.missing_dn)
+
+    def _where_it_lies(self, record: FrameRecord, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return bad if self._walk is None else self._walk.touched(record, bad)
 
 
 def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:

@@ -35,8 +35,8 @@ class MeasuredRegion:
 
     Attributes
     ----------
-    pixels, excluded : int
-        Pixels used, and pixels of the region left out as saturated or missing.
+    pixels, excluded, edge : int
+        Pixels used, pixels of the region left out as saturated or missing, and those left out along its border.
     independent_pixels : float
         How many independent ones they are worth: standard errors take this number.
     channels_mean : Moments
@@ -53,6 +53,7 @@ class MeasuredRegion:
 
     pixels: int
     excluded: int
+    edge: int
     independent_pixels: float
     channels_mean: Moments
     channel_pixels: FloatArray
@@ -69,6 +70,7 @@ def measure_region(
     pixels: FloatArray,
     inside: NDArray[np.bool_],
     excluded: int,
+    edge: int,
     channel_names: tuple[str, ...],
     plan: Design,
     level_std_error: FloatArray,
@@ -83,8 +85,8 @@ def measure_region(
         Cycles, angles, pixels; dark level off.
     inside : (H, W) array of bool
         Where the P pixels are.
-    excluded : int
-        How many pixels of the region are left out.
+    excluded, edge : int
+        How many pixels of the region are left out as saturated or missing, and along its border.
     channel_names : tuple of str
         Of the N angles.
     plan : Design
@@ -99,8 +101,8 @@ def measure_region(
     """
     if pixels.shape[2] < LEAST_PIXELS:
         raise DataError(
-            f"region {name}: {pixels.shape[2]} pixels are left of {pixels.shape[2] + excluded} "
-            f"(the others are saturated or missing); at least {LEAST_PIXELS} are needed"
+            f"region {name}: {pixels.shape[2]} pixels are left of {pixels.shape[2] + excluded + edge} "
+            f"({excluded} are saturated or missing, {edge} lie along its border); at least {LEAST_PIXELS} are needed"
         )
     mean = pixels.mean(axis=0)
     independent = _independent_pixels(mean, inside, plan)
@@ -116,6 +118,7 @@ def measure_region(
     return MeasuredRegion(
         pixels=pixels.shape[2],
         excluded=excluded,
+        edge=edge,
         independent_pixels=independent,
         channels_mean=channels_mean,
         channel_pixels=pixels[0],

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.sensor import SensorNoise, temporal_variance_dn2
+from model.sensor import SensorNoise
+from model.temporal_noise import temporal_variance_dn2
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
@@ -80,7 +81,7 @@ def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: 
     )
     signal_dn = region.channels_mean.mean / grid.to_unit
     variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s)
-    return np.asarray(variance * grid.to_unit**2)
+    return np.asarray(variance * grid.to_unit**2 * measurement.noise_factor)
 
 
 def _covariance(noise: dict[str, Any]) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -10,19 +10,27 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from calibration.brighter_fatter import brighter_fatter
-from calibration.emva1288 import EMVA_SYMBOLS
 from calibration.flags import Flag
-from calibration.noise import NoiseCalibration
-from calibration.photon_transfer import PhotonTransfer
+from calibration.sensor.brighter_fatter import brighter_fatter
+from calibration.sensor.emva1288 import EMVA_SYMBOLS
+from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.photon_transfer import PhotonTransfer
+from rigctl.calibrations.fitness import require_fit
+from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
 from rigctl.config import describe
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
 from rigctl.noise.noise_frames import FrameSet
+from rigctl.noise.pattern_json import dark_json, performance_json
+from rigctl.runs.run_folder import Run
 from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+# Version 1 has "camera" in place of "made_for".
+_OLDEST_VERSION = 1
+# For how long a noise calibration is trusted where it does not say so itself: a choice.
+VALID_DAYS = 365.0
 QUANTITIES = (
     "gain_dn_per_e",
     "read_noise_e",
@@ -56,13 +64,15 @@ def noise_json(
         "created_by": f"rigctl {VERSION}",
         "created_utc": utc_text(utc_ns()),
         "source": asdict(frames.source),
-        "camera": asdict(frames.camera),
+        "made_for": frames.made_for.as_json(),
         **{name: None if found is None else asdict(found) for name, found in estimates.items()},
         "covariance": {
             "names": list(calibration.covariance.names),
             "matrix": calibration.covariance.matrix.tolist(),
         },
         "flags": flags_json(calibration.flags),
+        "performance": performance_json(calibration),
+        "dark_levels": dark_json(calibration),
         "photon_transfer": _curve(calibration.transfer),
         "linearity": _linearity(calibration.transfer),
         "emva1288": {
@@ -144,6 +154,36 @@ def read_noise_file(path: Path) -> dict[str, Any]:
     return content
 
 
+def require_noise_fits(noise: Mapping[str, Any], used: MadeFor) -> tuple[str, ...]:
+    """Return what is doubtful about using a noise calibration for frames, in words.
+
+    Parameters
+    ----------
+    noise : mapping
+        Content of its file.
+    used : MadeFor
+        What the frames were, or will be, taken with.
+
+    Raises
+    ------
+    DataError
+        It is of another camera, gain, bit depth or binning.
+    """
+    return require_fit("noise calibration", read_made_for(noise, valid_days=VALID_DAYS), used)
+
+
+def read_fitting_noise(path: Path, run: Run) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return a noise calibration for the scene frames of a run, and what is doubtful about it, in words.
+
+    Raises
+    ------
+    DataError
+        As `read_noise_file` and `require_noise_fits`.
+    """
+    noise = read_noise_file(path)
+    return noise, require_noise_fits(noise, made_for(run, [one for one in run.frames if one.kind == "scene"]))
+
+
 class _Part(BaseModel):
     # Keys that are not known are for those who put them there.
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
@@ -193,7 +233,7 @@ class _Camera(_Part):
 
 
 class _NoiseContent(_Part):
-    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
+    schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
     gain_dn_per_e: _PositiveValue
     read_noise_e: _Value | None
     dark_current_e_per_s: _Value | None
@@ -204,3 +244,4 @@ class _NoiseContent(_Part):
     covariance: _Covariance | None = None
     flags: list[_Flag] = []
     camera: _Camera | None = None
+    made_for: MadeFor | None = None

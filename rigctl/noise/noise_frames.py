@@ -3,6 +3,7 @@
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.frame_statistics import LevelKind
+from calibration.flags import Flag
+from calibration.sensor.frame_statistics import LevelKind
+from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.config import sha256_of
 from rigctl.errors import DataError
 from rigctl.imports.image_file import read_image
@@ -59,17 +62,17 @@ class FrameSource:
 
     Attributes
     ----------
-    kind : {"run", "emva"}
-        A run folder, or an EMVA 1288 data set.
+    kind : {"run", "emva", "folder", "table"}
+        A run folder, an EMVA 1288 data set, a folder of images, or a table of them.
     path : str
-        Run folder or descriptor.
+        Folder, descriptor or table.
     sha256 : str
-        Of the run's manifest, or of the descriptor.
+        Of the run's manifest, of the descriptor or table, or of the names of the images.
     frames_sha256 : str
         Over the SHA-256 of every frame's file, in the order of use.
     """
 
-    kind: Literal["run", "emva"]
+    kind: Literal["run", "emva", "folder", "table"]
     path: str
     sha256: str
     frames_sha256: str
@@ -77,11 +80,13 @@ class FrameSource:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSet:
-    """All frames of a calibration."""
+    """All frames of a calibration, and what was odd about how they were taken."""
 
     groups: tuple[FrameGroup, ...]
     camera: CameraSetting
+    made_for: MadeFor
     source: FrameSource
+    flags: tuple[Flag, ...] = ()
 
 
 def run_frames(path: Path) -> FrameSet:
@@ -113,6 +118,7 @@ def run_frames(path: Path) -> FrameSet:
             for (kind, exposure_s, _), group in groups.items()
         ),
         camera=_common_setting(path, records),
+        made_for=made_for(run, records),
         source=FrameSource(
             kind="run",
             path=str(path),
@@ -182,11 +188,12 @@ def emva_frames(path: Path) -> FrameSet:
             for group in descriptor.groups
         ),
         camera=CameraSetting(model=None, serial=None, gain_db=None, bit_depth=descriptor.bit_depth),
+        made_for=MadeFor(bit_depth=descriptor.bit_depth),
         source=FrameSource(
             kind="emva",
             path=str(path),
             sha256=sha256_of(path),
-            frames_sha256=_digest(sha256_of(file) for group in descriptor.groups for file in group.files),
+            frames_sha256=files_digest([file for group in descriptor.groups for file in group.files]),
         ),
     )
 
@@ -199,6 +206,12 @@ def _read_emva_image(file: Path, shape: tuple[int, int]) -> NDArray[np.uint16]:
     if counts.shape != shape:
         raise DataError(f"{file}: has {counts.shape} rows and columns; the descriptor says {shape}")
     return counts
+
+
+def files_digest(files: Sequence[Path]) -> str:
+    """Return the SHA-256 over the SHA-256 of each file."""
+    with ThreadPoolExecutor() as pool:
+        return _digest(pool.map(sha256_of, files))
 
 
 def _digest(sha256s: Iterable[str]) -> str:

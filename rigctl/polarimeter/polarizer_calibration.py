@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.analyzer import (
+from calibration.polarimeter.analyzer import (
     AnalyzerChannels,
     Extinction,
     analyzer_channels,
     extinction,
     pooled_diattenuation,
 )
-from calibration.axis import AxisFit, fit_axis
-from calibration.data_reduction import DataReduction, linear_states, measured_data_reduction
-from calibration.fourier_fit import Harmonic, fit_fourier, residual_harmonics
+from calibration.polarimeter.axis import AxisFit, fit_axis
+from calibration.polarimeter.data_reduction import DataReduction, linear_states, measured_data_reduction
+from calibration.polarimeter.fourier_fit import Harmonic, fit_fourier, residual_harmonics
 from rigctl.config import Uncertain
 from rigctl.polarimeter.scan_frames import AnalyzerScan, GeneratorScan
 

@@ -2,38 +2,54 @@
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from calibration.axis import AxisCandidate
-from rigctl.config import sha256_of
+from calibration.polarimeter.axis import AxisCandidate
+from rigctl.calibrations.fitness import require_fit
+from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
+from rigctl.config import describe, sha256_of
 from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.rig_file import PolarizerSection
 from rigctl.polarimeter.polarizer_calibration import PolarizerCalibration
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
 
-SCHEMA_VERSION = 1
-_DEVICES = ("camera_model", "camera_serial", "stage_model", "stage_serial")
+SCHEMA_VERSION = 2
+# Version 1 has "devices" in place of "made_for".
+_OLDEST_VERSION = 1
+# For how long it is trusted where it does not say so itself: until the polarizer is taken out of its mount. A choice.
+VALID_DAYS = 180.0
+# Rounding of the lines that are copied into a rig file.
+_COPIED_DEG = 1e-4
+_SIGMAS = 3.0
 
 
 def polarizer_json(
-    found: PolarizerCalibration, runs: Sequence[Run], *, utc_ns: Callable[[], int] = time.time_ns
+    found: PolarizerCalibration,
+    runs: Sequence[Run],
+    *,
+    valid_days: float | None = None,
+    utc_ns: Callable[[], int] = time.time_ns,
 ) -> dict[str, Any]:
     """Return the content of the file; angles in degrees."""
     best = found.axis.best
+    frames = [record for record in runs[-1].frames if record.kind == "scene"]
     return {
         "schema_version": SCHEMA_VERSION,
+        "kind": "polarizer",
         "created_by": f"rigctl {VERSION}",
         "created_utc": utc_text(utc_ns()),
         "source": [{"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)} for run in runs],
-        "devices": {name: getattr(runs[0].frames[0], name) for name in _DEVICES},
+        "made_for": made_for(runs[-1], frames).as_json() | {"valid_days": valid_days},
         "frames": found.frames,
         "axis": "polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene",
         "sense": best.sense if found.axis.is_decided else None,
@@ -68,6 +84,82 @@ def write_polarizer_file(path: Path, content: dict[str, Any]) -> None:
         write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
+
+
+def read_polarizer_file(path: Path) -> dict[str, Any]:
+    """Return the content of a polarizer calibration, once all that the program uses has been found right.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no polarizer calibration, or is of another version: every problem at once.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        _Content.model_validate_json(text)
+    except ValidationError as error:
+        raise DataError(
+            f"{describe(path, error)}\n  a polarizer calibration is made by `rigctl calibrate axis`"
+        ) from error
+    content: dict[str, Any] = json.loads(text)
+    return content
+
+
+def require_polarizer_fits(
+    content: Mapping[str, Any], used: MadeFor, *, polarizer: PolarizerSection | None
+) -> tuple[str, ...]:
+    """Return what is doubtful about frames of a rig by its polarizer calibration, in words.
+
+    Parameters
+    ----------
+    content : mapping
+        Of the calibration's file.
+    used : MadeFor
+        What the frames were, or will be, taken with.
+    polarizer : PolarizerSection or None
+        Sense and offset that the rig file states.
+
+    Raises
+    ------
+    DataError
+        It is of another camera or stage, or the rig file states another sense or offset.
+    """
+    doubts = require_fit(
+        "polarizer calibration", read_made_for(content, valid_days=VALID_DAYS), used, stage=True, gain=False
+    )
+    if polarizer is not None:
+        _require_same_axis(content, polarizer)
+    return doubts
+
+
+def _require_same_axis(content: Mapping[str, Any], polarizer: PolarizerSection) -> None:
+    offset = content["offset_deg"]
+    apart = (polarizer.offset_deg - offset["value"] + 90.0) % 180.0 - 90.0
+    if polarizer.sense != content["sense"] or abs(apart) > _SIGMAS * offset["std_error"] + _COPIED_DEG:
+        raise DataError(
+            f"the rig file says sense = {polarizer.sense}, offset_deg = {polarizer.offset_deg:g}; calibrated are "
+            f"{content['sense']} and {offset['value']:.4f} +- {offset['std_error']:.4f}: put the calibrated ones there"
+        )
+
+
+class _Part(BaseModel):
+    # Keys that are not known are for those who put them there.
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+
+class _Offset(_Part):
+    value: float
+    std_error: Annotated[float, Field(ge=0)]
+
+
+class _Content(_Part):
+    schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
+    sense: Literal[1, -1]
+    offset_deg: _Offset
+    made_for: MadeFor | None = None
 
 
 def _offset(candidate: AxisCandidate) -> dict[str, float]:

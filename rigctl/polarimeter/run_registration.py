@@ -6,11 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.registration import Registration, Wander, fit_wander, register
+from calibration.polarimeter.registration import Registration, Wander, fit_wander, register
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]
+
+# A false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
+_WORTH_A_WORD_PIXELS = 0.1
+_SIGMAS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,6 +25,8 @@ class RunRegistration:
     ----------
     angle_deg : (N,) array
         Stage angle, polarizer angle where a run has no stage [deg].
+    records : tuple of FrameRecord
+        The frames.
     found : Registration
         Shifts against the first angle.
     wander : Wander or None
@@ -28,6 +34,7 @@ class RunRegistration:
     """
 
     angle_deg: FloatArray
+    records: tuple[FrameRecord, ...]
     found: Registration
     wander: Wander | None
 
@@ -43,13 +50,23 @@ class RunRegistration:
                     strict=True,
                 )
             ],
-            "wander": None
-            if self.wander is None
-            else {
-                "radius_pixels": abs(self.wander.turning_pixels),
-                "residual_pixels": self.wander.residual_pixels,
-            },
+            "wander": None if self.wander is None else _wander_json(self.wander),
+            "finding": self.finding,
         }
+
+    @property
+    def finding(self) -> str | None:
+        """What to say of pictures that lie so far apart that it shows in DoLP; None where they do not."""
+        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
+        errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
+        worst = int(np.argmax(sizes - _SIGMAS * errors))
+        if sizes[worst] - _SIGMAS * errors[worst] <= _WORTH_A_WORD_PIXELS:
+            return None
+        return (
+            f"shifted_frames: the picture at {self.angle_deg[worst]:.1f} deg lies {sizes[worst]:.2f} +- "
+            f"{errors[worst]:.2f} pixel from that at {self.angle_deg[0]:.1f} deg; DoLP is false at every edge: "
+            "calibrate registration and give --register, or leave edges out of regions"
+        )
 
 
 def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
@@ -66,19 +83,33 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
     ------
     DataError
         There are no scene frames at two angles, or they lack angles.
+    CalibrationError
+        Pictures are too small, or have no edges in common.
     """
     scenes = [record for record in run.frames if record.kind == "scene"]
     wanted = cycle if cycle is not None else (scenes[0].cycle if scenes else None)
     records = [record for record in scenes if record.cycle == wanted]
-    angles = np.array([_angle_deg(run, record) for record in records])
+    angles = np.array([angle_deg(run, record) for record in records])
     if len(records) < 2:
         raise DataError(f"{run.path}: {len(records)} scene frames in cycle {wanted}; two or more angles are needed")
     pictures = np.array([run.counts(record).astype(np.float64) for record in records])
     found = register(pictures)
-    return RunRegistration(angle_deg=angles, found=found, wander=_wander(np.radians(angles), found.shift_pixels))
+    return RunRegistration(
+        angle_deg=angles,
+        records=tuple(records),
+        found=found,
+        wander=_wander(np.radians(angles), found.shift_pixels),
+    )
 
 
-def _angle_deg(run: Run, record: FrameRecord) -> float:
+def angle_deg(run: Run, record: FrameRecord) -> float:
+    """Return the angle by which a frame's shift goes: of the stage, of the polarizer where there is no stage [deg].
+
+    Raises
+    ------
+    DataError
+        It has neither.
+    """
     angle = record.stage_angle_deg if record.stage_angle_deg is not None else record.polarizer_angle_deg
     if angle is None:
         raise DataError(f"{run.path}: frame {record.sequence} has no angle; registration goes by angle")
@@ -88,4 +119,13 @@ def _angle_deg(run: Run, record: FrameRecord) -> float:
 def _wander(stage_rad: FloatArray, shifts: FloatArray) -> Wander | None:
     if len(stage_rad) < 3 or np.ptp(stage_rad) == 0.0:
         return None
-    return min((fit_wander(sense * stage_rad, shifts) for sense in (1, -1)), key=lambda one: one.residual_pixels)
+    return min((fit_wander(stage_rad, shifts, sense=sense) for sense in (1, -1)), key=lambda one: one.residual_pixels)
+
+
+def _wander_json(wander: Wander) -> dict[str, Any]:
+    return {
+        "turning_pixels": [wander.turning_pixels.real, wander.turning_pixels.imag],
+        "sense": wander.sense,
+        "radius_pixels": abs(wander.turning_pixels),
+        "residual_pixels": wander.residual_pixels,
+    }

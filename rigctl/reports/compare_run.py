@@ -1,23 +1,32 @@
 """A comparison from its files to its files: run, scene or regions, calibration in; report and numbers out."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rigctl.calibrations.made_for import made_for
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.comparison.scale import ScaleKind
 from rigctl.config import sha256_of
 from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError, DataError
+from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement, measure
-from rigctl.noise.noise_file import read_noise_file
+from rigctl.noise.noise_file import read_noise_file, require_noise_fits
+from rigctl.polarimeter.registration_file import read_registration_file, require_registration_fits
 from rigctl.reports.report import render
 from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
 from rigctl.runs.run_folder import MANIFEST_FILE, Run, read_run
 from rigctl.version import VERSION
+
+_MOVED = (
+    "frames were moved to lie on one another, bilinearly: the prediction of temporal noise follows that; texture and "
+    "fixed pattern of single pixels are smoothed too, and their prediction is not"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +57,15 @@ class ComparedRun:
 
 
 def compare_run(
-    run_path: Path, *, scene_path: Path | None, regions_path: Path | None, noise_path: Path | None, alpha: float
+    run_path: Path,
+    *,
+    scene_path: Path | None,
+    regions_path: Path | None,
+    noise_path: Path | None,
+    alpha: float,
+    scale: ScaleKind = "absolute",
+    radiometric_path: Path | None = None,
+    registration_path: Path | None = None,
 ) -> ComparedRun:
     """Return a run beside what the model says of it.
 
@@ -62,6 +79,12 @@ def compare_run(
         Noise calibration.
     alpha : float
         Chance of any false disagreement, in (0, 1).
+    scale : {"absolute", "panel", "free"}
+        What the counts of a prediction are scaled by.
+    radiometric_path : Path or None
+        Radiometric calibration, for "panel".
+    registration_path : Path or None
+        Registration by which frames are moved to lie on one another.
 
     Raises
     ------
@@ -76,16 +99,28 @@ def compare_run(
     regions = _regions(scene, regions_path)
     run = read_run(run_path)
     noise = None if noise_path is None else read_noise_file(noise_path)
-    if noise is not None:
-        _require_same_camera(noise, run)
-    measurement = measure(run, regions=regions, noise=noise)
-    if scene is None:
+    radiometric = None if radiometric_path is None else read_radiometric_file(radiometric_path)
+    registration = None if registration_path is None else read_registration_file(registration_path)
+    doubts = _doubts(run, noise, radiometric, registration)
+    measurement = measure(run, regions=regions, noise=noise, registration=registration)
+    if scene is not None:
+        comparison = compare_with_scene(
+            measurement, scene=scene, noise=noise, alpha=alpha, scale=scale, radiometric=radiometric
+        )
+    elif scale == "absolute" and radiometric is None:
         comparison = compare_closed_loop(measurement, noise=noise, alpha=alpha)
     else:
-        comparison = compare_with_scene(measurement, scene=scene, noise=noise, alpha=alpha)
-    files = {"scene": scene_path, "regions": regions_path, "noise": noise_path, "manifest": run_path / MANIFEST_FILE}
+        raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
+    files = {
+        "scene": scene_path,
+        "regions": regions_path,
+        "noise": noise_path,
+        "radiometric": radiometric_path,
+        "registration": registration_path,
+        "manifest": run_path / MANIFEST_FILE,
+    }
     return ComparedRun(
-        comparison=comparison,
+        comparison=replace(comparison, remarks=(*doubts, *comparison.remarks)),
         measurement=measurement,
         regions=regions,
         provenance=_provenance(run, {what: path for what, path in files.items() if path is not None}),
@@ -93,27 +128,32 @@ def compare_run(
 
 
 def _regions(scene: SceneFile | None, regions_path: Path | None) -> list[Region]:
-    if scene is not None:
-        return list(scene.regions)
-    return [] if regions_path is None else load_regions(regions_path)
+    drawn = [] if regions_path is None else load_regions(regions_path)
+    return drawn if scene is None else _outlines_of(scene, drawn)
 
 
-def _require_same_camera(noise: dict[str, Any], run: Run) -> None:
-    """Refuse a calibration of another camera or another gain, where both sides say what they are."""
-    first = next(record for record in run.frames)
-    camera = noise.get("camera") or {}
-    pairs = {
-        "camera serial number": (camera.get("serial"), first.camera_serial),
-        "gain setting [dB]": (camera.get("gain_db"), first.gain_db),
-        "bit depth": (camera.get("bit_depth"), first.bit_depth),
-    }
-    wrong = [
-        f"{what}: calibrated {calibrated}, run {used}"
-        for what, (calibrated, used) in pairs.items()
-        if calibrated is not None and used is not None and calibrated != used
-    ]
-    if wrong:
-        raise DataError("the noise calibration is not of this camera as it was set: " + "; ".join(wrong))
+def _outlines_of(scene: SceneFile, drawn: list[Region]) -> list[Region]:
+    """Return the scene's regions, with their outlines of now where they were found again."""
+    unknown = sorted({region.name for region in drawn}.difference(region.name for region in scene.regions))
+    if unknown:
+        raise ConfigError(
+            f"scene {scene.name} has no region {', '.join(unknown)}; there are "
+            f"{', '.join(region.name for region in scene.regions)}"
+        )
+    now = {region.name: region for region in drawn}
+    return [now.get(region.name, region) for region in scene.regions]
+
+
+def _doubts(
+    run: Run, noise: dict[str, Any] | None, radiometric: dict[str, Any] | None, registration: dict[str, Any] | None
+) -> tuple[str, ...]:
+    """Refuse calibrations of another camera or setting; return what is doubtful about them."""
+    used = made_for(run, [record for record in run.frames if record.kind == "scene"])
+    return (
+        *(() if noise is None else require_noise_fits(noise, used)),
+        *(() if radiometric is None else require_radiometric_fits(radiometric, used)),
+        *(() if registration is None else (*require_registration_fits(registration, used), _MOVED)),
+    )
 
 
 def _provenance(run: Run, files: dict[str, Path]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A page on how a session went: its frames, the sun, drift, counts, events."""
+"""A page on how a session went: its frames, the sun, light and polarization by cycle, counts, events."""
 
 import base64
 from collections import Counter, defaultdict
@@ -7,9 +7,12 @@ from datetime import datetime
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
+from rigctl.files.session_file import PICTURE
+from rigctl.reports.cycle_figure import cycle_figure, drift_line
 from rigctl.reports.figure_style import png, subplots
 from rigctl.runs.run_folder import FrameRecord, Run
 from rigctl.runs.run_state import read_event_lines
+from rigctl.sessions.cycle_history import Means, cycle_history, is_session, region_means_of
 
 _MOST_FRAMES = 24
 _THUMBNAIL_PIXELS = 160
@@ -19,6 +22,7 @@ _TEMPLATE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title
 td,th{padding:.1rem .6rem;text-align:left;vertical-align:top}</style></head><body>
 <h1>{{ title }}</h1>
 <p>{{ frames }} frames, {{ start }} to {{ end }}, {{ origin }}. Made by {{ made_by }}.</p>
+<p>{{ drift }}</p>
 {% for heading, picture in pictures %}<h2>{{ heading }}</h2>
 <img alt="{{ heading }}" src="data:image/png;base64,{{ picture }}">{% endfor %}
 <h2>Events</h2><table><tr><th>event</th><th>times</th></tr>
@@ -38,13 +42,16 @@ def run_page(run: Run) -> str:
 
     Notes
     -----
-    Every frame is read once, for its mean count.
+    Every frame is read once, for its means.
     """
     events = read_event_lines(run.path)
-    means = {record.sequence: float(run.counts(record).mean()) for record in run.frames}
+    means = region_means_of(run)
+    history = cycle_history(run, means) if is_session(run) else None
     pictures = [("Frames", _contact_sheet(run)), ("Mean counts", _count_plot(run, means))]
     if any(record.sun_elevation_deg is not None for record in run.frames):
         pictures.append(("Sun", _sun_plot(run)))
+    if history is not None and history.looks:
+        pictures.append(("Light and polarization by cycle", cycle_figure(history)))
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(_TEMPLATE)
     return template.render(
         title=run.path.name,
@@ -53,6 +60,7 @@ def run_page(run: Run) -> str:
         end=(run.frames[-1].end_utc or "")[:19] if run.frames else "",
         origin=str(run.session.get("origin", "not stated")),
         made_by=run.created_by,
+        drift="" if history is None else drift_line(history),
         pictures=[(title, base64.b64encode(data).decode("ascii")) for title, data in pictures],
         counts=Counter(str(event["event"]) for event in events).most_common(),
         events=events[-_SHOWN_EVENTS:],
@@ -80,13 +88,15 @@ def _label(record: FrameRecord) -> str:
     return f"{record.sequence}: {record.kind}{angle}"
 
 
-def _count_plot(run: Run, means: dict[int, float]) -> bytes:
+def _count_plot(run: Run, means: Means) -> bytes:
     figure, axes = subplots(1, 1, size=(8.0, 3.6))
     groups: dict[str, list[FrameRecord]] = defaultdict(list)
     for record in run.frames:
         groups[_label(record).partition(": ")[2]].append(record)
     for label, records in groups.items():
-        axes[0].plot([_hours(r, run) for r in records], [means[r.sequence] for r in records], ".-", label=label)
+        axes[0].plot(
+            [_hours(r, run) for r in records], [means[r.sequence][PICTURE].mean_dn for r in records], ".-", label=label
+        )
     axes[0].set_xlabel("time since the first frame [h]")
     axes[0].set_ylabel("mean count [DN]")
     axes[0].legend(fontsize=7)

@@ -111,6 +111,7 @@ def comparison_json(comparison: Comparison, measurement: Measurement, *, provena
         "kind": comparison.kind,
         "agrees": comparison.agrees,
         "alpha": comparison.alpha,
+        "scale": None if comparison.scale is None else asdict(comparison.scale),
         "disagreements": [asdict(row) for row in comparison.disagreements],
         "diagnosis": asdict(comparison.diagnosis),
         "statistics": STATISTICS,
@@ -132,6 +133,7 @@ def _pixels(region: MeasuredRegion) -> dict[str, float]:
     return {
         "used": region.pixels,
         "excluded": region.excluded,
+        "edge": region.edge,
         "worth_independent": region.independent_pixels,
     }
 

@@ -79,6 +79,8 @@ class FrameRecord:
         From the command of the move to the readback that was accepted [s].
     camera_frame : int or None
         The camera's own frame counter.
+    camera_temperature_c : float or None
+        What the camera said of its temperature, ten seconds before the exposure at most [deg C].
     round : int or None
         Which round of a schedule this frame belongs to, from 0.
     sun_azimuth_deg, sun_elevation_deg : float or None
@@ -125,6 +127,7 @@ class FrameRecord:
     stage_tries: int | None = None
     settle_s: float | None = None
     camera_frame: int | None = None
+    camera_temperature_c: float | None = None
     round: int | None = None
     sun_azimuth_deg: float | None = None
     sun_elevation_deg: float | None = None

@@ -11,7 +11,11 @@ from rigctl.runs.run_folder import EVENTS_FILE, read_contents
 from rigctl.runs.run_lock import writing_process
 
 State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
+# Events that come in any state.
+_SAYS_NOTHING = ("interlock", "camera tally")
 _LAST_EVENTS = 5
+# Remarks on the side: they tell nothing of how a session stands.
+_ASIDE = ("interlock", "camera tally", "disk is short")
 _STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
 
 
@@ -83,7 +87,7 @@ def read_event_lines(path: Path) -> list[dict[str, Any]]:
 
 
 def _state(process: int | None, events: list[str]) -> State:
-    last = next((name for name in reversed(events) if name != "interlock"), "")
+    last = next((name for name in reversed(events) if name not in _SAYS_NOTHING), "")
     if process is not None:
         return _STATES.get(last, "running")
     if last == "finished":

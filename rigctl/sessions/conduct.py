@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rigctl.files.interlock_section import InterlockSection
-from rigctl.files.place import SiteSection
-from rigctl.files.session_file import MeteringSection, SessionFile
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import PICTURE, MeteringSection, SessionFile
 from rigctl.sessions.control import Control
 from rigctl.sessions.live_numbers import LiveNumbers
-from rigctl.sessions.mean_noise import VarianceOfMean, variance_of_mean
+from rigctl.sessions.mean_noise import MeanNoise, mean_noise
+from rigctl.sessions.region_means import RegionMeans
 from rigctl.sessions.session_clock import SessionClock, SteadyUtc
 from rigctl.sessions.sun_track import SunTrack
 
@@ -35,8 +36,10 @@ class Conduct:
         The time by which the session began; None begins now.
     control : Control
         What somebody asks for.
-    variance_of_mean : callable or None
-        What noise does to a frame's mean, from a calibration [DN^2].
+    noise : MeanNoise or None
+        What noise does to means, from a calibration.
+    regions : RegionMeans
+        What is looked at in each frame.
     live : LiveNumbers
         Told of each frame, for whoever watches.
     metered_s : mapping
@@ -53,7 +56,8 @@ class Conduct:
     clock: SessionClock = field(default_factory=SessionClock)
     utc: SteadyUtc | None = None
     control: Control = field(default_factory=Control)
-    variance_of_mean: VarianceOfMean | None = None
+    noise: MeanNoise | None = None
+    regions: RegionMeans = field(default_factory=RegionMeans)
     live: LiveNumbers = field(default_factory=LiveNumbers)
     metered_s: Mapping[int, float] = field(default_factory=dict)
     next_camera_frame: int | None = None
@@ -61,23 +65,30 @@ class Conduct:
 
 def conduct_of(
     session: SessionFile,
-    site: SiteSection | None,
+    rig_file: RigFile,
     *,
     clock: SessionClock,
     control: Control,
     until_ns: int | None,
     noise: Mapping[str, float] | None,
 ) -> Conduct:
-    """Return how a session file wants its session to be conducted, at a site where that is known."""
+    """Return how a session file wants its session to be conducted, on a rig."""
+    of_means = None if noise is None else mean_noise(noise)
     late_min = 5.0 if session.schedule is None else session.schedule.late_min
     return Conduct(
         interlocks=session.interlocks,
         metering=session.metering,
         late_s=late_min * _S_PER_MIN,
         until_ns=until_ns,
-        sun=None if site is None else SunTrack(site),
+        sun=None if rig_file.site is None else SunTrack(rig_file.site),
         clock=clock,
         utc=SteadyUtc(clock),
         control=control,
-        variance_of_mean=None if noise is None else variance_of_mean(noise),
+        noise=of_means,
+        regions=RegionMeans(session.regions),
+        live=LiveNumbers(
+            noise=of_means,
+            extinction_ratio=rig_file.polarizer.extinction_ratio,
+            reference=session.reference_region or PICTURE,
+        ),
     )

@@ -1,5 +1,6 @@
 """What somebody asks of a running session, by signal or by command: hold, go on, stop. Always between frames."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -30,6 +31,33 @@ def ask(run: Path, request: Request) -> None:
         The folder cannot be written.
     """
     write_durably(run / REQUEST_FILE, request.encode("ascii"))
+
+
+def ask_process(run: Path, process: int, request: Request) -> None:
+    """Ask something of the process that writes into a run: by its folder, or by signal where that cannot be written.
+
+    Parameters
+    ----------
+    run : Path
+        The run folder.
+    process : int
+        Who writes into it, on this machine.
+    request : str
+        What is asked.
+
+    Raises
+    ------
+    OSError
+        Neither way is open.
+    """
+    try:
+        ask(run, request)
+    except OSError:
+        if process <= 0:
+            raise  # 0 is "not known", and to the system the whole group of this process
+        # The disk may be full or read-only, which is just when somebody wants to stop.
+        number = next(number for number, wanted in _SIGNALS.items() if wanted == request)
+        os.kill(process, number)
 
 
 class Control:

@@ -3,15 +3,15 @@
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
-from drivers.cameras.gige import GigeCamera
 from drivers.cameras.gige_setup import path_mtu
-from drivers.cameras.v4l2 import V4l2Camera
-from drivers.interfaces import Camera, RotationStage
+from drivers.interfaces import Camera, ReportingCamera, RotationStage
 from rigctl.sessions.finding import Finding
 
 _READINGS = 20
 _SLOW_ANSWER_S = 0.05
+_SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
 _ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
 
 
@@ -21,12 +21,30 @@ def stage_latency(stage: RotationStage) -> Finding:
     typical_s, longest_s = statistics.median(times_s), max(times_s)
     advice = None
     if typical_s > _SLOW_ANSWER_S:
-        advice = (
-            "a USB adapter that waits before it passes bytes on: "
-            "echo 1 > /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"
-        )
+        advice = "it answers slowly: is its adapter behind a hub, or does another program use it?"
     found = f"{typical_s * 1e3:.1f} ms a reading, longest {longest_s * 1e3:.1f} ms"
     return Finding(what="stage", found=found, advice=advice)
+
+
+def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | None:
+    """Return how long a USB adapter waits before it passes bytes on; None for a port whose adapter does not tell.
+
+    Parameters
+    ----------
+    port : str
+        The path of the port.
+    devices : Path
+        Where the system tells of adapters.
+    """
+    file = devices / Path(port).resolve().name / "latency_timer"
+    try:
+        wait_ms = int(file.read_text())
+    except (OSError, ValueError):
+        return None
+    advice = None
+    if wait_ms > 1:
+        advice = f"each answer takes so much longer: echo 1 > {file} (docs/plug-ins.md has a rule that lasts)"
+    return Finding(what="serial adapter", found=f"waits {wait_ms} ms before it passes bytes on", advice=advice)
 
 
 def camera_frames(camera: Camera, *, frames: int, timeout_s: float) -> Iterator[Finding]:
@@ -34,7 +52,7 @@ def camera_frames(camera: Camera, *, frames: int, timeout_s: float) -> Iterator[
     times_s = [_timed(lambda: camera.take_frame(timeout_s=timeout_s)) for _ in range(frames)]
     found = f"{frames} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
     yield Finding(what="camera", found=found)
-    if not isinstance(camera, GigeCamera | V4l2Camera):
+    if not isinstance(camera, ReportingCamera):
         return
     tally = camera.tally()
     lost = tally.damaged + tally.never_came

@@ -18,6 +18,7 @@ def record_of(
     rig_file: RigFile,
     sun: SunAngles | None,
     site: SiteSection | None,
+    camera_temperature_c: float | None,
     remarks: tuple[str, ...],
 ) -> FrameRecord:
     """Return all that is known of a frame before it is stored."""
@@ -44,6 +45,7 @@ def record_of(
         end_utc=utc_text(frame.end_utc_ns),
         start_monotonic_ns=frame.start_monotonic_ns,
         camera_frame=frame.sequence,
+        camera_temperature_c=camera_temperature_c,
         camera_model=rig.camera_identity.model,
         camera_serial=rig.camera_identity.serial_number,
         stage_model=rig.stage_identity.model,

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import shutil
 import statistics
 import tempfile
 import time
@@ -37,6 +38,15 @@ def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Fin
 def disk(folder: Path, *, frame_bytes: int, period_s: float) -> Finding:
     """Return whether a folder takes a durable file of this size as often as the session makes one.
 
+    Parameters
+    ----------
+    folder : Path
+        Where runs will be.
+    frame_bytes : int
+        Of a file.
+    period_s : float
+        From one file to the next, in the fastest stretch of a session [s].
+
     Raises
     ------
     DataError
@@ -52,11 +62,35 @@ def disk(folder: Path, *, frame_bytes: int, period_s: float) -> Finding:
     advice = None
     if typical_s > period_s:
         advice = (
-            f"slower than a frame every {period_s * 1e3:.0f} ms: use a local disk, best an SSD, or a slower session"
+            f"slower than a frame every {period_s * 1e3:.3g} ms: the session will wait for the disk. Use a local one, "
+            "best an SSD, or longer exposures"
         )
     rate = frame_bytes / typical_s / 1e6
-    found = f"{typical_s * 1e3:.1f} ms a durable frame ({rate:.0f} MB/s with fsync), longest {longest_s * 1e3:.1f} ms"
+    found = (
+        f"{typical_s * 1e3:.1f} ms a durable frame of {frame_bytes / 1e6:.2g} MB ({rate:.0f} MB/s with fsync), longest "
+        f"{longest_s * 1e3:.1f} ms; a frame comes every {period_s * 1e3:.3g} ms where they come fastest"
+    )
     return Finding(what=f"disk of {folder}", found=found, advice=advice)
+
+
+def room(folder: Path, *, total_bytes: int, free_bytes: int | None = None) -> Finding:
+    """Return whether all frames of a session fit a folder's disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Where runs will be.
+    total_bytes : int
+        Of all frames.
+    free_bytes : int or None
+        Room that there is; None: as the system says.
+    """
+    free = shutil.disk_usage(folder).free if free_bytes is None else free_bytes
+    advice = None
+    if free < total_bytes:
+        advice = "it ends before the session does: make room, name another folder, or take fewer cycles"
+    found = f"{free / 1e9:.3g} GB are free, the session takes {total_bytes / 1e9:.3g} GB"
+    return Finding(what=f"room in {folder}", found=found, advice=advice)
 
 
 def clock() -> Finding:

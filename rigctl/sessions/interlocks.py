@@ -4,39 +4,23 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, LimitError, ProtocolError
-from drivers.interfaces import CameraSettings
+from drivers.interfaces import CameraSettings, StageStatus
 from rigctl.errors import DataError
 from rigctl.files.interlock_section import InterlockSection
+from rigctl.sessions.drift import Drift
 from rigctl.sessions.shot import Shot
+from rigctl.sessions.trip import Trip
 
-Name = Literal[
-    "angle", "button", "settings", "identical", "black", "saturated", "sum_rule", "disk", "clock", "queue", "gone"
-]
 # A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
 _EXPOSURE_TOLERANCE = 0.01
 _BYTES_PER_MB = 1_000_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trip:
-    """An interlock that is not satisfied.
-
-    Attributes
-    ----------
-    name : str
-        Which; its action stands under this name in the session file.
-    message : str
-        What was found, and what to try.
-    """
-
-    name: Name
-    message: str
+_SIGMAS = 5.0
+_OF_THE_DATA = ("clock", "disk", "drift", "low_signal", "saturated", "sum_rule", "synchronised")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +49,7 @@ def frame_trips(taken: Taken, section: InterlockSection) -> Iterator[Trip]:
     """Give every interlock that a frame violates."""
     shot = taken.shot
     yield from _stage_trips(shot, taken.tolerance_deg)
+    yield from shot.trips
     if shot.frame.settings != shot.settings:
         text = f"camera: was set to {shot.settings} and took the frame with {shot.frame.settings}"
         yield Trip(name="settings", message=f"{text}: switch its automatic exposure and gain off")
@@ -74,9 +59,8 @@ def frame_trips(taken: Taken, section: InterlockSection) -> Iterator[Trip]:
     if _is_black(taken):
         text = f"camera: frame {shot.frame.sequence} has the value {shot.frame.counts.flat[0]} everywhere"
         yield Trip(name="black", message=f"{text}: no picture came. Check cable, bandwidth and lens cap")
-    if taken.kind == "scene" and shot.saturated_fraction > section.saturated_fraction:
-        text = f"{100 * shot.saturated_fraction:.2f} % of the pixels are saturated"
-        yield Trip(name="saturated", message=f"{text}, allowed are {100 * section.saturated_fraction:g} %")
+    elif taken.kind == "scene":
+        yield from _light_trips(shot, section)
 
 
 def settings_trip(*, exposure_s: float, gain_db: float, read_back: CameraSettings) -> Trip | None:
@@ -90,6 +74,32 @@ def settings_trip(*, exposure_s: float, gain_db: float, read_back: CameraSetting
     return None
 
 
+def homed_trip(status: StageStatus) -> Trip | None:
+    """Return a trip where a stage does not say, after its search, that it has found its reference mark."""
+    if status.homed:
+        return None
+    text = f"stage: after its search for the reference mark it says {status.meaning} ({status.code})"
+    return Trip(name="homed", message=f"{text}, and not that it has found it: its angles mean nothing")
+
+
+def temperature_trip(temperature_c: float | None, section: InterlockSection) -> Trip | None:
+    """Return a trip where a camera is too cold or too warm; one that tells no temperature is neither."""
+    least_c, most_c = section.temperature_least_c, section.temperature_most_c
+    if temperature_c is None or least_c <= temperature_c <= most_c:
+        return None
+    text = f"camera: it is at {temperature_c:.1f} deg C, allowed are {least_c:g} to {most_c:g} deg C"
+    return Trip(name="temperature", message=f"{text}: its dark current is not the calibrated one. Shade or warm it")
+
+
+def drift_trip(drift: Drift | None, section: InterlockSection) -> Trip | None:
+    """Return a trip where the light has changed within a cycle by more than is allowed, noise apart."""
+    if drift is None or abs(drift.change) <= section.drift_tolerance + _SIGMAS * (drift.sigma or 0.0):
+        return None
+    text = f"the light changed by {100 * drift.change:+.2f} % in {drift.over_s:.1f} s"
+    allowed = f"allowed are {100 * section.drift_tolerance:g} % from cycle to cycle"
+    return Trip(name="drift", message=f"{text}, {allowed}: polarization of this cycle is doubtful")
+
+
 def disk_trip(run: Path, section: InterlockSection) -> Trip | None:
     """Return a trip where the disk of a run is nearly full."""
     free_mb = shutil.disk_usage(run).free / _BYTES_PER_MB
@@ -97,6 +107,15 @@ def disk_trip(run: Path, section: InterlockSection) -> Trip | None:
         return None
     text = f"{run}: {free_mb:.0f} MB are free on this disk, {section.disk_free_mb:g} MB are to stay so"
     return Trip(name="disk", message=f"{text}: make room")
+
+
+def disk_shortage(run: Path, *, frames: int, frame_bytes: int, section: InterlockSection) -> str | None:
+    """Return in words that the disk of a run has no room for so many frames more, or None."""
+    room = int((shutil.disk_usage(run).free - section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
+    if room >= frames:
+        return None
+    need_mb = frames * frame_bytes / _BYTES_PER_MB
+    return f"{run}: {frames} frames are to come, {need_mb:.0f} MB; the disk has room for {max(room, 0)} of them"
 
 
 def clock_trip(jump_s: float, section: InterlockSection) -> Trip | None:
@@ -107,13 +126,32 @@ def clock_trip(jump_s: float, section: InterlockSection) -> Trip | None:
     return Trip(name="clock", message=text)
 
 
+def synchronised_trip(problem: str | None) -> Trip | None:
+    """Return a trip where the host's clock follows no time server."""
+    if problem is None:
+        return None
+    return Trip(name="synchronised", message=f"the host's clock is {problem}: times and the sun's place rest on it")
+
+
 def failure_of(trip: Trip) -> DeviceError | DataError:
     """Return the error that ends a session for an interlock."""
-    if trip.name in ("disk", "clock", "sum_rule", "saturated"):
+    if trip.name in _OF_THE_DATA:
         return DataError(f"{trip.message} (interlock {trip.name!r}); `rigctl resume` goes on")
     if trip.name in ("identical", "black"):
         return ProtocolError(trip.message)
     return LimitError(trip.message)
+
+
+def _light_trips(shot: Shot, section: InterlockSection) -> Iterator[Trip]:
+    if shot.saturated_fraction > section.saturated_fraction:
+        text = f"{100 * shot.saturated_fraction:.2f} % of the pixels are saturated"
+        yield Trip(name="saturated", message=f"{text}, allowed are {100 * section.saturated_fraction:g} %")
+    level_dn = section.low_signal_level * (2**shot.frame.settings.bit_depth - 1)
+    low = float(np.count_nonzero(shot.frame.counts < level_dn) / shot.frame.counts.size)
+    if low > section.low_signal_fraction:
+        text = f"{100 * low:.1f} % of the pixels have less than {level_dn:.0f} DN"
+        allowed = f"allowed are {100 * section.low_signal_fraction:g} %"
+        yield Trip(name="low_signal", message=f"{text}, {allowed}: expose longer, or bracket")
 
 
 def _stage_trips(shot: Shot, tolerance_deg: float) -> Iterator[Trip]:

@@ -1,69 +1,115 @@
-"""Numbers of the frames as they come, by angle: for whoever watches, not for processing."""
+"""Numbers of the frames as they come, by angle and by cycle: for whoever watches, not for processing."""
 
 import threading
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
+from rigctl.files.session_file import PICTURE
+from rigctl.sessions.cycle_numbers import polarization, sum_rule
+from rigctl.sessions.drift import Drift, drift_of
+from rigctl.sessions.light_levels import LightLevels
+from rigctl.sessions.mean_noise import MeanNoise
+from rigctl.sessions.sighting import Sighting, of_one_exposure
 
-from model.processing.reconstruction import design, reconstruct
-from rigctl.sessions.plan import Step
-from rigctl.sessions.shot import Shot
-
-_LEAST_ANGLES = 3
+_MS_PER_S = 1000.0
 
 
 class LiveNumbers:
-    """Remembers the last frame of each angle. Filled in one thread, read in another."""
+    """Remembers the last frame of each angle, and the last whole cycle. Filled in one thread, read in another.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    noise : MeanNoise or None
+        From a calibration; without one no deviation is predicted.
+    extinction_ratio : float or None
+        Of the polarizer; None is taken for an ideal one.
+    reference : str
+        The region by which drift is measured.
+    """
+
+    def __init__(
+        self, *, noise: MeanNoise | None = None, extinction_ratio: float | None = None, reference: str = PICTURE
+    ) -> None:
         self._lock = threading.Lock()
-        self._angles: dict[float, dict[str, float]] = {}
-        self._dark_dn: float | None = None
+        self._levels = LightLevels(noise=noise)
+        self._extinction_ratio = extinction_ratio
+        self._reference = reference
+        self._angles: dict[tuple[float, float], Sighting] = {}
+        self._under_way: list[Sighting] = []
+        self._cycle: tuple[Sighting, ...] = ()
+        self._drift: Drift | None = None
 
-    def add(self, step: Step, shot: Shot, *, mean_dn: float) -> None:
-        """Take in a frame and its mean count."""
+    def add(self, frame: Sighting, *, ends_cycle: bool) -> Drift | None:
+        """Take in a frame; return the drift of the light at the end of a cycle, where it can be told."""
         with self._lock:
-            if step.kind == "dark":
-                self._dark_dn = mean_dn
-            elif step.kind == "scene" and step.polarizer_angle_deg is not None:
-                self._angles[step.polarizer_angle_deg % 180.0] = {
-                    "mean_dn": mean_dn,
-                    "saturated_fraction": shot.saturated_fraction,
-                    "exposure_ms": shot.settings.exposure_s * 1000.0,
-                }
+            if frame.kind == "dark":
+                self._levels.add_dark(frame)
+            if frame.kind != "scene" or frame.angle_deg is None:
+                return None
+            if any(other.round != frame.round for other in self._angles.values()):
+                self._angles.clear()
+            self._angles[frame.angle_deg, frame.exposure_s] = frame
+            self._under_way = [*(f for f in self._under_way if _is_of_cycle(f, frame)), frame]
+            return self._end_cycle() if ends_cycle else None
+
+    def _end_cycle(self) -> Drift | None:
+        before = self._cycle if self._cycle and self._cycle[-1].round == self._under_way[-1].round else ()
+        self._cycle, self._under_way = of_one_exposure(self._under_way), []
+        self._drift = drift_of(self._cycle, before, region=self._reference, levels=self._levels)
+        return self._drift
 
     def content(self) -> dict[str, Any]:
         """Return the numbers as JSON holds them.
 
         Notes
         -----
-        The DoLP is that of the mean counts of the whole picture, less the last dark frame's where there was one.
+        Of the last whole cycle; where frames are grouped by angle, of the last frame of each.
         """
         with self._lock:
-            angles = dict(sorted(self._angles.items()))
+            frames = self._cycle or of_one_exposure(list(self._angles.values()))
+            angles = {f"{angle:g}": frame for (angle, _), frame in sorted(self._angles.items())}
             return {
-                "angles": {f"{angle:g}": numbers for angle, numbers in angles.items()},
-                "dark_dn": self._dark_dn,
-                "sum_rule": _sum_rule(angles, self._dark_dn or 0.0),
-                "dolp_of_mean": _dolp(angles, self._dark_dn or 0.0),
+                "angles": {angle: _shown(frame) for angle, frame in angles.items()},
+                **self._of_cycle(frames),
+                "drift": self._drift_content(),
             }
 
+    def _of_cycle(self, frames: tuple[Sighting, ...]) -> dict[str, Any]:
+        if not frames:
+            return {"cycle": None, "dark": None, "sum_rule": None, "regions": {}}
+        last, levels = frames[-1], self._levels
+        ratio = sum_rule(frames, region=PICTURE, levels=levels)
+        found = {
+            region: polarization(frames, region=region, levels=levels, extinction_ratio=self._extinction_ratio)
+            for region in last.means
+        }
+        return {
+            "cycle": {"round": last.round, "cycle": last.cycle, "exposure_ms": last.exposure_s * _MS_PER_S},
+            "dark": {"source": levels.source(last.exposure_s), "mean_dn": levels.dark_dn(PICTURE, last.exposure_s)},
+            "sum_rule": None if ratio is None else asdict(ratio),
+            "regions": {region: asdict(shown) for region, shown in found.items() if shown is not None},
+        }
 
-def _signals(angles: dict[float, dict[str, float]], dark_dn: float) -> dict[float, float]:
-    return {angle: (n["mean_dn"] - dark_dn) / n["exposure_ms"] for angle, n in angles.items()}
+    def _drift_content(self) -> dict[str, Any] | None:
+        if self._drift is None:
+            return None
+        return {
+            "region": self._reference,
+            "per_min": self._drift.per_min,
+            "sigma_per_min": self._drift.sigma_per_min,
+            "change": self._drift.change,
+            "over_s": self._drift.over_s,
+        }
 
 
-def _sum_rule(angles: dict[float, dict[str, float]], dark_dn: float) -> float | None:
-    """Return (I0 + I90) / (I45 + I135), where there are all four."""
-    signal = _signals(angles, dark_dn)
-    if not {0.0, 45.0, 90.0, 135.0} <= set(signal) or signal[45.0] + signal[135.0] <= 0.0:
-        return None
-    return (signal[0.0] + signal[90.0]) / (signal[45.0] + signal[135.0])
+def _is_of_cycle(frame: Sighting, other: Sighting) -> bool:
+    return (frame.round, frame.cycle) == (other.round, other.cycle)
 
 
-def _dolp(angles: dict[float, dict[str, float]], dark_dn: float) -> float | None:
-    signal = _signals(angles, dark_dn)
-    if len(signal) < _LEAST_ANGLES:
-        return None
-    s0, s1, s2 = reconstruct(design(np.deg2rad(list(signal))), list(signal.values()))
-    return float(np.hypot(s1, s2) / s0) if s0 > 0.0 else None
+def _shown(frame: Sighting) -> dict[str, Any]:
+    return {
+        "mean_dn": frame.means[PICTURE].mean_dn,
+        "saturated_fraction": frame.saturated_fraction,
+        "exposure_ms": frame.exposure_s * _MS_PER_S,
+        "regions_dn": {name: mean.mean_dn for name, mean in frame.means.items() if name != PICTURE},
+    }

@@ -1,18 +1,40 @@
-"""What a noise calibration says of the mean of a frame, for the sum rule."""
+"""What a noise calibration says of the mean of many pixels: for the sum rule, and for whoever watches."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from model.sensor import SensorNoise, temporal_variance_dn2
+from model.sensor import SensorNoise
+from model.temporal_noise import temporal_variance_dn2
 from rigctl.errors import ConfigError
 
-# Variance of the mean of a frame's pixels [DN^2], from its mean count [DN], its exposure [s] and its pixels.
-VarianceOfMean = Callable[[float, float, int], float]
 _NEEDED = ("gain_dn_per_e", "read_noise_e", "black_level_dn")
 
 
+@dataclass(frozen=True, kw_only=True)
+class MeanNoise:
+    """The temporal noise of means.
+
+    Attributes
+    ----------
+    sensor : SensorNoise
+        Of the camera, as calibrated; fixed pattern stays in a mean and is left out.
+    """
+
+    sensor: SensorNoise
+
+    def dark_dn(self, exposure_s: float) -> float:
+        """Return the mean count without light [DN]."""
+        return self.sensor.black_level_dn + self.sensor.gain_dn_per_e * self.sensor.dark_current_e_per_s * exposure_s
+
+    def variance_dn2(self, mean_dn: float, *, exposure_s: float, pixels: int) -> float:
+        """Return the variance of the mean of so many pixels whose mean count is that [DN^2]."""
+        signal_dn = max(0.0, mean_dn - self.dark_dn(exposure_s))
+        return float(temporal_variance_dn2(signal_dn, noise=self.sensor, exposure_s=exposure_s)) / pixels
+
+
 def noise_numbers(calibration: Mapping[str, Any]) -> dict[str, float]:
-    """Return the numbers of a noise calibration that the sum rule needs: they go into the run.
+    """Return the numbers of a noise calibration that a session needs: they go into the run.
 
     Raises
     ------
@@ -29,13 +51,6 @@ def noise_numbers(calibration: Mapping[str, Any]) -> dict[str, float]:
     return numbers
 
 
-def variance_of_mean(numbers: Mapping[str, float]) -> VarianceOfMean:
-    """Return what noise does to a frame's mean."""
-    noise = SensorNoise(**numbers, prnu=0.0, dsnu_e=0.0)
-
-    def variance_dn2(mean_dn: float, exposure_s: float, pixels: int) -> float:
-        dark_dn = noise.gain_dn_per_e * noise.dark_current_e_per_s * exposure_s
-        signal_dn = max(0.0, mean_dn - noise.black_level_dn - dark_dn)
-        return float(temporal_variance_dn2(signal_dn, noise=noise, exposure_s=exposure_s)) / pixels
-
-    return variance_dn2
+def mean_noise(numbers: Mapping[str, float]) -> MeanNoise:
+    """Return the noise of means by the numbers that `noise_numbers` gave."""
+    return MeanNoise(sensor=SensorNoise(**numbers, prnu=0.0, dsnu_e=0.0))

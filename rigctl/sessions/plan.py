@@ -9,7 +9,7 @@ from rigctl.runs.run_folder import FrameKind
 from rigctl.utc_time import NS_PER_S
 
 # A FITS header of one frame and its line in the manifest [bytes].
-_BYTES_BESIDE_PIXELS = 5760 + 1024
+BYTES_BESIDE_PIXELS = 5760 + 1024
 # What a move of the stage and the disk take, for the estimate only: an ELL14 turns 45 deg in 0.2 s and answers in
 # 0.1 s; a frame of 1 MB is on the disk in 0.02 s [s].
 _MOVE_S = 0.4
@@ -167,8 +167,18 @@ def _times(exposure_s: float | None, factor: float) -> float | None:
     return None if exposure_s is None else exposure_s * factor
 
 
-def estimate(steps: tuple[Step, ...], rig: RigFile) -> Need:
-    """Return what steps need of time and disk."""
+def estimate(steps: tuple[Step, ...], rig: RigFile, *, pixels: int | None = None) -> Need:
+    """Return what steps need of time and disk.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        What is taken.
+    rig : RigFile
+        With which rig; a simulated camera's pictures are of known size.
+    pixels : int or None
+        Of a picture; None: of the simulated camera.
+    """
     moves = sum(
         1
         for before, step in zip((None, *steps), steps, strict=False)
@@ -176,10 +186,11 @@ def estimate(steps: tuple[Step, ...], rig: RigFile) -> Need:
         and (before is None or before.polarizer_angle_deg != step.polarizer_angle_deg)
     )
     duration = _HOME_S + moves * _MOVE_S + sum(planned_exposure_s(step) + _STORE_S for step in steps)
-    if rig.simulation is None:
+    if pixels is None and rig.simulation is not None:
+        pixels = rig.simulation.camera.width * rig.simulation.camera.height
+    if pixels is None:
         return Need(duration_s=duration, disk_bytes=None)
-    camera = rig.simulation.camera
-    return Need(duration_s=duration, disk_bytes=len(steps) * (2 * camera.width * camera.height + _BYTES_BESIDE_PIXELS))
+    return Need(duration_s=duration, disk_bytes=len(steps) * (2 * pixels + BYTES_BESIDE_PIXELS))
 
 
 def planned_exposure_s(step: Step) -> float:

@@ -13,6 +13,7 @@ from rigctl.sessions.operator_at_rig import ask_operator
 from rigctl.sessions.simulation import Simulation, simulate
 from rigctl.sessions.stages import SIMULATED, connect_stage, find_driver, require_serial
 from rigctl.terminal import warn
+from sim_devices.camera import SimCamera
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,6 +30,10 @@ class Rig:
         Puts scene, dark or flat before the camera: a simulated world by itself, a real rig by asking its operator.
     origin : {"simulated", "device"}
         Where the frames come from.
+    source : SimCamera or None
+        What makes the pictures of a simulated camera: its numbers decide their noise.
+    is_networked : bool
+        Pictures of the source come over the network, under other numbers than the source's own.
     """
 
     stage: RotationStage
@@ -37,6 +42,8 @@ class Rig:
     camera_identity: DeviceIdentity
     present: Callable[[FrameKind], None]
     origin: Literal["simulated", "device"]
+    source: SimCamera | None = None
+    is_networked: bool = False
 
 
 @contextmanager
@@ -77,6 +84,8 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
             camera_identity=camera_identity,
             present=ask_operator if simulation is None else simulation.world.present,
             origin="device" if simulation is None else "simulated",
+            source=_source(rig, simulation),
+            is_networked=simulation is not None and simulation.gige_place is not None,
         )
 
 
@@ -84,6 +93,12 @@ def _stage_port(rig: RigFile, simulation: Simulation | None) -> str:
     if simulation is not None and rig.stage.port.startswith(SIMULATED):
         return simulation.stage_port
     return resolve_port(rig.stage.port, warn=warn)
+
+
+def _source(rig: RigFile, simulation: Simulation | None) -> SimCamera | None:
+    if simulation is None or not rig.camera.address.startswith(SIMULATED):
+        return None
+    return simulation.camera
 
 
 def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:

@@ -2,14 +2,17 @@
 
 import numpy as np
 
-from drivers.errors import LimitError
-from drivers.interfaces import CameraSettings, Move
+from drivers.errors import DeviceTimeoutError
+from drivers.interfaces import CameraSettings, Frame, Move
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_folder import FrameKind
 from rigctl.runs.run_writer import RunWriter
-from rigctl.sessions.interlocks import settings_trip
+from rigctl.sessions.frame_counter import FrameCounter, is_triggered
+from rigctl.sessions.frame_numbers import skip_to
+from rigctl.sessions.interlocks import homed_trip, settings_trip
 from rigctl.sessions.rig import Rig
 from rigctl.sessions.shot import Shot
+from rigctl.sessions.trip import Trip
 
 
 class RigWork:
@@ -23,23 +26,40 @@ class RigWork:
         How the polarizer sits, the camera's gain and deadline.
     writer : RunWriter
         Where events go.
-    checks_settings : bool
-        Whether a camera that takes other settings than it was told is refused.
+    next_number : int or None
+        Number that a simulated camera is to give its next frame; None where it does not matter.
+
+    Attributes
+    ----------
+    next_number : int or None
+        Number of the next frame of a simulated camera.
     """
 
-    def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter, *, checks_settings: bool) -> None:
+    def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter, *, next_number: int | None = None) -> None:
         self._rig, self._rig_file, self._writer = rig, rig_file, writer
-        self._checks_settings = checks_settings
+        self.next_number = next_number
+        self._counter = FrameCounter(is_triggered=is_triggered(rig_file.camera.address))
         self._presented: FrameKind | None = None
         self._settings: CameraSettings | None = None
+        self._settings_trip: Trip | None = None
         self._exposure_asked_s = 0.0
         self._move: Move | None = None
         self._angle_asked_deg: float | None = None
 
-    def home(self) -> None:
-        """Find the stage's reference."""
+    def home(self) -> Trip | None:
+        """Find the stage's reference; return a trip where the stage does not say that it has."""
         home = self._rig.stage.home()
         self._writer.event("homed", stage_angle_deg=home.angle_deg, stage_counts=home.counts)
+        self.distrust()
+        return homed_trip(self._rig.stage.status())
+
+    def bring_camera_to(self, number: int) -> None:
+        """Let a simulated camera's next frame have a number, unless it is beyond that already."""
+        if self.next_number is None:
+            return
+        skip_to(self._rig.camera, number)
+        self.next_number = number
+        self._counter.forget()
 
     def present(self, kind: FrameKind) -> None:
         """Put something before the camera, unless it is there."""
@@ -49,9 +69,10 @@ class RigWork:
         self._presented = kind
         self._writer.event("presented", kind=kind)
 
-    def distrust_angle(self) -> None:
-        """Move the stage before the next frame, even if it was sent to that angle already."""
+    def distrust(self) -> None:
+        """Set camera and stage before the next frame, even if they were told so already."""
         self._angle_asked_deg = None
+        self._settings = None
 
     def shoot(self, *, exposure_s: float, polarizer_angle_deg: float | None) -> Shot:
         """Return a frame at an exposure and an angle; None leaves the polarizer where it is.
@@ -59,11 +80,11 @@ class RigWork:
         Raises
         ------
         DeviceError
-            A device fails, or the camera does not take its settings.
+            A device fails.
         """
         settings = self._configured(exposure_s)
         is_new_move = self._turn(polarizer_angle_deg)
-        frame = self._rig.camera.take_frame(timeout_s=settings.exposure_s + self._rig_file.camera.timeout_s)
+        frame, counter_trip = self._frame(settings.exposure_s)
         full_dn = 2**frame.settings.bit_depth - 1
         return Shot(
             frame=frame,
@@ -71,15 +92,25 @@ class RigWork:
             move=self._move,
             is_new_move=is_new_move,
             saturated_fraction=np.count_nonzero(frame.counts >= full_dn) / frame.counts.size,
+            trips=tuple(trip for trip in (self._settings_trip, counter_trip) if trip is not None),
         )
+
+    def _frame(self, exposure_s: float) -> tuple[Frame, Trip | None]:
+        try:
+            frame = self._rig.camera.take_frame(timeout_s=exposure_s + self._rig_file.camera.timeout_s)
+        except DeviceTimeoutError:
+            self._counter.forget()  # the picture that did not come may have had a number
+            raise
+        if self.next_number is not None:
+            self.next_number = frame.sequence + 1
+        problem = self._counter.problem(frame.sequence)
+        return frame, None if problem is None else Trip(name="counter", message=problem)
 
     def _configured(self, exposure_s: float) -> CameraSettings:
         if self._settings is None or exposure_s != self._exposure_asked_s:
             gain_db = self._rig_file.camera.gain_db
             settings = self._rig.camera.configure(exposure_s=exposure_s, gain_db=gain_db)
-            trip = settings_trip(exposure_s=exposure_s, gain_db=gain_db, read_back=settings)
-            if trip is not None and self._checks_settings:
-                raise LimitError(trip.message)
+            self._settings_trip = settings_trip(exposure_s=exposure_s, gain_db=gain_db, read_back=settings)
             self._settings, self._exposure_asked_s = settings, exposure_s
         return self._settings
 

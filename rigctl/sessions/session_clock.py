@@ -4,7 +4,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from rigctl.sessions import host_checkup
 from rigctl.utc_time import NS_PER_S
+
+
+def _clock_problem() -> str | None:
+    found = host_checkup.clock()
+    return None if found.advice is None else found.found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,11 +23,14 @@ class SessionClock:
         Time since 1970 (UTC), which somebody may set; time that only goes on [ns].
     sleep : callable
         Pauses for so many seconds.
+    problem : callable
+        What is wrong with the first of them, such as "not synchronised"; None if nothing is.
     """
 
     utc_ns: Callable[[], int] = time.time_ns
     monotonic_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], None] = time.sleep
+    problem: Callable[[], str | None] = _clock_problem
 
 
 class SteadyUtc:

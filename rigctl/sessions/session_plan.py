@@ -5,7 +5,7 @@ from typing import Any
 
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
-from rigctl.sessions.drift_cost import false_dolp
+from rigctl.sessions.drift_cost import false_dolp, grouping_cost
 from rigctl.sessions.plan import Step, estimate, plan_steps, step_times_ns
 from rigctl.sessions.schedule import round_times_ns
 from rigctl.sessions.sun_track import SunTrack
@@ -89,7 +89,9 @@ class SessionPlan:
         return moment
 
 
-def plan_session(rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: int | None = None) -> SessionPlan:
+def plan_session(
+    rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: int | None = None, pixels: int | None = None
+) -> SessionPlan:
     """Return a session laid out in time.
 
     Parameters
@@ -102,6 +104,8 @@ def plan_session(rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: i
         When it begins [ns since 1970 UTC].
     until_ns : int or None
         Steps from then on are left out.
+    pixels : int or None
+        Of a picture, for the disk; None: of the simulated camera, if it is one.
 
     Raises
     ------
@@ -121,7 +125,7 @@ def plan_session(rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: i
         start_ns=now_ns,
         sun=None if rig.site is None else SunTrack(rig.site),
         camera_azimuth_deg=azimuth,
-        disk_bytes=estimate(steps, rig).disk_bytes,
+        disk_bytes=estimate(steps, rig, pixels=pixels).disk_bytes,
         remarks=tuple(_remarks(rig, session, steps, times)),
     )
 
@@ -130,8 +134,11 @@ def _remarks(rig: RigFile, session: SessionFile, steps: tuple[Step, ...], times:
     found = []
     if rig.site is None:
         found.append("the rig file has no [site]: no sun angles")
-    if any(take.order == "grouped" for take in session.take):
-        found.append("order 'grouped': all frames of an angle come together, so that drift looks like polarization")
+    elif rig.geometry is None or rig.geometry.camera_azimuth_deg is None:
+        found.append("the rig file has no camera_azimuth_deg in [geometry]: no azimuth of the sun against the camera")
+    grouping = grouping_cost(session)
+    if grouping is not None:
+        found.append(grouping)
     if any(step.exposure_s is None for step in steps):
         found.append("metered exposures are taken for 10 ms here")
     late = [

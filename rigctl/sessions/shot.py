@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from drivers.interfaces import CameraSettings, Frame, Move
+from rigctl.sessions.trip import Trip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,6 +22,8 @@ class Shot:
         It was made for this frame.
     saturated_fraction : float
         Share of saturated pixels.
+    trips : tuple of Trip
+        What was wrong with settings and frame counter.
     """
 
     frame: Frame
@@ -28,3 +31,4 @@ class Shot:
     move: Move | None
     is_new_move: bool
     saturated_fraction: float
+    trips: tuple[Trip, ...] = ()

@@ -12,7 +12,9 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import masks
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
+from rigctl.sessions.rendering import rendering_effect
 from rigctl.sessions.simulated_gige import serve_if_gige
+from rigctl.sessions.truth_option import split_truth
 from sim_devices.camera import SimCamera
 from sim_devices.clock import SimClock
 from sim_devices.detector import Detector, Lens
@@ -20,6 +22,7 @@ from sim_devices.scene_truth import Region, Surface, paint_scene
 from sim_devices.stages.catalogue import StageOptions, make_stage, parse_stage_address
 from sim_devices.stages.pty_server import serve_on_pty
 from sim_devices.stages.simulated_stage import SimulatedStage
+from sim_devices.truth_log import TruthLog
 from sim_devices.world import Polarizer, World
 
 FloatArray = NDArray[np.float64]
@@ -74,10 +77,11 @@ def simulate(rig: RigFile, *, session_name: str) -> Iterator[Simulation]:
         clock = SimClock(speed=options.speed)
         stage = make_stage(options, clock=clock)
         world = _world(rig.simulation, stage)
-        camera = _camera(rig.simulation, world, session_name)
+        address, log = split_truth(rig.camera.address)
+        camera = _camera(rig.simulation, world, session_name, log)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
-    with serve_on_pty(stage, clock=clock) as port, camera, serve_if_gige(rig.camera.address, camera) as gige_place:
+    with serve_on_pty(stage, clock=clock) as port, camera, serve_if_gige(address, camera) as gige_place:
         yield Simulation(world=world, camera=camera, stage_port=port, gige_place=gige_place)
 
 
@@ -126,32 +130,45 @@ def _polarizer(truth: SimulatedPolarizer) -> Polarizer:
     )
 
 
-def _camera(simulation: SimulationSection, world: World, session_name: str) -> SimCamera:
-    truth = simulation.camera
+def _camera(simulation: SimulationSection, world: World, session_name: str, log: TruthLog | None) -> SimCamera:
+    lens, detector = _lens(simulation.camera), _detector(simulation.camera)
     return SimCamera(
         world=world,
-        lens=Lens(
-            focal_length_m=truth.focal_length_mm / 1e3,
-            aperture_diameter_m=truth.aperture_diameter_mm / 1e3,
-            transmittance=truth.optics_transmittance,
-        ),
-        detector=Detector(
-            width=truth.width,
-            height=truth.height,
-            pixel_pitch_m=truth.pixel_pitch_um / 1e6,
-            effective_wavelength_m=truth.wavelength_nm / 1e9,
-            quantum_efficiency=truth.quantum_efficiency,
-            gain_dn_per_e=truth.gain_dn_per_e,
-            read_noise_e=truth.read_noise_e,
-            dark_current_e_per_s=truth.dark_current_e_per_s,
-            black_level_dn=truth.black_level_dn,
-            prnu=truth.prnu,
-            dsnu_e=truth.dsnu_e,
-            full_well_e=truth.full_well_e,
-            bit_depth=truth.bit_depth,
-        ),
+        lens=lens,
+        detector=detector,
         pattern_seed=simulation.seed,
         noise_seed=_noise_seed(simulation.seed, session_name),
+        truth=log,
+        rendering=[
+            rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed)
+            for section in simulation.effects
+        ],
+    )
+
+
+def _lens(truth: SimulatedCamera) -> Lens:
+    return Lens(
+        focal_length_m=truth.focal_length_mm / 1e3,
+        aperture_diameter_m=truth.aperture_diameter_mm / 1e3,
+        transmittance=truth.optics_transmittance,
+    )
+
+
+def _detector(truth: SimulatedCamera) -> Detector:
+    return Detector(
+        width=truth.width,
+        height=truth.height,
+        pixel_pitch_m=truth.pixel_pitch_um / 1e6,
+        effective_wavelength_m=truth.wavelength_nm / 1e9,
+        quantum_efficiency=truth.quantum_efficiency,
+        gain_dn_per_e=truth.gain_dn_per_e,
+        read_noise_e=truth.read_noise_e,
+        dark_current_e_per_s=truth.dark_current_e_per_s,
+        black_level_dn=truth.black_level_dn,
+        prnu=truth.prnu,
+        dsnu_e=truth.dsnu_e,
+        full_well_e=truth.full_well_e,
+        bit_depth=truth.bit_depth,
     )
 
 

@@ -3,9 +3,10 @@
 import math
 
 from rigctl.files.interlock_section import InterlockSection
-from rigctl.sessions.interlocks import Trip
-from rigctl.sessions.mean_noise import VarianceOfMean
-from rigctl.sessions.plan import Step
+from rigctl.files.session_file import PICTURE
+from rigctl.sessions.mean_noise import MeanNoise
+from rigctl.sessions.sighting import Sighting
+from rigctl.sessions.trip import Trip
 
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 _SIGMAS = 5.0
@@ -18,7 +19,7 @@ class SumRule:
     ----------
     section : InterlockSection
         How far both sums may be apart: light, sensor and polarizer drift within a cycle.
-    variance : callable or None
+    noise : MeanNoise or None
         What noise does to a mean, from a calibration. Without one the tolerance has to cover it too.
 
     Notes
@@ -27,18 +28,22 @@ class SumRule:
     little light.
     """
 
-    def __init__(self, section: InterlockSection, variance: VarianceOfMean | None) -> None:
-        self._section, self._variance = section, variance
+    def __init__(self, section: InterlockSection, noise: MeanNoise | None) -> None:
+        self._section, self._noise = section, noise
         self._means: dict[float, dict[float, tuple[float, float]]] = {}
 
-    def add(self, step: Step, *, mean_dn: float, exposure_s: float, pixels: int) -> Trip | None:
+    def add(self, frame: Sighting, *, ends_cycle: bool) -> Trip | None:
         """Take in a frame; return a trip at the end of a cycle whose sums are too far apart."""
-        if step.kind != "scene" or step.polarizer_angle_deg is None:
+        if frame.kind != "scene" or frame.angle_deg is None:
             return None
-        angle = step.polarizer_angle_deg % 180.0
-        noise_dn2 = 0.0 if self._variance is None else self._variance(mean_dn, exposure_s, pixels)
-        self._means.setdefault(exposure_s, {}).setdefault(angle, (mean_dn, noise_dn2))
-        if not step.ends_cycle:
+        mean, exposure_s = frame.means[PICTURE], frame.exposure_s
+        noise_dn2 = (
+            0.0
+            if self._noise is None
+            else self._noise.variance_dn2(mean.mean_dn, exposure_s=exposure_s, pixels=mean.pixels)
+        )
+        self._means.setdefault(exposure_s, {}).setdefault(frame.angle_deg, (mean.mean_dn, noise_dn2))
+        if not ends_cycle:
             return None
         cycles, self._means = self._means, {}
         trips = (self._judge(means) for means in cycles.values())

@@ -1,4 +1,4 @@
-"""Shows how a session goes: a bar on this terminal, and the run's status file for others."""
+"""Shows how a session goes: a bar and live numbers on this terminal, and the run's status file for others."""
 
 import threading
 import time
@@ -8,10 +8,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from rich.console import Group
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 from rigctl.runs.live_status import write_status
 from rigctl.sessions.live_numbers import LiveNumbers
+from rigctl.sessions.live_text import live_lines
 from rigctl.sessions.plan import Step, step_times_ns
 from rigctl.sessions.session_clock import SessionClock
 from rigctl.terminal import progress as progress_console
@@ -42,21 +46,22 @@ class Watch:
         self._run, self._steps, self._clock, self._live = run, steps, clock, live
         self._planned_ns = step_times_ns(steps, start_ns=clock.utc_ns())
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._bar = Progress(*columns, console=progress_console(), transient=True)
+        self._bar = Progress(*columns)
         self._task = self._bar.add_task(title, total=len(steps))
         self._lock = threading.Lock()
         self._told_s = -_TELL_EACH_S
         self._status: dict[str, Any] = {"session": title, "frames_planned": len(steps), "frames": 0}
+        self._screen = Live(get_renderable=self._shown, console=progress_console(), transient=True)
 
     def __enter__(self) -> Self:
-        self._bar.start()
+        self._screen.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._tell(**self._live.content())
-        self._bar.stop()
+        self._screen.stop()
 
     def begin(self, *, left: int) -> None:
         """Begin to take so many steps."""
@@ -73,6 +78,11 @@ class Watch:
         if now_s - self._told_s >= _TELL_EACH_S or is_last:
             self._told_s = now_s
             self._tell(last=_last(step), **self._remaining(step), **self._live.content())
+
+    def _shown(self) -> Group:
+        with self._lock:
+            lines = "\n".join(live_lines(self._status))
+        return Group(self._bar, Text(lines))
 
     def _remaining(self, step: Step) -> dict[str, Any]:
         """Return how long it still takes: what the plan has between this step and the last, or until its time."""

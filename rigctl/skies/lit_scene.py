@@ -1,26 +1,20 @@
-"""Light of a sun position in a band, computed once for all that ask for it."""
+"""What the sky of a scene depends on, as hashable numbers, and the record that the model takes."""
 
-from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from model.atmosphere.lighting.compute_lighting import Solver, compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
-from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
-from model.illumination import Illumination, illuminate, require_sun_zenith
-from model.sampled_sky import Sky, sample_sky
+from model.lit_scene import Air
 from rigctl.errors import ConfigError
+from rigctl.skies.alternative_air import AlternativeAir
 from rigctl.skies.sky_table import read_sky_table
 from rigctl.skies.solar_band import response_band
-
-# A sky is asked for again by the next region, the next geometry, or not at all.
-_KEPT = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +31,8 @@ class SkyRequest:
         As `model.atmosphere.lighting.compute_lighting.compute_lighting` takes them; `state` is None for a table.
     table : Path or None
         File of a table.
+    alternative : AlternativeAir or None
+        Another aerosol that it might as well be.
     """
 
     sun_zenith_rad: float
@@ -49,6 +45,7 @@ class SkyRequest:
     wavelengths: int
     dolp_max: float
     table: Path | None
+    alternative: AlternativeAir | None = None
 
     @property
     def band(self) -> SolarBand:
@@ -57,68 +54,28 @@ class SkyRequest:
         return response_band(wavelength_nm=nm, response=response, distance_factor=self.distance_factor)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Lit:
-    lighting: Lighting
-    sky: Sky
-    sky_error: float
+def air_of(request: SkyRequest) -> Air:
+    """Return what the model computes the light from.
 
-
-class Skies:
-    """Makes illuminations, and keeps the last few skies."""
-
-    def __init__(self, *, solver: Solver = solve) -> None:
-        self._solver = solver
-        self._kept: OrderedDict[SkyRequest, _Lit] = OrderedDict()
-
-    def illumination(self, request: SkyRequest, *, sun_azimuth_rad: float) -> Illumination:
-        """Return sun, sky and air for a request.
-
-        Raises
-        ------
-        ValueError
-            A number is outside its range, such as a sun below 85 deg from the zenith.
-        ConfigError
-            The table cannot be read, or is of another sun.
-        """
-        require_sun_zenith(request.sun_zenith_rad)
-        lit = self._lit(request)
-        return illuminate(
-            lit.lighting,
-            sun_zenith_rad=request.sun_zenith_rad,
-            sun_azimuth_rad=sun_azimuth_rad,
-            ground_albedo=request.ground_albedo,
-            sky=lit.sky,
-            sky_error=lit.sky_error,
-        )
-
-    def _lit(self, request: SkyRequest) -> _Lit:
-        if request not in self._kept:
-            self._kept[request] = self._made(request)
-            if len(self._kept) > _KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(request)
-        return self._kept[request]
-
-    def _made(self, request: SkyRequest) -> _Lit:
-        if request.tier is Tier.TABLE:
-            lighting = _table(request)
-            return _Lit(lighting=lighting, sky=lighting.sky, sky_error=0.0)
-        if request.state is None:
-            raise ConfigError("atmosphere: visibility_km or aerosol_optical_depth is needed")
-        computed = compute_lighting(
-            request.state,
-            tier=request.tier,
-            band=request.band,
-            mu0=float(np.cos(request.sun_zenith_rad)),
-            albedo=request.ground_albedo,
-            aerosol=request.aerosol,
-            wavelengths=request.wavelengths,
-            dolp_max=request.dolp_max,
-            solver=self._solver,
-        )
-        sampled = sample_sky(computed.sky, sun_zenith_rad=request.sun_zenith_rad)
-        return _Lit(lighting=computed, sky=sampled, sky_error=sampled.relative_error)
+    Raises
+    ------
+    ConfigError
+        The table cannot be read, or is of another sun.
+    """
+    air = Air(
+        sun_zenith_rad=request.sun_zenith_rad,
+        band=request.band,
+        tier=request.tier,
+        aerosol=request.aerosol,
+        state=request.state,
+        ground_albedo=request.ground_albedo,
+        dolp_max=request.dolp_max,
+        table=_table(request) if request.tier is Tier.TABLE else None,
+    )
+    other = request.alternative
+    if other is None:
+        return air
+    return replace(air, alternative=replace(air, aerosol=other.aerosol, state=other.state), share=other.share)
 
 
 def _table(request: SkyRequest) -> Lighting:

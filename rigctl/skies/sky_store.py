@@ -5,6 +5,7 @@ import hashlib
 import os
 from functools import cache
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -111,10 +112,20 @@ def _key(layers: tuple[Layer, ...], settings: dict[str, Any]) -> str:
 def _code_hash() -> str:
     """Hash of the sources of the atmosphere: another version of the solver takes nothing from this one."""
     digest = hashlib.sha256()
-    for source in sorted(files("model.atmosphere").iterdir(), key=lambda entry: entry.name):
-        if source.name.endswith(".py"):
-            digest.update(source.name.encode() + b"\0" + source.read_bytes() + b"\0")
+    for name, source in sorted(_sources(files("model.atmosphere"), "").items()):
+        digest.update(name.encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def _sources(folder: Traversable, prefix: str) -> dict[str, Traversable]:
+    """Return the sources of a package and of the packages in it, by their paths."""
+    found: dict[str, Traversable] = {}
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            found |= _sources(entry, f"{prefix}{entry.name}/")
+        elif entry.name.endswith(".py"):
+            found[prefix + entry.name] = entry
+    return found
 
 
 def _checked(data: bytes) -> Solution | None:

@@ -3,8 +3,8 @@
 import ctypes
 import socket
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,32 +39,7 @@ Fill = Callable[[int, int, int, int, int], bytes]
 
 
 class AravisDevice:
-    """A device on the network; `serve_device` makes one."""
-
-    def __init__(self, library: ctypes.CDLL, gobject: ctypes.CDLL, camera: int) -> None:
-        self._library, self._gobject, self._camera = library, gobject, camera
-        self._registers: int = library.arv_gv_fake_camera_get_fake_camera(camera)
-
-    def write_register(self, address: int, value: int) -> None:
-        """Set a register behind the back of whoever controls the device."""
-        self._library.arv_fake_camera_write_register(self._registers, address, value)
-
-    def read_register(self, address: int) -> int:
-        """Return what a register holds."""
-        value = ctypes.c_uint32()
-        self._library.arv_fake_camera_read_register(self._registers, address, ctypes.byref(value))
-        return value.value
-
-    def lose_packets(self, share: float) -> None:
-        """Leave out this share of the packets of pictures from now on."""
-        self._gobject.g_object_set(_POINTER(self._camera), b"gvsp-lost-ratio", ctypes.c_double(share), None)
-
-
-@contextmanager
-def serve_device(
-    *, address: str, serial_number: str, edit_features: Callable[[str], str], fill: Fill
-) -> Iterator[AravisDevice]:
-    """Serve a GigE Vision device on an IP address of this machine until the context is left.
+    """A device on the network, off at first.
 
     Parameters
     ----------
@@ -75,34 +50,83 @@ def serve_device(
     edit_features : callable
         Makes the device's list of features (GenICam XML) out of the library's own.
     fill : callable
-        Makes a picture. It is called in a thread of the library, and what it raises is raised when the context is left;
-        until then such pictures are what their buffer held before.
+        Makes a picture. It is called in a thread of the library. What it raises is kept in `failures`, and such
+        pictures are what their buffer held before.
 
     Raises
     ------
     NotConnectedError
-        libaravis is not installed, or the address is not this machine's or in use.
+        libaravis is not installed.
     """
-    library, gobject = _load()
-    _refuse_taken(address)
-    failures: list[Exception] = []
-    callback = _callback(library, fill, failures)
-    with tempfile.TemporaryDirectory(prefix="rigctl-") as folder:
-        features = Path(folder) / "features.xml"
-        features.write_text(edit_features(_own_features(library)), encoding="utf-8")
-        camera = library.arv_gv_fake_camera_new_full(address.encode(), serial_number.encode(), str(features).encode())
-        try:
-            if not library.arv_gv_fake_camera_is_running(camera):
-                raise NotConnectedError(f"no GigE camera can be served on {address}: the library does not say why")
-            device = AravisDevice(library, gobject, camera)
-            registers = library.arv_gv_fake_camera_get_fake_camera(camera)
-            library.arv_fake_camera_set_trigger_frequency(registers, _TRIGGER_LOOKS_HZ)
-            library.arv_fake_camera_set_fill_pattern(registers, callback, None, None)
-            yield device
-        finally:
-            gobject.g_object_unref(camera)
-    if failures:
-        raise failures[0]
+
+    def __init__(self, *, address: str, serial_number: str, edit_features: Callable[[str], str], fill: Fill) -> None:
+        self._library, self._gobject = _load()
+        self._address, self._serial_number = address, serial_number
+        self._features = edit_features(_own_features(self._library))
+        self.failures: list[Exception] = []
+        self._callback = _callback(self._library, fill, self.failures)
+        self._camera: int | None = None
+        # Power comes and goes in one thread while another one asks.
+        self._lock = threading.RLock()
+
+    def power_up(self) -> None:
+        """Answer on the network, with every register as the library has it.
+
+        Raises
+        ------
+        NotConnectedError
+            The address is not this machine's or in use.
+        """
+        with self._lock:
+            _refuse_taken(self._address)
+            self._camera = self._new_camera()
+            registers = self._registers()
+            self._library.arv_fake_camera_set_trigger_frequency(registers, _TRIGGER_LOOKS_HZ)
+            self._library.arv_fake_camera_set_fill_pattern(registers, self._callback, None, None)
+
+    def power_down(self) -> None:
+        """Answer no more; not to be called from within `fill`, whose thread ends first. May be called twice."""
+        with self._lock:
+            camera, self._camera = self._camera, None
+        if camera is not None:
+            self._gobject.g_object_unref(camera)
+
+    def write_register(self, address: int, value: int) -> None:
+        """Set a register behind the back of whoever controls the device."""
+        with self._lock:
+            self._library.arv_fake_camera_write_register(self._registers(), address, value)
+
+    def read_register(self, address: int) -> int:
+        """Return what a register holds; 0 of a device without power."""
+        with self._lock:
+            if self._camera is None:
+                return 0
+            value = ctypes.c_uint32()
+            self._library.arv_fake_camera_read_register(self._registers(), address, ctypes.byref(value))
+            return value.value
+
+    def lose_packets(self, share: float) -> None:
+        """Leave out this share of the packets of pictures until the power goes."""
+        with self._lock:
+            self._gobject.g_object_set(_POINTER(self._camera), b"gvsp-lost-ratio", ctypes.c_double(share), None)
+
+    def _registers(self) -> int:
+        if self._camera is None:
+            raise NotConnectedError(f"the simulated GigE camera on {self._address} has no power")
+        registers: int = self._library.arv_gv_fake_camera_get_fake_camera(self._camera)
+        return registers
+
+    def _new_camera(self) -> int:
+        with tempfile.TemporaryDirectory(prefix="rigctl-") as folder:
+            features = Path(folder) / "features.xml"
+            features.write_text(self._features, encoding="utf-8")
+            camera: int = self._library.arv_gv_fake_camera_new_full(
+                self._address.encode(), self._serial_number.encode(), str(features).encode()
+            )
+        if not self._library.arv_gv_fake_camera_is_running(camera):
+            self._gobject.g_object_unref(camera)
+            raise NotConnectedError(f"no GigE camera can be served on {self._address}: the library does not say why")
+        return camera
 
 
 def _refuse_taken(address: str) -> None:

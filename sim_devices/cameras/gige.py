@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Camera
 from sim_devices.cameras import gige_features as registers
-from sim_devices.cameras.aravis_device import AravisDevice, serve_device
+from sim_devices.cameras.aravis_device import AravisDevice
+from sim_devices.cameras.gige_faults import FaultyPower, GigeFaults
 from sim_devices.cameras.sample_bytes import bytes_of
 
 _ENDLESS_S = 1e9
 _START_TEMPERATURE_TENTHS_C = 285
 # An automatic exposure that was left on shows in the picture.
 _AUTOMATIC_FACTOR = 2.0
+_FORGOTTEN_EXPOSURE_US = 1234
 
 
 @contextmanager
@@ -24,7 +26,7 @@ def serve_gige_camera(
     *,
     address: str = "127.0.0.1",
     serial_number: str = "SIM1",
-    lost_share: float = 0.0,
+    faults: GigeFaults | None = None,
     wait: Callable[[float], None] = time.sleep,
 ) -> Iterator[AravisDevice]:
     """Serve a camera on an IP address of this machine until the context is left.
@@ -37,8 +39,8 @@ def serve_gige_camera(
         Of one of this machine's interfaces.
     serial_number : str
         What the camera says that it is.
-    lost_share : float
-        Share of the packets of pictures that are not sent.
+    faults : GigeFaults or None
+        What goes wrong.
     wait : callable
         Waits out an exposure [s] once the picture is made, so that light is from the exposure's start and the picture
         leaves at its end.
@@ -52,59 +54,79 @@ def serve_gige_camera(
     -----
     It powers up with automatic exposure and gain, as real cameras do; then pictures are of twice the exposure that was
     set. It serves no packet twice, and does not bin. Nobody is answered during an exposure: longer ones than 2 s look
-    like a camera that hangs.
+    like a camera that hangs. What the source raises is raised when the context is left.
     """
-    pictures = _Pictures(source, wait)
-    with serve_device(
-        address=address, serial_number=serial_number, edit_features=registers.extended, fill=pictures.fill
-    ) as device:
-        pictures.device = device
-        device.lose_packets(lost_share)
-        _power_up(device, pictures.settings.width, pictures.settings.height)
-        yield device
+    served = _ServedCamera(
+        source, address=address, serial_number=serial_number, faults=faults or GigeFaults(), wait=wait
+    )
+    try:
+        with served.power:
+            served.power_up()
+            yield served.device
+    finally:
+        served.device.power_down()
+    if served.device.failures:
+        raise served.device.failures[0]
 
 
-def _power_up(device: AravisDevice, width: int, height: int) -> None:
-    for register, value in (
-        (registers.SENSOR_WIDTH, width),
-        (registers.SENSOR_HEIGHT, height),
-        (registers.WIDTH, width),
-        (registers.HEIGHT, height),
-        (registers.EXPOSURE_AUTO, registers.EXPOSURE_AUTO_CONTINUOUS),
-        (registers.GAIN_AUTO, registers.GAIN_AUTO_CONTINUOUS),
-        (registers.TEMPERATURE_TENTHS_C, _START_TEMPERATURE_TENTHS_C),
-    ):
-        device.write_register(register, value)
-
-
-class _Pictures:
+class _ServedCamera:
     """Makes the pictures that the device asks for, with the settings that its client has written."""
 
-    def __init__(self, source: Camera, wait: Callable[[float], None]) -> None:
+    def __init__(
+        self,
+        source: Camera,
+        *,
+        address: str,
+        serial_number: str,
+        faults: GigeFaults,
+        wait: Callable[[float], None],
+    ) -> None:
         self._source, self._wait = source, wait
+        self._lost_share = faults.lost_share
         self._asked = (0.01, 0.0)
-        self.settings = source.configure(exposure_s=self._asked[0], gain_db=self._asked[1])
-        self.device: AravisDevice | None = None
+        self._settings = source.configure(exposure_s=self._asked[0], gain_db=self._asked[1])
+        self.device = AravisDevice(
+            address=address, serial_number=serial_number, edit_features=registers.extended, fill=self._fill
+        )
+        self.power = FaultyPower(faults, power_down=self.device.power_down, power_up=self.power_up, forget=self._forget)
 
-    def fill(self, width: int, height: int, exposure_us: int, gain_db: int, pixel_format: int) -> bytes:
+    def power_up(self) -> None:
+        """Answer on the network, with the settings of a power-up."""
+        self.device.power_up()
+        self.device.lose_packets(self._lost_share)
+        width, height = self._settings.width, self._settings.height
+        for register, value in (
+            (registers.SENSOR_WIDTH, width),
+            (registers.SENSOR_HEIGHT, height),
+            (registers.WIDTH, width),
+            (registers.HEIGHT, height),
+            (registers.EXPOSURE_AUTO, registers.EXPOSURE_AUTO_CONTINUOUS),
+            (registers.GAIN_AUTO, registers.GAIN_AUTO_CONTINUOUS),
+            (registers.TEMPERATURE_TENTHS_C, _START_TEMPERATURE_TENTHS_C),
+        ):
+            self.device.write_register(register, value)
+
+    def _fill(self, width: int, height: int, exposure_us: int, gain_db: int, pixel_format: int) -> bytes:
         """Return the bytes of a picture of the world as it is now."""
+        self.power.before_picture()
         asked = (self._factor() * exposure_us / 1e6, float(gain_db))
         if asked != self._asked:
-            self.settings = self._source.configure(exposure_s=asked[0], gain_db=asked[1])
+            self._settings = self._source.configure(exposure_s=asked[0], gain_db=asked[1])
             self._asked = asked
         counts = self._source.take_frame(timeout_s=_ENDLESS_S).counts
         self._wait(exposure_us / 1e6)
+        self.power.after_picture()
         region = self._region(counts, width, height)
-        return bytes_of(region, bit_depth=self.settings.bit_depth, pixel_format=pixel_format)
+        return bytes_of(region, bit_depth=self._settings.bit_depth, pixel_format=pixel_format)
+
+    def _forget(self) -> None:
+        self.device.write_register(registers.EXPOSURE_US, _FORGOTTEN_EXPOSURE_US)
 
     def _factor(self) -> float:
-        if self.device is None or self.device.read_register(registers.EXPOSURE_AUTO) == registers.EXPOSURE_AUTO_OFF:
-            return 1.0
-        return _AUTOMATIC_FACTOR
+        is_manual = self.device.read_register(registers.EXPOSURE_AUTO) == registers.EXPOSURE_AUTO_OFF
+        return 1.0 if is_manual else _AUTOMATIC_FACTOR
 
     def _region(self, counts: NDArray[np.uint16], width: int, height: int) -> NDArray[np.uint16]:
-        if self.device is None:
-            return counts[:height, :width]
         left, top = (self.device.read_register(register) for register in (registers.OFFSET_X, registers.OFFSET_Y))
         region = counts[top : top + height, left : left + width]
         return region[:, ::-1] if self.device.read_register(registers.REVERSE_X) else region

@@ -7,6 +7,7 @@ from sim_devices.cameras.sample_bytes import FORMATS
 # Registers of the library's device.
 SENSOR_HEIGHT, SENSOR_WIDTH, WIDTH, HEIGHT = 0x118, 0x11C, 0x100, 0x104
 OFFSET_X, OFFSET_Y = 0x130, 0x134
+EXPOSURE_US = 0x120
 GAIN_AUTO = 0x114
 # Memory that it does not use.
 EXPOSURE_AUTO, REVERSE_X, TEMPERATURE_TENTHS_C = 0x400, 0x404, 0x408

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from model.channels import channel_moments
+from model.electrons import electrons_per_radiance
 from model.moments import Moments
 from model.processing import dolp
 from model.processing.reconstruction import (
@@ -13,7 +15,6 @@ from model.processing.reconstruction import (
     reconstruct,
     stokes_moments,
 )
-from model.sensor import channel_moments, electrons_per_radiance
 from model.stokes import analyzer_row
 from tests.model.sensors import sensor
 

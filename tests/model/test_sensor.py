@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from model.channels import channel_moments
+from model.electrons import counts_per_radiance, electrons_per_radiance
 from model.moments import Moments
 from model.processing.reconstruction import MODIFIED_PICKERING_RAD, design, stokes_moments
-from model.sensor import aperture_factor, channel_moments, counts_per_radiance, electrons_per_radiance
+from model.sensor import aperture_factor
 from tests.model.sensors import sensor
 
 FOUR = np.array(MODIFIED_PICKERING_RAD)

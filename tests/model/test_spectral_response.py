@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.sensor import electrons_per_radiance
+from model.electrons import electrons_per_radiance
 from model.spectral_response import effective_wavelength_m, spectral_electrons_per_radiance
 from tests.model.sensors import sensor
 

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from model.electrons import electrons_per_radiance
 from model.moments import Moments
 from model.prediction import predict
 from model.processing.detection import rx_p_detection, rx_threshold
 from model.scenario import Readout, RegionLight, Scenario
-from model.sensor import Sensor, SensorNoise, electrons_per_radiance
+from model.sensor import Sensor, SensorNoise
 
 DRAWS = 1_000_000
 # Largest of some ten scores a scene and ten scenes: 5 standard errors leave one false alarm in ten thousand runs.

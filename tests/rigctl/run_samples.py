@@ -36,6 +36,7 @@ FULL_RECORD = FrameRecord(
     stage_tries=2,
     settle_s=0.31,
     camera_frame=19,
+    camera_temperature_c=31.5,
     round=3,
     sun_azimuth_deg=187.123456789,
     sun_elevation_deg=-3.25,

@@ -11,9 +11,11 @@ import pytest
 
 from sim_devices.detector import FixedPattern
 from sim_devices.exposure import exposure_effects
+from sim_devices.rendering.effect import Shot
 from tests.sim_devices.camera_builders import LENS, SILENT, Turntable, camera_on, uniform_world
 
 PIXELS = 160_000
+SHOT = Shot(noise=np.random.default_rng(1), noise_seed=1, sequence=0, exposure_s=1e-3, axis_deg=0.0)
 
 
 def frames_of(detector, *, subject, count=1, exposure_s=1e-3, gain_db=0.0):
@@ -155,5 +157,5 @@ def test_radiance_is_left_as_it_was():
     radiance = np.full((2, 3), 0.02)
     picture = radiance
     for effect in effects_of(replace(SILENT, read_noise_e=1.0)):
-        picture = effect(picture, np.random.default_rng(1))
+        picture = effect(picture, SHOT)
     np.testing.assert_array_equal(radiance, 0.02)

@@ -2,11 +2,12 @@
 
 import pytest
 
-from benchmarks.trial_power_cut import can_run, one_cut
+from benchmarks.loop_disk import why_not
+from benchmarks.trial_power_cut import one_cut
 
 
 def test_no_acknowledged_frame_is_lost_by_a_power_cut():
-    reason = can_run()
+    reason = why_not()
     if reason is not None:
         pytest.skip(f"{reason}: run it as root where loop devices can be mounted")
     told, problems = one_cut(0.7)

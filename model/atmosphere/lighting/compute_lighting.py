@@ -67,6 +67,7 @@ def compute_lighting(
     wavelengths: int = 4,
     dolp_max: float = 0.2,
     solver: LightSolver = solve,
+    settings: SolverSettings | None = None,
 ) -> BandLighting | AnalyticLighting:
     """Light of one sun position in a band.
 
@@ -90,6 +91,8 @@ def compute_lighting(
         Largest degree of polarization of the sky; tier ANALYTIC alone uses it.
     solver
         What solves a wavelength.
+    settings
+        In place of the tier's own, of a tier that calls the solver.
 
     Raises
     ------
@@ -106,11 +109,11 @@ def compute_lighting(
     shortest, longest = band.limits_m
     nodes_m = chebyshev_wavelengths_m(shortest_m=shortest, longest_m=longest, count=wavelengths)
     columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in nodes_m)
-    settings = TIERS[tier].settings
+    own = TIERS[tier].settings
     solutions = tuple(
         single_solution(one.layers(fine=True, aerosol=kind), mu0=mu0, albedo=albedo)
-        if settings is None
-        else _solved(solver, one, settings, mu0=mu0, albedo=albedo, aerosol=kind)
+        if own is None
+        else _solved(solver, one, settings or own, mu0=mu0, albedo=albedo, aerosol=kind)
         for one in columns
     )
     lighting = _band_lighting(state, band, nodes_m, columns, solutions)
@@ -125,7 +128,12 @@ def _solved(
 ) -> DiffuseLight:
     """One wavelength with the settings of a tier."""
     return solver(
-        one.layers(fine=settings.fine_layers, aerosol=aerosol, matrix_tolerance=settings.matrix_tolerance),
+        one.layers(
+            fine=settings.fine_layers,
+            aerosol=aerosol,
+            matrix_tolerance=settings.matrix_tolerance,
+            cuts=settings.layer_cuts,
+        ),
         mu0=mu0,
         albedo=albedo,
         aerosol=aerosol,

@@ -28,6 +28,8 @@ class SolverSettings:
         As in `model.atmosphere.solver.solve`.
     matrix_tolerance
         Of the scattering matrix of spheres, as in `model.atmosphere.aerosol.mie_aerosol.aerosol_scattering`.
+    layer_cuts
+        Into how many parts each layer of the profile is cut.
     """
 
     fine_layers: bool
@@ -35,6 +37,7 @@ class SolverSettings:
     element_depth: float
     tolerance: float
     matrix_tolerance: float = 1e-3
+    layer_cuts: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -181,9 +181,9 @@ def test_numbers_go_on_where_the_camera_begins_anew_at_one(open_camera):
     camera = open_camera("trigger=free&frame_rate_hz=1000")
     camera.configure(exposure_s=0.0001, gain_db=0.0)
     numbers = [camera.take_frame(timeout_s=TIMEOUT_S).sequence]
-    while camera._last_id > 60000 and len(numbers) < 200:
+    while camera._numbers.last_id > 60000 and len(numbers) < 200:
         numbers.append(camera.take_frame(timeout_s=TIMEOUT_S).sequence)
-    assert camera._last_id < 100
+    assert camera._numbers.last_id < 100
     assert (np.diff(numbers) > 0).all()
     assert numbers[-1] - numbers[0] < 300
 

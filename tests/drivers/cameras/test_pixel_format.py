@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.cameras.pixel_format import GENICAM, V4L2, needed_bytes, unpack
+from drivers.cameras.known_formats import GENICAM, V4L2
+from drivers.cameras.pixel_format import needed_bytes, unpack
 from drivers.errors import ProtocolError
 from tests.drivers.cameras.bit_packers import as_csi_packed, as_gvsp_packed, as_stream_of_bits
 
@@ -19,6 +20,8 @@ PACKERS = {
     "Mono12Packed": as_gvsp_packed,
     "Y10P": as_csi_packed,
     "Y12P": as_csi_packed,
+    **{f"Bayer{cell}{bits}p": as_stream_of_bits for cell in ("BG", "GB", "GR", "RG") for bits in (10, 12)},
+    **{f"Bayer{cell}12Packed": as_gvsp_packed for cell in ("BG", "GB", "GR", "RG")},
 }
 UNPACKED = sorted(set(BY_NAME) - set(PACKERS))
 

@@ -27,9 +27,30 @@ def test_a_colour_has_its_own_pixels_and_black_level(mosaic, plane, row, column,
     assert picture.black_level_dn == black_level_dn
 
 
-def test_the_whole_mosaic_needs_one_black_level(mosaic):
-    with pytest.raises(LimitError, match="one colour at a time"):
-        read_raw(mosaic, plane="all")
+def test_all_colours_are_brought_to_one_black_level(mosaic):
+    picture = read_raw(mosaic, plane="all")
+    assert picture.black_level_dn == 259.0
+    lifts = np.tile([[3, 2], [1, 0]], (60, 80))
+    np.testing.assert_array_equal(picture.counts, np.minimum(COUNTS + lifts, 4095))
+
+
+def test_saturated_samples_stay_saturated_where_black_levels_are_levelled(tmp_path):
+    full = np.full((120, 160), 4095, dtype=np.uint16)
+    write_dng(tmp_path / "a.dng", full, black=(256, 257, 258, 259))
+    np.testing.assert_array_equal(read_raw(tmp_path / "a.dng", plane="all").counts, full)
+
+
+@pytest.mark.parametrize(
+    ("plane", "places", "black_level_dn"),
+    [("green", [(0, 1), (1, 0)], 257.0 + 258.0), ("sum", [(0, 0), (0, 1), (1, 0), (1, 1)], 256.0 + 257 + 258 + 259)],
+)
+def test_colours_are_summed_with_their_black_and_white_levels(mosaic, plane, places, black_level_dn):
+    picture = read_raw(mosaic, plane=plane)
+    parts = np.array([COUNTS[row::2, column::2] for row, column in places], dtype=np.int64)
+    expected = np.where((parts >= 4095).any(axis=0), len(places) * 4095, parts.sum(axis=0))
+    np.testing.assert_array_equal(picture.counts, expected)
+    assert picture.black_level_dn == black_level_dn
+    assert picture.white_level_dn == len(places) * 4095
 
 
 def test_the_whole_mosaic_comes_as_it_is(tmp_path):

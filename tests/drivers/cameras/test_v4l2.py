@@ -7,7 +7,7 @@ import pytest
 
 from drivers.cameras import v4l2_structs as v4l2
 from drivers.cameras.v4l2 import V4l2Camera, open_v4l2
-from drivers.cameras.v4l2_options import place_in_cell, read_v4l2_place, sample_format
+from drivers.cameras.v4l2_options import read_v4l2_place, sample_format
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from tests.drivers.cameras.fake_video import AUTOGAIN, EXPOSURE_AUTO, FakeVideo, Shot
 
@@ -166,11 +166,25 @@ def test_a_device_that_is_not_there_is_said_so():
 
 
 @pytest.mark.parametrize(
-    ("letters", "plane", "place"),
-    [("RG12", "green-1", (0, 1)), ("BG12", "red", (1, 1)), ("GB10", "green-1", (1, 1)), ("BA81", "green-2", (0, 1))],
+    ("letters", "cell"),
+    [("RG12", "RGGB"), ("BG12", "BGGR"), ("GB10", "GBRG"), ("BA10", "GRBG"), ("BA81", "BGGR"), ("BYR2", "BGGR")],
 )
-def test_a_colour_is_where_the_cell_has_it(letters, plane, place):
-    assert place_in_cell(read_v4l2_place(f"/dev/fake?pixel_format={letters}&plane={plane}")) == place
+def test_the_cell_of_a_mosaic_is_the_one_of_the_formats_name(letters, cell):
+    assert sample_format(read_v4l2_place(f"/dev/fake?pixel_format={letters}&plane=red")).cell == cell
+
+
+def test_colours_are_summed(video):
+    camera = camera_on(video, "pixel_format=RG12&plane=sum")
+    video.shots = [Shot(7, 50 * MS)]
+    frame = camera.take_frame(timeout_s=1.0)
+    assert frame.settings.bit_depth == 14
+    assert frame.counts.shape == (frame.settings.height, frame.settings.width) == (1, 2)
+    np.testing.assert_array_equal(frame.counts, 4 * 7)
+
+
+def test_a_sum_that_does_not_fit_is_refused_at_once(video):
+    with pytest.raises(LimitError, match="true bit_depth"):
+        camera_on(video, "pixel_format=RG16&plane=sum")
 
 
 def test_a_colour_is_cut_out_of_its_mosaic(video):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from rigctl.errors import ConfigError
-from rigctl.files.regions import Rectangle, Region, load_regions, masks
+from rigctl.files.regions import Rectangle, Region, inner_masks, load_regions, masks
 
 
 def _only(region, *, width=10, height=8):
@@ -68,4 +68,22 @@ def test_names_are_distinct(tmp_path):
     path = tmp_path / "regions.toml"
     path.write_text('[[regions]]\nname = "a"\nrectangle = {x=0, y=0, width=1, height=1}\n' * 2)
     with pytest.raises(ConfigError, match="more than once: a"):
+        load_regions(path)
+
+
+def test_the_border_of_a_region_is_left_out_to_the_width_that_is_asked():
+    region = Region(name="a", rectangle=Rectangle(x=2, y=2, width=6, height=5), edge_px=1)
+    outer = masks([region], width=12, height=9)
+    expected = np.zeros((9, 12), dtype=bool)
+    expected[3:6, 3:7] = True
+    assert np.array_equal(inner_masks([region], outer)["a"], expected)
+
+
+def test_a_marker_may_lead_only_regions_that_there_are(tmp_path):
+    path = tmp_path / "regions.toml"
+    path.write_text(
+        '[[regions]]\nname = "a"\nrectangle = {x = 0, y = 0, width = 2, height = 2}\n[[markers.seen]]\nid = 1\n'
+        'corners = [[0, 0], [9, 0], [9, 9], [0, 9]]\nregions = ["b"]\n'
+    )
+    with pytest.raises(ConfigError, match="no region is called b; there are a"):
         load_regions(path)

@@ -163,3 +163,12 @@ def test_real_corona_is_polarized_tangentially(tmp_path):
     tangential = -(s1 * np.cos(twice) + s2 * np.sin(twice)) / polarized
     # With the sign of the two angles, or the rows, the wrong way round it is a quarter of the pixels.
     assert np.mean(tangential[corona] > 0.9) > 0.99
+
+
+def test_pixels_along_the_border_are_left_out_of_a_region_and_counted(tmp_path):
+    frames = [(at(a), _picture(900, a)) for a in (0, 60, 120)]
+    whole = measure(make_run(tmp_path / "run", frames), regions=[REGION]).regions["middle"]
+    inner = measure(read_run(tmp_path / "run"), regions=[REGION.model_copy(update={"edge_px": 1})]).regions["middle"]
+    assert whole.edge == 0
+    assert inner.edge > 0
+    assert inner.pixels + inner.edge == whole.pixels

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.emva1288 import EmvaFigure
+from calibration.sensor.emva1288 import EmvaFigure
 from rigctl.noise.calibrate_files import calibrate_frames
 from rigctl.noise.noise_frames import emva_frames
 

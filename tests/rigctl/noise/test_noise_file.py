@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.emva1288 import EMVA_SYMBOLS
-from calibration.frame_statistics import level_statistics
-from calibration.noise import NoiseCalibration, calibrate_noise
+from calibration.sensor.emva1288 import EMVA_SYMBOLS
+from calibration.sensor.frame_statistics import level_statistics
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise
+from rigctl.calibrations.made_for import MadeFor
 from rigctl.errors import ConfigError, DataError
-from rigctl.noise.noise_file import QUANTITIES, noise_json, read_noise_file, write_noise_file
+from rigctl.noise.noise_file import QUANTITIES, noise_json, read_noise_file, require_noise_fits, write_noise_file
 from rigctl.noise.noise_frames import CameraSetting, FrameSet, FrameSource
 from tests.rigctl.noise_sessions import frames
 
 FRAMES = FrameSet(
     groups=(),
     camera=CameraSetting(model="synthetic", serial="42", gain_db=0.0, bit_depth=12),
+    made_for=MadeFor(camera_model="synthetic", camera_serial="42", gain_db=0.0, bit_depth=12),
     source=FrameSource(kind="run", path="runs/noise", sha256="0" * 64, frames_sha256="1" * 64),
 )
 
@@ -76,7 +78,7 @@ def test_the_covariance_is_kept_to_the_last_digit(tmp_path: Path) -> None:
 def test_the_file_says_what_it_was_made_from_and_when() -> None:
     made = content()
     assert made["source"]["sha256"] == "0" * 64
-    assert made["camera"] == {"model": "synthetic", "serial": "42", "gain_db": 0.0, "bit_depth": 12}
+    assert made["made_for"]["camera_serial"] == "42"
     assert made["created_utc"] == "2023-11-14T22:13:20.000000000Z"
     assert made["created_by"].startswith("rigctl ")
 
@@ -104,7 +106,8 @@ def spoilt(change: Callable[[dict[str, Any]], object]) -> bytes:
         (spoilt(lambda c: c.update(gain_dn_per_e=None)), "gain_dn_per_e"),
         (spoilt(lambda c: c["gain_dn_per_e"].update(value=0.0)), "gain_dn_per_e.value"),
         (spoilt(lambda c: c["read_noise_e"].update(std_error=-1.0)), "read_noise_e.std_error"),
-        (spoilt(lambda c: c.update(schema_version=2)), "schema_version"),
+        (spoilt(lambda c: c.update(schema_version=3)), "schema_version"),
+        (spoilt(lambda c: c["made_for"].update(bit_depth="many")), "made_for.bit_depth"),
         (spoilt(lambda c: c["covariance"]["names"].append("prnu")), "7 rows and columns"),
         (spoilt(lambda c: c["covariance"]["names"].__setitem__(0, "gain")), "names"),
         (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(1, 1.0)), "not symmetric"),
@@ -127,3 +130,23 @@ def test_quantities_that_are_not_known_are_allowed(tmp_path: Path) -> None:
     path = tmp_path / "noise.json"
     path.write_bytes(spoilt(lambda c: c.update(saturation_e=None, dsnu_e=None, covariance=None)))
     assert read_noise_file(path)["dsnu_e"] is None
+
+
+def version_1(made: dict[str, Any]) -> None:
+    made.pop("made_for")
+    made.update(schema_version=1, camera={"model": "synthetic", "serial": "42", "gain_db": 0.0, "bit_depth": 12})
+
+
+def test_a_file_of_version_1_is_read_and_says_of_which_camera_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "noise.json"
+    path.write_bytes(spoilt(version_1))
+    noise = read_noise_file(path)
+    assert require_noise_fits(noise, MadeFor(camera_serial="42", gain_db=0.0)) == ()
+    with pytest.raises(DataError, match="calibrated 42, used 43"):
+        require_noise_fits(noise, MadeFor(camera_serial="43"))
+
+
+def test_it_is_too_old_after_a_year() -> None:
+    young, old = (MadeFor(taken_utc=f"{day}T00:00:00.000000000Z") for day in ("2024-11-13", "2024-11-15"))
+    assert require_noise_fits(content(), young) == ()
+    assert "holds for 365" in require_noise_fits(content(), old)[0]

@@ -85,4 +85,10 @@ def test_saturation_is_between_its_level_and_the_next() -> None:
 
 def test_what_is_odd_about_this_camera_is_said() -> None:
     names = {flag.name for flag in calibrated().noise.flags}
-    assert names == {"saturated_levels", "bent_photon_transfer", "scattered_photon_transfer", "uneven_light"}
+    assert names == {
+        "saturated_levels",
+        "bent_photon_transfer",
+        "response_not_linear",
+        "scattered_photon_transfer",
+        "uneven_light",
+    }

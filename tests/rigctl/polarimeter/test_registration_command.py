@@ -24,7 +24,16 @@ def walking_run(path: Path) -> Path:
             motion = np.array([[1.0, 0.0, walk.real], [0.0, 1.0, walk.imag]])
             picture = cv2.warpAffine(scene, motion, (300, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
             counts = np.clip(np.rint(picture), 0, 4095).astype(np.uint16)
-            writer.write_frame(make_record(writer.next_sequence, stage_angle_deg=stage_deg, cycle=0), counts)
+            writer.write_frame(
+                make_record(
+                    writer.next_sequence,
+                    stage_angle_deg=stage_deg,
+                    polarizer_angle_deg=stage_deg,
+                    black_level_dn=0.0,
+                    cycle=0,
+                ),
+                counts,
+            )
     return path
 
 
@@ -45,3 +54,15 @@ def test_the_table_has_a_row_an_angle(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_small_pictures_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "registration", str(write_run(tmp_path / "run"))]) == EXIT_DATA
     assert capsys.readouterr().err
+
+
+def test_what_is_kept_moves_frames_of_the_same_devices_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, run = tmp_path / "walk.json", walking_run(tmp_path / "run")
+    assert main(["calibrate", "registration", str(run), "--out", str(out)]) == 0
+    assert "shifted_frames: " in capsys.readouterr().out
+    content = json.loads(out.read_text())
+    moved = ["stokes", str(run), "--register", str(out), "--out", str(tmp_path / "stokes")]
+    assert main(moved) == 0
+    out.write_text(json.dumps(content | {"schema_version": 9}))
+    assert main(moved) == EXIT_DATA
+    assert "rigctl calibrate registration" in capsys.readouterr().err

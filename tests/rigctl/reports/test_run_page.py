@@ -19,11 +19,17 @@ def test_it_holds_frames_counts_sun_and_events(tmp_path):
     run = _run(tmp_path, RIG_AT_SITE, {"every_min": 30, "duration_h": 1})
     assert main(["summary", str(run)]) == 0
     page = (run / "summary.html").read_text()
-    assert page.count("data:image/png;base64,") == 3
+    assert page.count("data:image/png;base64,") == 4
     assert "<td>round</td><td>2</td>" in page
     assert 'src="http' not in page
 
 
 def test_without_a_site_there_is_no_sun(tmp_path):
     page = run_page(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1})))
-    assert page.count("data:image/png;base64,") == 2
+    assert page.count("data:image/png;base64,") == 3
+
+
+def test_it_says_how_the_light_drifted(tmp_path):
+    page = run_page(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1})))
+    # One cycle a round, and no angle twice in it.
+    assert "Drift within rounds: not known" in page

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, NotConnectedError
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
 from rigctl.files.rig_file import RigFile
 from rigctl.sessions.rig import Rig
 from rigctl.sessions.session_clock import SessionClock
@@ -29,8 +29,12 @@ class MadeTime:
     def __init__(self, start_ns=START_NS):
         self.monotonic_ns, self.set_ns = 5 * NS, start_ns - 5 * NS
         self.wakes = []
+        self.problem = None
         self.clock = SessionClock(
-            utc_ns=lambda: self.monotonic_ns + self.set_ns, monotonic_ns=lambda: self.monotonic_ns, sleep=self.sleep
+            utc_ns=lambda: self.monotonic_ns + self.set_ns,
+            monotonic_ns=lambda: self.monotonic_ns,
+            sleep=self.sleep,
+            problem=lambda: self.problem,
         )
 
     def sleep(self, duration_s):
@@ -45,9 +49,14 @@ class MadeStage:
     def __init__(self, time, faults=None):
         self._time, self._faults, self.moves = time, faults or {}, 0
         self.angle_deg = 0.0
+        self.homes, self.is_homed = 0, True
 
     def home(self):
+        self.homes += 1
         return StagePosition(angle_deg=0.0, counts=0)
+
+    def status(self):
+        return StageStatus(moving=False, homed=self.is_homed, code=0, meaning="ok")
 
     def move_to(self, angle_deg):
         self.moves += 1
@@ -69,7 +78,12 @@ class MadeCamera:
         self._dn_per_s = dn_per_s
         self.taken = 0
         self.lies_s = 0.0
+        self.lost = {}  # by frame: how many numbers were used up before it
+        self.temperature_c = None
         self._exposure_s = 0.01
+
+    def features(self):
+        return {} if self.temperature_c is None else {"DeviceTemperature": f"{self.temperature_c:g}"}
 
     def configure(self, *, exposure_s, gain_db):
         self._exposure_s = exposure_s
@@ -89,7 +103,7 @@ class MadeCamera:
         return Frame(
             counts=counts if fault is None else fault(counts),
             settings=self._settings(),
-            sequence=number,
+            sequence=number + sum(lost for frame, lost in self.lost.items() if frame <= number),
             start_utc_ns=start_utc_ns,
             end_utc_ns=self._time.clock.utc_ns(),
             start_monotonic_ns=start_ns,
@@ -112,13 +126,15 @@ class MadeWorld:
         self.presented = []
         self.opened = 0
         self.refuses_until_ns = 0
+        self.serial_numbers = ["1"]  # of the devices, by how often they were opened; the last one stays
 
     @contextmanager
     def open(self):
         self.opened += 1
         if self.time.monotonic_ns < self.refuses_until_ns:
             raise NotConnectedError("stand-in: there is no such port")
-        identity = DeviceIdentity(model="stand-in", serial_number="1", firmware="0")
+        serial = self.serial_numbers[min(self.opened, len(self.serial_numbers)) - 1]
+        identity = DeviceIdentity(model="stand-in", serial_number=serial, firmware="0")
         yield Rig(
             stage=self.stage,
             camera=self.camera,

@@ -42,7 +42,7 @@ def test_a_frame_says_all_that_is_needed_to_interpret_it(tmp_path):
     assert record.stage_model == "ELL14"
     assert record.start_utc < record.end_utc
     assert run.session["origin"] == "simulated"
-    assert run.session["rig"]["polarizer"] == {"sense": -1, "offset_deg": 31.7, "extinction_ratio": 500.0}
+    assert run.session["rig"]["polarizer"].items() >= {"sense": -1, "offset_deg": 31.7}.items()
 
 
 def test_dark_frames_are_dark_and_scene_frames_are_not(tmp_path):
@@ -74,7 +74,7 @@ def test_what_was_taken_before_a_stall_is_kept(tmp_path):
 def test_events_tell_what_happened(tmp_path):
     _taken(tmp_path, small_rig(tmp_path), small_session())
     events = [json.loads(line)["event"] for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
-    assert events == ["homed", "presented", "presented", "finished"]
+    assert events == ["homed", "presented", "presented", "finished", "camera tally"]
 
 
 def test_a_frame_taken_twice_stops_the_session(tmp_path):

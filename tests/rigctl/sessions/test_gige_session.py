@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
+from drivers.errors import DeviceError
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
+from rigctl.files.session_file import SessionFile
+from rigctl.runs.run_folder import read_run
 from rigctl.sessions.rig import open_rig
-from tests.rigctl.example_files import EXAMPLES
+from rigctl.sessions.simulated_gige import split_faults
+from rigctl.sessions.take_session import resume_session, take_session
+from sim_devices.cameras.gige_faults import GigeFaults
+from tests.rigctl.example_files import EXAMPLES, small_rig
 from tests.sim_devices.cameras.gige_port import gige_port
 
 
@@ -38,7 +44,35 @@ def block_means(counts):
     return counts.reshape(6, 97, 17, 46).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize("lost", ["1.5", "much", "-0.1"])
-def test_a_share_that_is_none_is_refused(lost):
-    with pytest.raises(ConfigError, match="lost"):
-        frames_of(f"sim:gige?lost={lost}")
+@pytest.mark.parametrize("option", ["lost=1.5", "lost=much", "lost=-0.1", "die=1", "hang_s=-1", "hang=3&hang=4"])
+def test_a_fault_that_is_none_is_refused_with_what_is_allowed(option):
+    with pytest.raises(ConfigError, match=f"{option.split('=')[0]}=.*must be one"):
+        split_faults(option)
+
+
+def test_faults_are_for_the_simulation_and_the_rest_is_for_the_driver():
+    faults, rest = split_faults("lost=0.01&pixel_format=Mono12&restart=9&off_s=2&trigger=free")
+    assert faults == GigeFaults(lost_share=0.01, restart=9, off_s=2.0)
+    assert rest == "pixel_format=Mono12&trigger=free"
+
+
+@pytest.mark.slow
+def test_a_part_of_a_run_that_is_gone_on_with_has_noise_of_its_own(tmp_path):
+    # In the dark nothing but noise tells one frame from another. The camera dies at its fifth picture, twice.
+    rig_file = small_rig(tmp_path)
+    address = "sim:gige?pixel_format=Mono12&die=5"
+    rig_file = rig_file.model_copy(update={"camera": rig_file.camera.model_copy(update={"address": address})})
+    session = SessionFile.model_validate(
+        {
+            "name": "dark",
+            "take": [{"kind": "dark", "exposure_ms": 1, "cycles": 6}],
+            "interlocks": {"gone": "stop", "identical": "off"},
+        }
+    )
+    with gige_port():
+        with pytest.raises(DeviceError):
+            take_session(rig_file, session, tmp_path / "run", files={})
+        assert resume_session(tmp_path / "run").is_finished
+    run = read_run(tmp_path / "run")
+    assert len(run.frames) == 6
+    assert len({run.counts(record).tobytes() for record in run.frames}) == 6

@@ -4,6 +4,7 @@ import pytest
 
 from rigctl.errors import ConfigError
 from rigctl.files.session_file import load_session
+from rigctl.sessions.drift_cost import false_dolp, grouping_cost
 from rigctl.sessions.plan import plan_steps, step_times_ns
 from tests.rigctl.sessions.made_rig import NS
 
@@ -39,6 +40,16 @@ def test_a_closing_repeat_ends_a_cycle_where_it_began(tmp_path):
 def test_grouped_takes_all_frames_of_an_angle_first(tmp_path):
     steps = plan_steps(_session(tmp_path, 'order = "grouped"\ncycles = 2\nangles_deg = [0, 60, 120]'))
     assert [(s.polarizer_angle_deg, s.cycle) for s in steps] == [(0, 0), (0, 1), (60, 0), (60, 1), (120, 0), (120, 1)]
+
+
+def test_grouping_says_what_drift_costs_it(tmp_path):
+    grouped = _session(tmp_path, 'order = "grouped"\ncycles = 8')
+    assert grouping_cost(_session(tmp_path, "cycles = 8")) is None
+    cost, instead = (false_dolp(plan_steps(session)) for session in (grouped, _session(tmp_path, "cycles = 8")))
+    # Eight frames of an angle take eight times as long as one, and the angles are so much further apart; the moves
+    # of the stage are fewer.
+    assert cost > instead
+    assert f"a false DoLP of {cost:.2g}; in cycles it were {instead:.2g}" in grouping_cost(grouped)
 
 
 def test_a_bracket_takes_each_exposure_at_each_angle(tmp_path):

@@ -2,11 +2,13 @@ import numpy as np
 import pytest
 from pvlib import spectrum
 
-from model.atmosphere.phase import AerosolKind
+from model.accuracy.light_store import LightStore
+from model.accuracy.settings import settings_of_tier
+from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
-from model.atmosphere.tiers import Tier
-from rigctl.skies.lit_scene import Skies, SkyRequest
+from model.atmosphere.transfer.phase import AerosolKind
+from rigctl.skies.lit_scene import SkyRequest, air_of
 
 STATE = AtmosphereState(visibility_m=23e3)
 # By the NREL algorithm on day 145.
@@ -27,6 +29,12 @@ def request(sun_zenith_deg, **changes):
         "table": None,
     }
     return SkyRequest(**(known | changes))
+
+
+def lit(wanted, *, store=None, sun_azimuth_rad=0.0):
+    store = LightStore() if store is None else store
+    settings = settings_of_tier(wanted.tier, wavelengths=wanted.wavelengths)
+    return store.illumination(air_of(wanted), settings, sun_azimuth_rad=sun_azimuth_rad)
 
 
 def spectrl2(sun_zenith_deg):
@@ -53,7 +61,7 @@ def spectrl2(sun_zenith_deg):
 
 @pytest.mark.parametrize("sun_zenith_deg", [25.0, 50.0])
 def test_irradiance_agrees_with_spectrl2(sun_zenith_deg):
-    made = Skies().illumination(request(sun_zenith_deg), sun_azimuth_rad=0.0)
+    made = lit(request(sun_zenith_deg))
     direct, diffuse = spectrl2(sun_zenith_deg)
     # A model with an older solar spectrum and its own law of turbidity: 5 % in the beam, 8 % in the sky were seen.
     assert made.lighting.direct_irradiance == pytest.approx(direct, rel=0.10)
@@ -63,7 +71,7 @@ def test_irradiance_agrees_with_spectrl2(sun_zenith_deg):
 def test_the_beam_without_ozone_is_known():
     # 320.8 W m-2 at the mean distance, from 61 wavelengths of the same atmosphere, sun 25 deg from the zenith.
     dry = request(25.0, state=AtmosphereState(visibility_m=23e3, ozone_m=0.0))
-    made = Skies().illumination(dry, sun_azimuth_rad=0.0)
+    made = lit(dry)
     assert made.lighting.direct_irradiance == pytest.approx(320.8 * DISTANCE_FACTOR, rel=2e-3)
     assert made.sky_irradiance == pytest.approx(140.8, rel=1e-2)  # over a ground of albedo 0.2; fast tier
 
@@ -75,16 +83,16 @@ def test_a_sky_is_solved_once_for_all_azimuths_of_the_sun():
         calls.append(1)
         return solve(*arguments, **settings)
 
-    skies = Skies(solver=counted)
-    skies.illumination(request(40.0), sun_azimuth_rad=0.0)
-    skies.illumination(request(40.0), sun_azimuth_rad=1.0)
+    store = LightStore(solver=counted)
+    lit(request(40.0), store=store)
+    lit(request(40.0), store=store, sun_azimuth_rad=1.0)
     assert len(calls) == 4  # wavelengths
-    skies.illumination(request(41.0), sun_azimuth_rad=0.0)
+    lit(request(41.0), store=store)
     assert len(calls) == 8
 
 
 def test_the_sampled_sky_is_that_of_the_atmosphere():
-    made = Skies().illumination(request(40.0), sun_azimuth_rad=0.0)
+    made = lit(request(40.0))
     exact = made.lighting.sky(zenith_rad=[0.3, 1.2], phi_rad=[0.4, 2.0])
     sampled = made.skylight.sky(zenith_rad=[0.3, 1.2], phi_rad=[0.4, 2.0])
     assert np.max(np.abs(sampled - exact)) < 3.0 * made.skylight.relative_error * exact[0, 0]
@@ -92,4 +100,4 @@ def test_the_sampled_sky_is_that_of_the_atmosphere():
 
 def test_a_low_sun_is_refused_before_anything_is_computed():
     with pytest.raises(ValueError, match="allowed is 0 to 85 deg"):
-        Skies(solver=None).illumination(request(86.0), sun_azimuth_rad=0.0)
+        lit(request(86.0), store=LightStore(solver=None))

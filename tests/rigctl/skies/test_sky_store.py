@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.layers import Layer
-from model.atmosphere.phase import AerosolKind
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
+from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.transfer.phase import AerosolKind
 from rigctl.skies.sky_store import SkyStore, user_cache_folder
 
 LAYERS = (Layer(tau_rayleigh=0.05, tau_aerosol=0.1, ssa_aerosol=0.9, g_aerosol=0.6, delta=0.96),)

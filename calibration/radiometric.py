@@ -1,0 +1,92 @@
+"""Counts per radiance, from a panel whose radiance is predicted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from calibration.errors import CalibrationError
+
+FloatArray = NDArray[np.float64]
+
+# Chance that channels are called different where they are not.
+_ALPHA = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PanelScale:
+    """What a panel gives over what was predicted of it.
+
+    Attributes
+    ----------
+    channel, channel_error : (N,) arrays
+        Ratio of each channel and its standard error, what is uncertain of the prediction included.
+    common, common_error : float
+        Ratio of the sums over the channels, and its standard error.
+    measurement_error : float
+        The part of `common_error` that is the measurement's.
+    chi2 : float
+        How badly one ratio fits all channels, N - 1 degrees of freedom.
+    channels_agree : bool
+        Whether errors explain that (1 in 1000).
+    """
+
+    channel: FloatArray
+    channel_error: FloatArray
+    common: float
+    common_error: float
+    measurement_error: float
+    chi2: float
+    channels_agree: bool
+
+
+def panel_scale(
+    signal_dn: FloatArray, signal_cov: FloatArray, predicted_dn: FloatArray, predicted_cov: FloatArray
+) -> PanelScale:
+    """Return the ratio of a panel's counts to those that are predicted of it.
+
+    Parameters
+    ----------
+    signal_dn, signal_cov : (N,) and (N, N) arrays
+        Mean counts of the panel behind each polarizer angle, dark level off, and the covariance of their errors.
+    predicted_dn, predicted_cov : (N,) and (N, N) arrays
+        The same by a model of light and sensor, with what is uncertain of the light.
+
+    Raises
+    ------
+    CalibrationError
+        A channel has no light.
+
+    Notes
+    -----
+    To first order in the errors. What is uncertain of the panel's reflectance and of the sun is common to all channels,
+    so that more channels hardly make the common ratio better; whether channels agree is judged by what is not common.
+
+    References
+    ----------
+    Definition.
+    """
+    if np.min(signal_dn) <= 0.0 or np.min(predicted_dn) <= 0.0:
+        raise CalibrationError("the panel has a channel without light: check the region, the dark level and the scene")
+    channel = signal_dn / predicted_dn
+    measured_cov = signal_cov / np.outer(predicted_dn, predicted_dn)
+    light_cov = predicted_cov * np.outer(channel, channel) / np.outer(predicted_dn, predicted_dn)
+    weights = predicted_dn / predicted_dn.sum()
+    chi2 = _chi2(channel, measured_cov + light_cov)
+    return PanelScale(
+        channel=channel,
+        channel_error=np.sqrt(np.diag(measured_cov + light_cov)),
+        common=float(weights @ channel),
+        common_error=float(np.sqrt(weights @ (measured_cov + light_cov) @ weights)),
+        measurement_error=float(np.sqrt(weights @ measured_cov @ weights)),
+        chi2=chi2,
+        channels_agree=bool(chdtrc(max(1, len(channel) - 1), chi2) > _ALPHA),
+    )
+
+
+def _chi2(channel: FloatArray, cov: FloatArray) -> float:
+    """Return the least chi-squared of differences between channels: what is common to all drops out of them."""
+    differences = np.diff(np.eye(len(channel)), axis=0)
+    apart = differences @ channel
+    return float(apart @ np.linalg.solve(differences @ cov @ differences.T, apart))

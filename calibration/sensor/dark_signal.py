@@ -1,0 +1,173 @@
+"""Mean and variance of dark frames against exposure, and which dark belongs to which flat."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.scatter_fit import ScatterFit, fit_with_scatter
+
+FloatArray = NDArray[np.float64]
+
+# Variance of a rounding error, uniform over one count.
+QUANTISATION_VAR_DN2 = 1.0 / 12.0
+# Below this temporal variance rounding is not dithered, and the variance seen says little of the noise before it.
+QUANTISATION_LIMIT_DN2 = 0.24
+# A noise that is not resolved has a variance between that of rounding alone and the limit, evenly likely.
+_UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
+_UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
+_EXPOSURE_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DarkSignal:
+    """What dark levels say.
+
+    Attributes
+    ----------
+    mean_fit : ScatterFit
+        Mean [DN]: value at no exposure, then slope [DN/s] where it can be had.
+    variance_fit : ScatterFit or None
+        Temporal variance, rounding included [DN^2]: value at no exposure, then slope; None where
+        `quantisation_limited`.
+    has_slope : bool
+        There are two exposures or more, all known.
+    means_dn, variances_dn2 : (n,) arrays
+        Each level's.
+    variance_covariance_dn4 : (n, n) array
+        Covariance of the errors of the variances, scatter included.
+    quantisation_limited : bool
+        The noise is too small against one count to be measured. The variances are then the middle of what they
+        may be, and their covariance says so.
+    """
+
+    mean_fit: ScatterFit
+    variance_fit: ScatterFit | None
+    has_slope: bool
+    means_dn: FloatArray
+    variances_dn2: FloatArray
+    variance_covariance_dn4: FloatArray
+    quantisation_limited: bool
+
+
+def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
+    """Return the straight lines through mean and variance of dark levels.
+
+    Parameters
+    ----------
+    darks : sequence of LevelStatistics
+        At least one.
+
+    Notes
+    -----
+    With one exposure, or unknown ones, the lines have no slope, and what dark current does within that
+    exposure counts as black level and read noise.
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, sections 6.5 and 7.1.
+    """
+    exposures = [dark.exposure_s for dark in darks]
+    known = [exposure for exposure in exposures if exposure is not None]
+    has_slope = len(known) == len(exposures) and len(set(known)) > 1
+    design = np.column_stack([np.ones(len(darks)), known]) if has_slope else np.ones((len(darks), 1))
+    means = np.array([dark.mean_dn for dark in darks])
+    mean_fit = fit_with_scatter(
+        design, means, sampling_covariance=np.diag(_mean_sampling_variance(darks)), scatter_shape=np.ones(len(darks))
+    )
+    variances = np.array([dark.temporal_variance_dn2 for dark in darks])
+    limited = bool(np.median(variances) < QUANTISATION_LIMIT_DN2)
+    variance_fit = None if limited else _fit_variance(darks, design, variances)
+    return DarkSignal(
+        mean_fit=mean_fit,
+        variance_fit=variance_fit,
+        has_slope=has_slope,
+        means_dn=means,
+        variances_dn2=variances if variance_fit else np.full(len(darks), _UNRESOLVED_VARIANCE_DN2),
+        variance_covariance_dn4=(
+            np.full((len(darks), len(darks)), _UNRESOLVED_VARIANCE_ERROR_DN2**2)
+            if variance_fit is None
+            else np.diag(_smoothed_variance_error(darks, design @ variance_fit.parameters) + variance_fit.scatter**2)
+        ),
+        quantisation_limited=limited,
+    )
+
+
+def _mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
+    """Return the variance of each level's mean: noise of its pixels, and wander of whole frames."""
+    noise = np.array([dark.temporal_variance_dn2 / dark.n_pixels for dark in darks])
+    freedom = np.array([dark.n_frames - 1 for dark in darks])
+    between = np.array([np.var(dark.frame_means_dn, ddof=1) for dark in darks])
+    wander = max(0.0, float(freedom @ (between - noise) / freedom.sum()))
+    floor = QUANTISATION_VAR_DN2 / np.array([dark.n_pixels for dark in darks])
+    variance: FloatArray = (np.maximum(noise, floor) + wander) / (freedom + 1)
+    return variance
+
+
+def _fit_variance(darks: Sequence[LevelStatistics], design: FloatArray, variances: FloatArray) -> ScatterFit:
+    model = variances
+    for _ in range(2):
+        fit = fit_with_scatter(
+            design,
+            variances,
+            sampling_covariance=np.diag(_smoothed_variance_error(darks, model)),
+            scatter_shape=np.ones(len(darks)),
+        )
+        model = design @ fit.parameters
+    return fit
+
+
+def _smoothed_variance_error(darks: Sequence[LevelStatistics], model_dn2: FloatArray) -> FloatArray:
+    """Return the sampling variance of each temporal variance, relative as measured, absolute by the model.
+
+    A point that is low by chance has a small error by its own measure; weighted by it, a fit is too low.
+    """
+    relative = np.array([dark.temporal_std_error_dn2 / dark.temporal_variance_dn2 for dark in darks])
+    smoothed: FloatArray = np.square(relative * model_dn2)
+    return smoothed
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DarkMatch:
+    """Which darks stand for the dark part of which flat.
+
+    Attributes
+    ----------
+    weights : (n_flat, n_dark) array
+        Each row sums to 1: the mix of dark levels that belongs to a flat.
+    covered : (n_flat,) array of bool
+        The flat's exposure lies within those of the darks.
+    """
+
+    weights: FloatArray
+    covered: NDArray[np.bool_]
+
+
+def match_darks(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics]) -> DarkMatch:
+    """Return the dark levels of the same exposure, interpolated between neighbours where there are none.
+
+    Parameters
+    ----------
+    flats, darks : sequences of LevelStatistics
+        At least one dark.
+
+    Notes
+    -----
+    Outside of the darks' exposures the nearest one is taken; where an exposure is not known, all of them.
+    """
+    frames = np.array([float(dark.n_frames) for dark in darks])
+    times = np.array([np.nan if dark.exposure_s is None else dark.exposure_s for dark in darks])
+    wanted = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
+    if np.isnan(times).any() or np.isnan(wanted).any():
+        weights = np.tile(frames / frames.sum(), (len(flats), 1))
+        return DarkMatch(weights=weights, covered=np.zeros(len(flats), dtype=bool))
+    distinct = np.unique(times)
+    shares = np.where(times == distinct[:, None], frames, 0.0)
+    shares /= shares.sum(axis=1, keepdims=True)
+    mix = np.column_stack([np.interp(wanted, distinct, corner) for corner in np.eye(len(distinct))])
+    covered = (wanted >= distinct[0] * (1.0 - _EXPOSURE_TOLERANCE)) & (
+        wanted <= distinct[-1] * (1.0 + _EXPOSURE_TOLERANCE)
+    )
+    return DarkMatch(weights=mix @ shares, covered=covered)

@@ -1,0 +1,161 @@
+"""What the light of the levels says against a calibration: each finding by its own name."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from calibration.flags import Flag
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.level_names import describe_level, level_names
+from calibration.sensor.photon_transfer import SATURATED_FRACTION
+
+_STEP = 0.01
+_STEP_SIGMA = 5.0
+_MIXED_STEP = 0.1
+_PROPORTIONAL = 0.1
+_LEAST_EXPOSURES = 5
+_BRIGHT = 0.2
+# Whole sweeps are neither shorter than this nor longer [s].
+_SHORTEST_S, _LONGEST_S = 1e-6, 3600.0
+_OUTLIER_FRACTION = 1e-5
+_UNEVEN_SHARE = 0.25
+_UNEVEN_SIGMA = 5.0
+
+
+def level_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
+    """Return what is odd in how frames of a level, and levels, differ.
+
+    Parameters
+    ----------
+    levels : sequence of LevelStatistics
+        Dark and flat levels.
+    """
+    found = (
+        _unsteady(levels),
+        _non_monotonic(levels),
+        _not_proportional(levels),
+        _wrong_time_unit(levels),
+        _outlier_pixels(levels),
+        _uneven_light(levels),
+    )
+    return tuple(flag for flag in found if flag is not None)
+
+
+def _step(level: LevelStatistics) -> float:
+    """Return the spread of a level's frame means relative to its mean, 0 where noise explains it."""
+    spread = max(level.frame_means_dn) - min(level.frame_means_dn)
+    noise = np.sqrt(level.temporal_variance_dn2 / level.n_pixels)
+    return spread / level.mean_dn if spread > _STEP_SIGMA * noise else 0.0
+
+
+def _unsteady(levels: Sequence[LevelStatistics]) -> Flag | None:
+    unsteady = [level for level in levels if _step(level) > _STEP]
+    if not unsteady:
+        return None
+    worst = max(_step(level) for level in unsteady)
+    if worst > _MIXED_STEP:
+        return Flag(
+            name="mixed_level",
+            message=f"frames that should be alike differ by up to {worst:.1%} in their mean: {level_names(unsteady)}; "
+            f"that is another exposure, gain or lamp setting and no flicker (at most {_MIXED_STEP:.0%}): keep "
+            f"automatic exposure and gain off, and give frames of different light as different levels",
+            refuses=True,
+        )
+    return Flag(
+        name="unsteady_level",
+        message=f"frames that should be alike differ by up to {worst:.1%} in their mean (more than {_STEP:.0%} and "
+        f"than noise): {level_names(unsteady)}; the gain does not suffer from flicker, black level and linearity may: "
+        f"let lamp and camera warm up",
+    )
+
+
+def _non_monotonic(levels: Sequence[LevelStatistics]) -> Flag | None:
+    flats = [level for level in levels if level.kind == "flat" and level.exposure_s is not None]
+    flats.sort(key=lambda level: (level.exposure_s or 0.0, level.mean_dn))
+    drops = [
+        after
+        for before, after in pairwise(flats)
+        if after.exposure_s != before.exposure_s and after.mean_dn < (1.0 - _STEP) * before.mean_dn
+    ]
+    if not drops:
+        return None
+    return Flag(
+        name="non_monotonic_sweep",
+        message=f"the mean falls by more than {_STEP:.0%} although the exposure is longer: {level_names(drops)}; the "
+        f"light changed during the sweep, or a frame has another exposure than stated: check lamp and shutter",
+    )
+
+
+def _not_proportional(levels: Sequence[LevelStatistics]) -> Flag | None:
+    darks = [level.mean_dn for level in levels if level.kind == "dark"]
+    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
+    exposures = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
+    if not darks or np.isnan(exposures).any() or len(np.unique(exposures)) < max(_LEAST_EXPOSURES, len(flats) // 2):
+        return None
+    signal = np.array([flat.mean_dn for flat in flats]) - float(np.mean(darks))
+    if signal.min() <= 0.0:
+        return None
+    # Without the shortest exposures, which are often longer than stated by a fixed time, and which dark current bends.
+    bright = signal > _BRIGHT * signal.max()
+    if np.count_nonzero(bright) < _LEAST_EXPOSURES:
+        return None
+    rate = signal[bright] / exposures[bright]
+    off = float(np.abs(rate / np.median(rate) - 1.0).max())
+    if off < _PROPORTIONAL:
+        return None
+    return Flag(
+        name="light_not_constant",
+        message=f"the signal per exposure time differs by up to {off:.0%} between levels (at most "
+        f"{_PROPORTIONAL:.0%} is expected of a sensor): the light changed, an automatic gain or exposure is on, or "
+        f"exposures are not as "
+        f"stated; the gain does not suffer from the light, its linearity is not known",
+    )
+
+
+def _wrong_time_unit(levels: Sequence[LevelStatistics]) -> Flag | None:
+    longest_s = max((level.exposure_s for level in levels if level.exposure_s is not None), default=1.0)
+    if _SHORTEST_S <= longest_s <= _LONGEST_S:
+        return None
+    return Flag(
+        name="wrong_time_unit",
+        message=f"the longest exposure is {longest_s:.3g} s, no camera's sweep: exposures are stated in another unit "
+        f"than is wanted (a descriptor of EMVA 1288 wants nanoseconds, a run folder seconds): correct them",
+        refuses=True,
+    )
+
+
+def _outlier_pixels(levels: Sequence[LevelStatistics]) -> Flag | None:
+    # Next to saturation only few pixels still change, which is no defect.
+    levels = [v for v in levels if v.kind == "dark" or v.samples.max_fraction < SATURATED_FRACTION]
+    n_all = [level.shape[0] * level.shape[1] for level in levels]
+    shares = [1.0 - level.n_pixels / n for level, n in zip(levels, n_all, strict=True)]
+    touched = [level for level, share in zip(levels, shares, strict=True) if share > _OUTLIER_FRACTION]
+    if not touched:
+        return None
+    return Flag(
+        name="outlier_pixels",
+        message=f"up to {max(shares):.2g} of the pixels jump by more than 6 standard deviations between two frames of "
+        f"{level_names(touched)} (cosmic hits, telegraph noise, defects); they are left out of these levels",
+    )
+
+
+def _uneven_light(levels: Sequence[LevelStatistics]) -> Flag | None:
+    flats = [
+        level
+        for level in levels
+        if level.kind == "flat" and level.spatial_variance_dn2 > _UNEVEN_SIGMA * level.spatial_std_error_dn2
+    ]
+    if not flats:
+        return None
+    # The level from which the fixed pattern is taken has the most frames; of those the brightest shows it best.
+    level = max(flats, key=lambda flat: (flat.n_frames, flat.spatial_variance_dn2))
+    share = level.large_scale_variance_dn2 / level.spatial_variance_dn2
+    if share < _UNEVEN_SHARE:
+        return None
+    return Flag(
+        name="uneven_light",
+        message=f"{share:.0%} of the spatial variance of {describe_level(level)} is smooth across the picture (at most "
+        f"{_UNEVEN_SHARE:.0%} is expected of pixels alone): the PRNU given here holds uneven light of the lamp, or "
+        f"shading of the lens, too; use an integrating sphere without lens to tell them apart",
+    )

@@ -1,0 +1,182 @@
+"""What the samples themselves say against a calibration: each finding by its own name."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.flags import Flag
+from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.level_names import level_names
+from calibration.sensor.photon_transfer import SATURATED_FRACTION
+
+# The standard's own limit: more zeros than this in a dark frame and its lower half is cut off.
+_ZERO_FRACTION = 0.005
+_PILED_FRACTION = 0.5
+_MISSING_CODES = 0.05
+
+
+def sample_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[Flag, ...]:
+    """Return what is wrong with the samples as integers.
+
+    Parameters
+    ----------
+    levels : sequence of LevelStatistics
+        Dark and flat levels.
+    bit_depth : int
+        Bits per sample that are stated.
+    """
+    found = (
+        _left_justified(levels),
+        _wrong_bit_depth(levels, bit_depth),
+        _clipped_black(levels),
+        _repeated_frames(levels),
+        _saturated_levels(levels, bit_depth),
+        _saturated_dark(levels, bit_depth),
+        _no_noise(levels, bit_depth),
+        _missing_codes(levels),
+    )
+    return tuple(flag for flag in found if flag is not None)
+
+
+def _used_bits(levels: Sequence[LevelStatistics]) -> int:
+    return int(np.bitwise_or.reduce([level.samples.used_bits for level in levels]))
+
+
+def _unused_low_bits(levels: Sequence[LevelStatistics]) -> int:
+    used = _used_bits(levels)
+    return (used & -used).bit_length() - 1 if used else 0
+
+
+def _left_justified(levels: Sequence[LevelStatistics]) -> Flag | None:
+    shift = _unused_low_bits(levels)
+    if shift == 0:
+        return None
+    largest = max(level.samples.max_dn for level in levels)
+    return Flag(
+        name="left_justified",
+        message=f"all samples are multiples of {2**shift}, up to {largest}: they are shifted to the left by {shift} "
+        f"bits, and a gain from them would be {2**shift} times too large; samples have to be right-justified: "
+        f"divide them by {2**shift} and state the camera's own bit depth",
+        refuses=True,
+    )
+
+
+def _wrong_bit_depth(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
+    if _unused_low_bits(levels):
+        return None
+    full_scale = 2**bit_depth - 1
+    largest = max(level.samples.max_dn for level in levels)
+    if largest > full_scale:
+        return Flag(
+            name="wrong_bit_depth",
+            message=f"the largest sample is {largest}, but {bit_depth} bits are stated, which allow {full_scale}; "
+            f"state at least {largest.bit_length()} bits",
+            refuses=True,
+        )
+    if largest > full_scale // 4:
+        return None
+    piled = any(level.samples.max_dn == largest and level.samples.max_fraction > SATURATED_FRACTION for level in levels)
+    real_ceiling = piled and largest == 2 ** largest.bit_length() - 1
+    reason = "where samples pile up" if real_ceiling else "less than a quarter of what they allow"
+    return Flag(
+        name="wrong_bit_depth",
+        message=f"{bit_depth} bits are stated, but the largest sample is {largest}, {reason}; saturated pixels would "
+        f"go unseen: state the camera's own bit depth (these samples fit into {largest.bit_length()} bits)"
+        + ("" if real_ceiling else ", or take brighter flats"),
+        refuses=real_ceiling,
+    )
+
+
+def _clipped_black(levels: Sequence[LevelStatistics]) -> Flag | None:
+    clipped = [v for v in levels if v.kind == "dark" and v.samples.zero_fraction > _ZERO_FRACTION]
+    if not clipped:
+        return None
+    share = max(level.samples.zero_fraction for level in clipped)
+    return Flag(
+        name="clipped_black",
+        message=f"up to {share:.2%} of the samples of dark frames are 0 in {level_names(clipped)}; at most "
+        f"{_ZERO_FRACTION:.1%} may be, else the noise below black is cut off: raise the camera's black level "
+        f"(offset) and take the frames again",
+        refuses=True,
+    )
+
+
+def _repeated_frames(levels: Sequence[LevelStatistics]) -> Flag | None:
+    # Where most samples are at one ceiling, two frames may well be the same.
+    varied = [level for level in levels if level.samples.max_fraction < _PILED_FRACTION]
+    counts = Counter(digest for level in varied for digest in level.samples.digests)
+    repeated = {digest for digest, count in counts.items() if count > 1}
+    if not repeated:
+        return None
+    touched = [level for level in varied if repeated.intersection(level.samples.digests)]
+    return Flag(
+        name="repeated_frames",
+        message=f"frames are copies of another one, bit by bit ({sum(counts[d] - 1 for d in repeated)} of them), in "
+        f"{level_names(touched)}; two frames of a sensor never are: the same buffer was saved twice, or a file is "
+        f"listed twice; take these frames again",
+        refuses=True,
+    )
+
+
+def _is_saturated(level: LevelStatistics, bit_depth: int) -> bool:
+    return level.samples.max_dn >= 2**bit_depth - 1 and level.samples.max_fraction > SATURATED_FRACTION
+
+
+def _saturated_levels(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
+    saturated = [level for level in levels if level.kind == "flat" and _is_saturated(level, bit_depth)]
+    if not saturated:
+        return None
+    return Flag(
+        name="saturated_levels",
+        message=f"more than {SATURATED_FRACTION:.1%} of the samples are at full scale ({2**bit_depth - 1} DN) in "
+        f"{level_names(saturated)}; left out of the gain, they show where saturation is",
+    )
+
+
+def _saturated_dark(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
+    saturated = [level for level in levels if level.kind == "dark" and _is_saturated(level, bit_depth)]
+    if not saturated:
+        return None
+    return Flag(
+        name="saturated_dark",
+        message=f"more than {SATURATED_FRACTION:.1%} of the samples of dark frames are at full scale "
+        f"({2**bit_depth - 1} DN) in {level_names(saturated)}: light got in, or dark current fills the pixels; "
+        f"cover the lens, or take shorter dark exposures",
+        refuses=True,
+    )
+
+
+def _no_noise(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
+    darks = [level.temporal_variance_dn2 for level in levels if level.kind == "dark"]
+    rounding_hides_dark_noise = bool(darks) and float(np.median(darks)) < QUANTISATION_LIMIT_DN2
+    silent = [
+        level
+        for level in levels
+        if level.temporal_variance_dn2 == 0.0
+        and not (level.kind == "flat" and _is_saturated(level, bit_depth))
+        and not (level.kind == "dark" and rounding_hides_dark_noise)
+    ]
+    if not silent:
+        return None
+    return Flag(
+        name="no_noise",
+        message=f"no pixel changes from frame to frame in {level_names(silent)}; a sensor has noise: these are "
+        f"computed pictures, or copies of one; give raw frames",
+        refuses=True,
+    )
+
+
+def _missing_codes(levels: Sequence[LevelStatistics]) -> Flag | None:
+    combed = [level for level in levels if level.samples.missing_codes > _MISSING_CODES]
+    # One level may stand where a converter of its own has gaps.
+    if len(combed) <= len(levels) // 2:
+        return None
+    share = float(np.median([level.samples.missing_codes for level in combed]))
+    return Flag(
+        name="missing_codes",
+        message=f"{share:.0%} of the values amid the others never occur: samples were multiplied, or passed through a "
+        f"table, after the converter (digital gain, gamma, a change of bits), so that rounding makes more noise than "
+        f"1/12 DN^2: switch digital gain, gamma and tone mapping off",
+    )

@@ -1,0 +1,106 @@
+"""What pixels have in common, where a sensor's do not: each finding by its own name."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.flags import Flag
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.level_names import level_names
+from calibration.sensor.photon_transfer import SATURATED_FRACTION
+
+_SIGMA = 5.0
+# Spreading charge correlates the noise of neighbours by a per cent at most.
+_CORRELATION, _FILTERED = 0.02, 0.1
+# Two readout channels differ by a per cent or two, pixels behind colour filters by tens.
+_MOSAIC, _COLOURS = 0.03, 0.1
+_SHARED_VARIANCE = 0.05
+_BRIGHT = 0.25
+
+
+def texture_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
+    """Return what is odd in the noise of neighbours, and in the means of every second pixel.
+
+    Parameters
+    ----------
+    levels : sequence of LevelStatistics
+        Dark and flat levels.
+    """
+    found = (_correlated_noise(levels), _colour_mosaic(levels), _row_noise(levels))
+    return tuple(flag for flag in found if flag is not None)
+
+
+def _bright_flats(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
+    """Return the flats below saturation in which photons make most of the noise."""
+    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
+    darks = [level.mean_dn for level in levels if level.kind == "dark"]
+    if not flats or not darks:
+        return []
+    dark_dn = float(np.mean(darks))
+    limit_dn = _BRIGHT * (max(flat.mean_dn for flat in flats) - dark_dn)
+    return [flat for flat in flats if flat.mean_dn - dark_dn >= limit_dn]
+
+
+def _correlated_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
+    flats = _bright_flats(levels)
+    if not flats:
+        return None
+    horizontal = float(np.mean([flat.texture.horizontal for flat in flats]))
+    vertical = float(np.mean([flat.texture.vertical for flat in flats]))
+    error = float(np.mean([flat.texture.std_error for flat in flats])) / np.sqrt(len(flats))
+    largest = max(abs(horizontal), abs(vertical))
+    if largest < _CORRELATION or largest < _SIGMA * error:
+        return None
+    return Flag(
+        name="correlated_noise",
+        message=f"the noise of neighbouring pixels goes together by {horizontal:+.3f} across and {vertical:+.3f} down "
+        f"(at most {_CORRELATION} is expected): frames were filtered, interpolated from a colour mosaic, resized or "
+        f"compressed with loss (JPEG), and the gain is too small by about twice their sum: switch noise reduction and "
+        f"sharpening off, and save raw frames",
+        refuses=largest > _FILTERED,
+    )
+
+
+def _colour_mosaic(levels: Sequence[LevelStatistics]) -> Flag | None:
+    flats = _bright_flats(levels)
+    darks = [level.mean_dn for level in levels if level.kind == "dark"]
+    if not flats or not darks:
+        return None
+    flat = max(flats, key=lambda level: level.mean_dn)
+    contrast = flat.mosaic_contrast * flat.mean_dn / (flat.mean_dn - float(np.mean(darks)))
+    variance_dn2 = max(flat.spatial_variance_dn2, 0.0) + flat.temporal_variance_dn2 / flat.n_frames
+    error = np.sqrt(variance_dn2 * 4.0 / flat.n_pixels) / flat.mean_dn
+    if contrast < _MOSAIC or contrast < 2.0 * _SIGMA * error:
+        return None
+    return Flag(
+        name="colour_mosaic",
+        message=f"the four pixels of a 2 x 2 cell differ by {contrast:.0%} in their means, in even light (at most "
+        f"{_MOSAIC:.0%} is expected): these are frames of a sensor behind a mosaic of colour or polarization filters, "
+        f"and PRNU and saturation are those of the mixture: give the pixels of one colour (RAW files: --plane)",
+        refuses=contrast > _COLOURS,
+    )
+
+
+def _row_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
+    darks = [level for level in levels if level.kind == "dark"]
+    shares = {
+        "row": [(v.texture.row_variance_dn2, v.texture.row_std_error_dn2, v.temporal_variance_dn2) for v in darks],
+        "column": [
+            (v.texture.column_variance_dn2, v.texture.column_std_error_dn2, v.temporal_variance_dn2) for v in darks
+        ],
+    }
+    found = {line: np.mean(values, axis=0) for line, values in shares.items() if values}
+    shared = {
+        line: float(np.sqrt(variance))
+        for line, (variance, error, total) in found.items()
+        if variance > _SIGMA * error and variance > _SHARED_VARIANCE * total
+    }
+    if not shared:
+        return None
+    sizes = ", ".join(f"{size_dn:.2g} DN by {line}" for line, size_dn in shared.items())
+    return Flag(
+        name="row_noise",
+        message=f"pixels of a line share noise that changes from frame to frame ({sizes}) in {level_names(darks)}: it "
+        f"is in the read noise, whose standard error is then too small, and stripes will show in dim scenes; better "
+        f"supply and shielding, or a correction by masked pixels, lower it",
+    )

@@ -1,0 +1,191 @@
+"""The whole chain from sun and materials to detection, evaluated in one place for given numerical settings."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from model.accuracy.light_store import LightStore
+from model.accuracy.settings import Settings
+from model.effects.acting import acting
+from model.effects.names import ALL, Effect
+from model.field_light import FieldLight
+from model.illumination import Illumination
+from model.lit_scene import LitRegion, LitScene
+from model.performance import PairDetection, pair_detection
+from model.prediction import RegionPrediction, predict
+from model.scenario import RegionLight, Scenario
+
+Clock = Callable[[], float]
+
+# Stages of which the time is taken.
+SKY, LIGHT, STATISTICS, DETECTION = "sky", "light", "statistics", "detection"
+STAGES = (SKY, LIGHT, STATISTICS, DETECTION)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChainResult:
+    """What one evaluation of the chain gives.
+
+    Attributes
+    ----------
+    illumination
+        Sun, sky and air; None where every radiance is given.
+    lights
+        Region to its light, for those that are given by a material.
+    predictions
+        Region to prediction, in the order of the scene.
+    detections
+        One for each pair of the scene.
+    stage_s
+        Stage to the time that it took [s]; a store that had the answer makes it short.
+    settings, effects
+        That were in use.
+    """
+
+    illumination: Illumination | None
+    lights: dict[str, FieldLight]
+    predictions: dict[str, RegionPrediction]
+    detections: tuple[PairDetection, ...]
+    stage_s: dict[str, float]
+    settings: Settings
+    effects: frozenset[Effect]
+
+
+def evaluate(
+    scene: LitScene,
+    settings: Settings,
+    *,
+    effects: frozenset[Effect] = ALL,
+    store: LightStore | None = None,
+    clock: Clock = time.perf_counter,
+) -> ChainResult:
+    """Return what the model predicts of a scene, computed with given numerical settings and effects.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    settings
+        Numerical settings: what costs time and buys accuracy.
+    effects
+        That act; the others are left out and not computed.
+    store
+        Keeps skies and lights between calls; None for a new one.
+    clock
+        Seconds, rising.
+
+    Raises
+    ------
+    ValueError
+        A number of the scene is outside its range.
+
+    References
+    ----------
+    [MK14] eq. (1)-(30).
+    """
+    lights = LightStore() if store is None else store
+    seen, used = acting(scene, effects), _acting_settings(settings, effects)
+    taken = dict.fromkeys(STAGES, 0.0)
+    with _timed(taken, SKY, clock):
+        illumination = _illumination(seen, used, effects, lights)
+    with _timed(taken, LIGHT, clock):
+        fields = _fields(seen, used, effects, lights)
+    with _timed(taken, STATISTICS, clock):
+        predictions = predict(_scenario(seen, fields), tolerance=used.dolp_tolerance)
+    with _timed(taken, DETECTION, clock):
+        detections = tuple(
+            pair_detection(target, background, predictions, scene.p_false_alarm, tolerance=used.roc_tolerance)
+            for target, background in scene.pairs
+        )
+    return ChainResult(
+        illumination=illumination,
+        lights=fields,
+        predictions=predictions,
+        detections=detections,
+        stage_s=taken,
+        settings=used,
+        effects=effects,
+    )
+
+
+def scenario_of(
+    scene: LitScene, settings: Settings, *, effects: frozenset[Effect] = ALL, store: LightStore | None = None
+) -> Scenario:
+    """Return the first half of `evaluate`: the light of each region at the aperture, sensor and readout.
+
+    Parameters
+    ----------
+    scene, settings, effects, store
+        As `evaluate` takes them.
+
+    Raises
+    ------
+    ValueError
+        A number of the scene is outside its range.
+
+    References
+    ----------
+    [MK14] eq. (1)-(10).
+    """
+    lights = LightStore() if store is None else store
+    seen, used = acting(scene, effects), _acting_settings(settings, effects)
+    return _scenario(seen, _fields(seen, used, effects, lights))
+
+
+def _illumination(
+    scene: LitScene, settings: Settings, effects: frozenset[Effect], lights: LightStore
+) -> Illumination | None:
+    if scene.air is None or not _materials(scene):
+        return None
+    return lights.illumination(scene.air, settings, sun_azimuth_rad=scene.sun_azimuth_rad, effects=effects)
+
+
+def _fields(
+    scene: LitScene, settings: Settings, effects: frozenset[Effect], lights: LightStore
+) -> dict[str, FieldLight]:
+    """Light of the regions that are given by a material; they have air and view, or the record was refused."""
+    air, view, azimuth = scene.air, scene.view, scene.sun_azimuth_rad
+    if air is None or view is None:
+        return {}
+    return {
+        one.name: lights.region(one, settings, air=air, view=view, sun_azimuth_rad=azimuth, effects=effects)
+        for one in _materials(scene)
+    }
+
+
+def _acting_settings(settings: Settings, effects: frozenset[Effect]) -> Settings:
+    return settings if Effect.WAVELENGTHS in effects else replace(settings, wavelengths=1)
+
+
+def _materials(scene: LitScene) -> tuple[LitRegion, ...]:
+    return tuple(region for region in scene.regions if region.surface is not None)
+
+
+def _scenario(scene: LitScene, fields: dict[str, FieldLight]) -> Scenario:
+    regions = tuple(_region_light(region, fields, scene) for region in scene.regions)
+    return Scenario(regions=regions, sensor=scene.sensor, readout=scene.readout)
+
+
+def _region_light(region: LitRegion, fields: dict[str, FieldLight], scene: LitScene) -> RegionLight:
+    if region.radiance is not None:
+        return RegionLight(
+            name=region.name,
+            stokes_radiance=region.radiance,
+            texture_rms=region.texture_rms,
+            texture_cov=region.texture_cov,
+        )
+    moments = fields[region.name].moments(
+        scene.source,
+        texture_rms=region.texture_rms,
+        texture_diagonal=region.texture_diagonal,
+        texture_cov=region.texture_cov,
+    )
+    return RegionLight(name=region.name, stokes_radiance=moments.mean, texture_rms=0.0, texture_cov=moments.cov)
+
+
+@contextmanager
+def _timed(taken: dict[str, float], stage: str, clock: Clock) -> Iterator[None]:
+    start = clock()
+    yield
+    taken[stage] += clock() - start

@@ -1,0 +1,232 @@
+"""Sun, sky and light of regions of scenes, computed once for all that ask for them."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from model.accuracy.settings import Settings
+from model.atmosphere.lighting.compute_lighting import LightSolver, compute_lighting
+from model.atmosphere.lighting.lighting import Lighting
+from model.atmosphere.lighting.mixed_lighting import MixedLighting
+from model.atmosphere.lighting.unlit import unlit_solution
+from model.atmosphere.solver import solve
+from model.effects.names import ALL, Effect
+from model.field_light import FieldLight, light_over_field
+from model.field_of_view import FieldPart
+from model.hemisphere import Rules
+from model.illumination import Illumination, illuminate, require_sun_zenith
+from model.lit_scene import Air, LitRegion
+from model.sampled_sky import MixedSky, Sky, sample_sky
+from model.scene import ApertureLight, aperture_lights
+from model.view import View
+
+# A sky is asked for again by the next region, the next geometry, or not at all; lights by a sweep or a derivative.
+_SKIES, _LIGHTS = 16, 512
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Lit:
+    air: Air  # a table is known by its identity, which holds while it is kept
+    lighting: Lighting
+    sky: Sky
+    sky_error: float
+
+
+class LightStore:
+    """Computes the light of scenes, and keeps the last of what it computed."""
+
+    def __init__(self, *, solver: LightSolver = solve) -> None:
+        """Set what solves a wavelength, such as a store of solutions."""
+        self._solver = solver
+        self._skies: OrderedDict[object, _Lit] = OrderedDict()
+        self._lights: OrderedDict[object, FieldLight] = OrderedDict()
+
+    def illumination(
+        self, air: Air, settings: Settings, *, sun_azimuth_rad: float, effects: frozenset[Effect] = ALL
+    ) -> Illumination:
+        """Return sun, sky and air for given settings.
+
+        Parameters
+        ----------
+        air
+            What it depends on.
+        settings
+            Of solver, wavelengths and sky grid.
+        sun_azimuth_rad
+            Clockwise from north [rad].
+        effects
+            Without SKYLIGHT the sky is black; without PATH_RADIANCE too, no light is scattered and nothing is solved.
+
+        Raises
+        ------
+        ValueError
+            A number is outside its range, such as a sun below 85 deg from the zenith.
+        """
+        require_sun_zenith(air.sun_zenith_rad)
+        lit = self._kept_sky(air, settings, effects)
+        return illuminate(
+            lit.lighting,
+            sun_zenith_rad=air.sun_zenith_rad,
+            sun_azimuth_rad=sun_azimuth_rad,
+            ground_albedo=air.ground_albedo,
+            sky=lit.sky,
+            sky_error=lit.sky_error,
+        )
+
+    def region(
+        self,
+        region: LitRegion,
+        settings: Settings,
+        *,
+        air: Air,
+        view: View,
+        sun_azimuth_rad: float,
+        effects: frozenset[Effect] = ALL,
+    ) -> FieldLight:
+        """Return the light of a region that is given by its material.
+
+        Parameters
+        ----------
+        region
+            What is looked at.
+        settings
+            Of the sky, the integral over the hemisphere, and the tiles.
+        air, view, sun_azimuth_rad
+            Of the scene.
+        effects
+            SKYLIGHT, PATH_RADIANCE and FIELD_OF_VIEW act here.
+
+        Raises
+        ------
+        ValueError
+            The region's radiance is given, or a number is outside its range.
+        """
+        part = region.part if Effect.FIELD_OF_VIEW in effects else None
+        key = (
+            _sky_key(air, settings, effects),
+            (sun_azimuth_rad, view, region.surface, region.tilt, part),
+            (settings.hemisphere_tolerance, settings.tiles_per_side, settings.tile_rule, settings.negligible_spread),
+        )
+
+        def made() -> FieldLight:
+            illumination = self.illumination(air, settings, sun_azimuth_rad=sun_azimuth_rad, effects=effects)
+            try:
+                return _over_field(illumination, region, view, part, settings, effects)
+            except ValueError as error:
+                raise ValueError(f"region {region.name}: {error}") from error
+
+        return _kept(self._lights, key, _LIGHTS, made)
+
+    def _kept_sky(self, air: Air, settings: Settings, effects: frozenset[Effect]) -> _Lit:
+        key = _sky_key(air, settings, effects)
+        return _kept(self._skies, key, _SKIES, lambda: self._lit(air, settings, effects))
+
+    def _lit(self, air: Air, settings: Settings, effects: frozenset[Effect]) -> _Lit:
+        if air.alternative is not None:
+            alone = self._kept_sky(replace(air, alternative=None, share=0.0), settings, effects)
+            return _mixed(air, alone, self._kept_sky(air.alternative, settings, effects))
+        lighting = self._lighting(air, settings, effects)
+        if Effect.SKYLIGHT not in effects:
+            return _Lit(air=air, lighting=lighting, sky=_black, sky_error=0.0)
+        if air.table is not None:
+            return _Lit(air=air, lighting=lighting, sky=lighting.sky, sky_error=0.0)
+        sampled = sample_sky(
+            lighting.sky,
+            sun_zenith_rad=air.sun_zenith_rad,
+            zeniths=settings.sky_zeniths,
+            azimuths=settings.sky_azimuths,
+        )
+        return _Lit(air=air, lighting=lighting, sky=sampled, sky_error=sampled.relative_error)
+
+    def _lighting(self, air: Air, settings: Settings, effects: frozenset[Effect]) -> Lighting:
+        if air.table is not None:
+            return air.table
+        if air.state is None:
+            raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed, or a table")
+        return compute_lighting(
+            air.state,
+            tier=air.tier,
+            band=air.band,
+            mu0=float(np.cos(air.sun_zenith_rad)),
+            albedo=air.ground_albedo,
+            aerosol=air.aerosol,
+            wavelengths=settings.wavelengths,
+            dolp_max=air.dolp_max,
+            solver=self._solver if _scatters(effects) else unlit_solution,
+            settings=settings.solver,
+        )
+
+
+def _mixed(air: Air, one: _Lit, other: _Lit) -> _Lit:
+    return _Lit(
+        air=air,
+        lighting=MixedLighting(first=one.lighting, second=other.lighting, share=air.share),
+        sky=MixedSky(first=one.sky, second=other.sky, share=air.share),
+        sky_error=max(one.sky_error, other.sky_error),
+    )
+
+
+def _over_field(
+    illumination: Illumination,
+    region: LitRegion,
+    view: View,
+    part: FieldPart | None,
+    settings: Settings,
+    effects: frozenset[Effect],
+) -> FieldLight:
+    surface, tilt = region.surface, region.tilt
+    if surface is None or tilt is None:
+        raise ValueError("its radiance is given, there is nothing to compute")
+
+    def lights_at(views: tuple[View, ...], rules: Rules | None) -> tuple[ApertureLight, ...]:
+        return aperture_lights(
+            illumination,
+            surface=surface,
+            tilt=tilt,
+            views=views,
+            tolerance=settings.hemisphere_tolerance,
+            rules=rules,
+            skylight=Effect.SKYLIGHT in effects,
+            path=Effect.PATH_RADIANCE in effects,
+        )
+
+    return light_over_field(
+        lights_at,
+        view=view,
+        part=part,
+        per_side=settings.tiles_per_side,
+        rule=settings.tile_rule,
+        negligible=settings.negligible_spread,
+    )
+
+
+def _scatters(effects: frozenset[Effect]) -> bool:
+    """Whether light scattered by the air counts at all."""
+    return not effects.isdisjoint({Effect.SKYLIGHT, Effect.PATH_RADIANCE})
+
+
+def _sky_key(air: Air, settings: Settings, effects: frozenset[Effect]) -> object:
+    acting = effects & {Effect.SKYLIGHT, Effect.PATH_RADIANCE}
+    numbers = (settings.wavelengths, astuple(settings.solver), settings.sky_zeniths, settings.sky_azimuths)
+    return (air.key, numbers, acting)
+
+
+def _black(*, zenith_rad: object, phi_rad: object) -> np.ndarray:
+    """Sky without light."""
+    shape = np.broadcast_shapes(np.shape(np.asarray(zenith_rad)), np.shape(np.asarray(phi_rad)))
+    return np.zeros((*shape, 3))
+
+
+def _kept(kept: OrderedDict[object, Made], key: object, limit: int, make: Callable[[], Made]) -> Made:
+    """Return what is kept under a key, made where it is not; the oldest by use goes first."""
+    if key not in kept:
+        kept[key] = make()
+        if len(kept) > limit:
+            kept.popitem(last=False)
+    kept.move_to_end(key)
+    return kept[key]

@@ -1,0 +1,63 @@
+"""Numerical settings of the whole chain: what costs time and buys accuracy, and nothing else."""
+
+from dataclasses import dataclass
+
+from model.atmosphere.lighting.tiers import TIERS, SolverSettings, Tier
+from model.field_of_view import TileRule
+
+_STANDARD = SolverSettings(fine_layers=True, nodes=12, element_depth=0.05, tolerance=1e-5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Numerical settings of the whole chain.
+
+    Attributes
+    ----------
+    wavelengths
+        At which the atmosphere is solved, 1 to 20.
+    solver
+        Streams, layers, element depth and orders of scattering of a solution.
+    sky_zeniths, sky_azimuths
+        Steps of the grid on which the sky is kept, as in `model.sampled_sky.sample_sky`.
+    hemisphere_tolerance
+        Of the integral of pBRDF times sky, share of its S0.
+    tiles_per_side, tile_rule
+        Nodes over the field of view along each side.
+    negligible_spread
+        A field over which light varies by less than this share of S0 is taken as a point.
+    dolp_tolerance
+        Relative, of mean and deviation of the pixels' DoLP: decides between first order, second order and quadrature.
+    roc_tolerance
+        Relative, of the tail of the detector's statistic that is integrated, 1e-12 to 0.01.
+    draws
+        Monte Carlo draws of detection beside the exact law, where the user asks for them; 0 for none.
+    map_float32
+        Whether pixel maps are held in single precision; no number of a prediction depends on it.
+    """
+
+    wavelengths: int
+    solver: SolverSettings
+    sky_zeniths: int = 24
+    sky_azimuths: int = 20
+    hemisphere_tolerance: float = 1e-4
+    tiles_per_side: int = 5
+    tile_rule: TileRule = "gauss-legendre"
+    negligible_spread: float = 1e-3
+    dolp_tolerance: float = 1e-6
+    roc_tolerance: float = 1e-10
+    draws: int = 0
+    map_float32: bool = False
+
+
+def settings_of_tier(tier: Tier, *, wavelengths: int = 4) -> Settings:
+    """Return the settings that a tier stands for.
+
+    Parameters
+    ----------
+    tier
+        For a tier that solves nothing the settings of STANDARD stand in; they are not used.
+    wavelengths
+        As in `Settings`.
+    """
+    return Settings(wavelengths=wavelengths, solver=TIERS[tier].settings or _STANDARD)

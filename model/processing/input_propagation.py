@@ -1,0 +1,144 @@
+"""From uncertain inputs to the covariance of results: by slopes, and by quadrature where the response is curved."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+Results = Callable[[FloatArray], FloatArray]
+
+# Gauss-Hermite rules for a normal input, in its standard uncertainties; the widest that the limits allow is taken.
+_RULES = (5, 3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Propagation:
+    """What the uncertainty of inputs does to results.
+
+    Attributes
+    ----------
+    effects
+        Change of each result by one standard uncertainty of each input alone, shape (m, k).
+    cov
+        Covariance of the results about the results at the inputs' values, shape (m, m).
+    curved
+        Inputs, by position, whose response was found curved and taken by quadrature.
+    limited
+        Inputs whose response is curved, or not testable, but stands so near to a limit that slopes had to do.
+    """
+
+    effects: FloatArray
+    cov: FloatArray
+    curved: tuple[int, ...]
+    limited: tuple[int, ...]
+
+
+def propagate(
+    function: Results,
+    values: ArrayLike,
+    cov: ArrayLike,
+    *,
+    least: ArrayLike,
+    most: ArrayLike,
+    curvature_tolerance: float = 0.1,
+) -> Propagation:
+    """Return the effect of each uncertain input on a function's results, and the covariance that all of them make.
+
+    Parameters
+    ----------
+    function
+        Takes inputs, shape (k,), and returns results, shape (m,).
+    values
+        Where the inputs stand, shape (k,).
+    cov
+        Covariance of the inputs, shape (k, k); an input with variance 0 is exact.
+    least, most
+        Smallest and largest value that each input may take, shape (k,); infinite where there is none.
+    curvature_tolerance
+        Share of a result's first-order standard uncertainty that the bend of one input's response may have, >= 0.
+        With 0.1, what is neglected changes a standard uncertainty by at most 1 %.
+
+    Notes
+    -----
+    Slopes are central differences over one standard uncertainty. A curved input adds, to J cov J', the second moment of
+    its own response by Gauss-Hermite quadrature less what its slope says of it: the bend's shift of the mean is in the
+    covariance, since the results stay where they are. Of inputs that are correlated with others only their own bend is
+    seen, not how two of them bend together.
+
+    References
+    ----------
+    JCGM 100:2008 (GUM), section 5; JCGM 101:2008 for why a curved response needs more than a slope.
+    """
+    response = _Response(function, values, cov, least, most)
+    linear = np.asarray(response.slopes @ response.cov @ response.slopes.T)
+    spread = np.sqrt(np.diag(linear))
+    bent = [k for k in response.uncertain if response.bends_more_than(k, curvature_tolerance * spread)]
+    total, curved = linear, []
+    for k in bent:
+        extra = response.extra_by_quadrature(k)
+        if extra is not None:
+            curved.append(k)
+            total = total + extra
+    limited = {*bent, *response.untested}.difference(curved)
+    return Propagation(effects=response.effects, cov=total, curved=tuple(curved), limited=tuple(sorted(limited)))
+
+
+class _Response:
+    """A function about the values of its inputs."""
+
+    def __init__(self, function: Results, values: ArrayLike, cov: ArrayLike, least: ArrayLike, most: ArrayLike) -> None:
+        self._function = function
+        self._values = np.asarray(values, dtype=np.float64)
+        self.cov = np.asarray(cov, dtype=np.float64)
+        self._below = self._values - np.asarray(least, dtype=np.float64)
+        self._above = np.asarray(most, dtype=np.float64) - self._values
+        self._std = np.sqrt(np.diag(self.cov))
+        self._centre = function(self._values)
+        self.uncertain = [int(k) for k in np.flatnonzero(self._std > 0.0)]
+        self.untested: list[int] = []
+        self._bends: dict[int, FloatArray] = {}
+        self.slopes = np.zeros((self._centre.size, self._values.size))
+        for k in self.uncertain:
+            self.slopes[:, k] = self._slope(k)
+
+    @property
+    def effects(self) -> FloatArray:
+        """Change of the results by one standard uncertainty of each input."""
+        return self.slopes * self._std
+
+    def bends_more_than(self, k: int, allowed: FloatArray) -> bool:
+        """Whether the second-order part of an input's response is above what is allowed, for any result."""
+        # Rounding of results that do not depend on the input at all is no bend.
+        rounding = 1e-9 * np.abs(self._centre)
+        return k in self._bends and bool(np.any(np.abs(self._bends[k]) > allowed + rounding))
+
+    def extra_by_quadrature(self, k: int) -> FloatArray | None:
+        """Return the second moment of an input's response less its linear part; None where the limits are too near."""
+        for count in _RULES:
+            nodes, weights = np.polynomial.hermite_e.hermegauss(count)
+            reach = self._std[k] * nodes.max()
+            if reach < self._below[k] and reach < self._above[k]:
+                off = np.array([self._at(k, node * self._std[k]) - self._centre for node in nodes])
+                moment = (off * (weights / weights.sum())[:, None]).T @ off
+                effect = self.slopes[:, k] * self._std[k]
+                return np.asarray(moment - np.outer(effect, effect))
+        return None
+
+    def _slope(self, k: int) -> FloatArray:
+        down, up = min(self._std[k], self._below[k]), min(self._std[k], self._above[k])
+        if not (up > 0.0 or down > 0.0):
+            raise ValueError(f"input {k} = {self._values[k]:g} may neither rise nor fall: its limits leave no room")
+        high = self._at(k, up) if up > 0.0 else self._centre
+        low = self._at(k, -down) if down > 0.0 else self._centre
+        if min(up, down) < self._std[k]:
+            self.untested.append(k)
+        else:
+            self._bends[k] = 0.5 * (high + low) - self._centre
+        return np.asarray((high - low) / (up + down))
+
+    def _at(self, k: int, move: float) -> FloatArray:
+        moved = self._values.copy()
+        moved[k] += move
+        return self._function(moved)

@@ -1,0 +1,87 @@
+"""Whether a calibration may be used for frames: refused for another camera or setting, warned of where it is stale."""
+
+from collections.abc import Iterable
+from datetime import datetime
+
+from rigctl.calibrations.made_for import MadeFor
+from rigctl.errors import DataError
+
+# What has to be the same, by what it is called, as far as both sides know it. A gain is a number that was read back.
+_CAMERA = {
+    "camera serial number": "camera_serial",
+    "gain setting [dB]": "gain_db",
+    "bit depth": "bit_depth",
+    "binning": "binning",
+}
+_STAGE = {"stage serial number": "stage_serial"}
+_GAIN_STEP_DB = 0.05
+# Dark current doubles every 6 to 8 K: beyond this it is off by a half and more.
+_TEMPERATURE_STEP_K = 5.0
+_SECONDS_A_DAY = 86400.0
+
+
+def require_fit(
+    what: str, calibration: MadeFor, used: MadeFor, *, stage: bool = False, gain: bool = True
+) -> tuple[str, ...]:
+    """Return what is doubtful about using a calibration for frames, in words.
+
+    Parameters
+    ----------
+    what : str
+        Name of the calibration in messages, such as "noise calibration".
+    calibration, used : MadeFor
+        What it was made for, and what it is to be used for. What one of the two does not know is not compared.
+    stage : bool
+        Whether it is one of the stage too.
+    gain : bool
+        Whether it depends on the camera's gain and format; that of a polarizer does not.
+
+    Raises
+    ------
+    DataError
+        It is of another camera, stage, gain, bit depth or binning.
+    """
+    facts = (_CAMERA if gain else {"camera serial number": "camera_serial"}) | (_STAGE if stage else {})
+    wrong = [
+        f"{name}: calibrated {getattr(calibration, key)}, used {getattr(used, key)}"
+        for name, key in facts.items()
+        if _differ(getattr(calibration, key), getattr(used, key))
+    ]
+    if wrong:
+        raise DataError(
+            f"the {what} is not of these devices as they were set: {'; '.join(wrong)}; "
+            "give the calibration that belongs to them, or make one (rigctl calibrate)"
+        )
+    return tuple(_doubts(what, calibration, used))
+
+
+def _differ(one: object, other: object) -> bool:
+    if one is None or other is None:
+        return False
+    if isinstance(one, float) and isinstance(other, float):
+        return abs(one - other) > _GAIN_STEP_DB
+    return one != other
+
+
+def _doubts(what: str, calibration: MadeFor, used: MadeFor) -> Iterable[str]:
+    if calibration.taken_utc is not None and used.taken_utc is not None and calibration.valid_days is not None:
+        days = abs((_time(used.taken_utc) - _time(calibration.taken_utc)).total_seconds()) / _SECONDS_A_DAY
+        if days > calibration.valid_days:
+            yield (
+                f"{what}: {days:.0f} days lie between it and the frames, and it holds for "
+                f"{calibration.valid_days:g}: make a new one, or say --valid-days when you make one"
+            )
+    if calibration.temperature_c is not None and used.temperature_c is not None:
+        step_k = used.temperature_c - calibration.temperature_c
+        if abs(step_k) > _TEMPERATURE_STEP_K:
+            yield (
+                f"{what}: made at {calibration.temperature_c:.1f} deg C, used at {used.temperature_c:.1f} deg C; dark "
+                "current doubles every 6 to 8 K: calibrate at the temperature of use"
+            )
+    if _differ(calibration.pixel_format, used.pixel_format):
+        yield f"{what}: made with pixel format {calibration.pixel_format}, used with {used.pixel_format}"
+
+
+def _time(text: str) -> datetime:
+    # Nanoseconds are more than the standard library reads.
+    return datetime.fromisoformat(text[:19] + "+00:00")

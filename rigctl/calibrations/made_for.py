@@ -1,0 +1,145 @@
+"""What a calibration was made for: which devices, set to what, how warm, when, and for how long it holds."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from statistics import fmean
+from typing import Any, TypeVar
+
+from rigctl.files.rig_file import RigFile
+from rigctl.runs.run_folder import FrameRecord, Run
+
+_Fact = TypeVar("_Fact")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeFor:
+    """Devices, settings and time of frames; None is "not known", or differs from frame to frame.
+
+    Attributes
+    ----------
+    camera_model, camera_serial, stage_model, stage_serial : str or None
+        Which devices.
+    gain_db : float or None
+        The camera's gain setting [dB].
+    bit_depth : int or None
+        Bits of a sample.
+    pixel_format : str or None
+        How samples come over the wire, such as Mono12Packed.
+    binning : int or None
+        Pixels of the sensor that make one of the picture, along each side.
+    temperature_c : float or None
+        Of the camera, as it says itself; the mean over the frames [deg C].
+    taken_utc : str or None
+        Start of the last frame.
+    valid_days : float or None
+        For how long its maker trusts it.
+    """
+
+    camera_model: str | None = None
+    camera_serial: str | None = None
+    stage_model: str | None = None
+    stage_serial: str | None = None
+    gain_db: float | None = None
+    bit_depth: int | None = None
+    pixel_format: str | None = None
+    binning: int | None = None
+    temperature_c: float | None = None
+    taken_utc: str | None = None
+    valid_days: float | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as calibration files hold it, under ``made_for``."""
+        return asdict(self)
+
+
+def made_for(run: Run, records: Sequence[FrameRecord]) -> MadeFor:
+    """Return what some frames of a run were made with.
+
+    Parameters
+    ----------
+    run : Run
+        Its session says how the camera was reached, where that is known.
+    records : sequence of FrameRecord
+        The frames in question.
+    """
+    options = _options(str(run.session.get("rig", {}).get("camera", {}).get("address", "")))
+    temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
+    starts = [record.start_utc for record in records if record.start_utc is not None]
+    return MadeFor(
+        camera_model=_shared(record.camera_model for record in records),
+        camera_serial=_shared(record.camera_serial for record in records),
+        stage_model=_shared(record.stage_model for record in records),
+        stage_serial=_shared(record.stage_serial for record in records),
+        gain_db=_shared(record.gain_db for record in records),
+        bit_depth=_shared(record.bit_depth for record in records),
+        pixel_format=options.get("pixel_format"),
+        binning=_binning(options),
+        temperature_c=fmean(temperatures) if temperatures else None,
+        taken_utc=max(starts, default=None),
+    )
+
+
+def made_for_rig(rig: RigFile, *, now_utc: str) -> MadeFor:
+    """Return what frames of a rig will be taken with, as far as its file says so.
+
+    Parameters
+    ----------
+    rig : RigFile
+        The rig.
+    now_utc : str
+        When.
+    """
+    options = _options(rig.camera.address)
+    return MadeFor(
+        camera_serial=rig.camera.serial_number,
+        stage_serial=rig.stage.serial_number,
+        gain_db=rig.camera.gain_db,
+        pixel_format=options.get("pixel_format"),
+        binning=_binning(options),
+        taken_utc=now_utc,
+    )
+
+
+def read_made_for(content: Mapping[str, Any], *, valid_days: float) -> MadeFor:
+    """Return what a calibration file says that it was made for.
+
+    Parameters
+    ----------
+    content : mapping
+        Of the file, once it has been found right. Files of version 1 say less: camera or devices, and when they were
+        written.
+    valid_days : float
+        Taken where the file does not say for how long it holds.
+    """
+    facts = content.get("made_for")
+    found = _of_version_1(content) if facts is None else MadeFor(**facts)
+    if found.valid_days is None:
+        found = replace(found, valid_days=valid_days)
+    return found if found.taken_utc is not None else replace(found, taken_utc=content.get("created_utc"))
+
+
+def _of_version_1(content: Mapping[str, Any]) -> MadeFor:
+    camera = content.get("camera") or {}
+    devices = content.get("devices") or {}
+    return MadeFor(
+        camera_model=camera.get("model", devices.get("camera_model")),
+        camera_serial=camera.get("serial", devices.get("camera_serial")),
+        stage_model=devices.get("stage_model"),
+        stage_serial=devices.get("stage_serial"),
+        gain_db=camera.get("gain_db"),
+        bit_depth=camera.get("bit_depth"),
+    )
+
+
+def _options(address: str) -> dict[str, str]:
+    """Return the options of a camera's address in the rig file: ``gige:NAME?pixel_format=Mono12&binning=2``."""
+    return dict(item.split("=", 1) for item in address.partition("?")[2].split("&") if "=" in item)
+
+
+def _binning(options: Mapping[str, str]) -> int | None:
+    return int(options["binning"]) if "binning" in options else None
+
+
+def _shared(facts: Iterable[_Fact | None]) -> _Fact | None:
+    different = set(facts)
+    return different.pop() if len(different) == 1 else None

@@ -1,0 +1,52 @@
+"""The calibrations that a session is to be processed with: looked at once its devices are open, before any frame."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from rigctl.calibrations.made_for import made_for_rig
+from rigctl.files.rig_file import RigFile
+from rigctl.noise.noise_file import require_noise_fits
+from rigctl.polarimeter.polarizer_file import require_polarizer_fits
+from rigctl.sessions.rig import Rig, open_rig
+from rigctl.terminal import warn
+
+
+@contextmanager
+def open_calibrated_rig(
+    rig_file: RigFile,
+    *,
+    session_name: str,
+    noise: Mapping[str, Any] | None,
+    polarizer: Mapping[str, Any] | None,
+    now_utc: str,
+) -> Iterator[Rig]:
+    """Give the open devices of a rig, once calibrations are found to be theirs; warn of what is doubtful.
+
+    Parameters
+    ----------
+    rig_file, session_name
+        As `open_rig` takes them.
+    noise, polarizer : mapping or None
+        Contents of calibration files.
+    now_utc : str
+        When the session begins.
+
+    Raises
+    ------
+    DataError
+        A calibration is of other devices or settings, or the rig file says another axis.
+    """
+    with open_rig(rig_file, session_name=session_name) as rig:
+        used = replace(
+            made_for_rig(rig_file, now_utc=now_utc),
+            camera_serial=rig.camera_identity.serial_number,
+            stage_serial=rig.stage_identity.serial_number,
+        )
+        doubts = () if noise is None else require_noise_fits(noise, used)
+        if polarizer is not None:
+            doubts += require_polarizer_fits(polarizer, used, polarizer=rig_file.polarizer)
+        for doubt in doubts:
+            warn(doubt)
+        yield rig

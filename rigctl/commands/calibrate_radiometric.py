@@ -1,0 +1,73 @@
+"""``rigctl calibrate radiometric``: the counts that a radiance makes, by a panel of known reflectance."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from rigctl.comparison.panel_response import panel_response
+from rigctl.comparison.radiometric_file import radiometric_json, write_radiometric_file
+from rigctl.files.scene_file import load_scene
+from rigctl.measurement.measurement import measure
+from rigctl.noise.noise_file import read_fitting_noise
+from rigctl.runs.run_folder import read_run
+from rigctl.terminal import print_json, progress, results, warn
+
+_SHOWN = 6
+_LEAST_SHARE = 0.01
+
+
+def radiometric(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with the panel in its pictures.")],
+    panel: Annotated[str, typer.Option(metavar="NAME", help="Region of the scene file that is the panel.")],
+    scene: Annotated[Path, typer.Option(metavar="FILE", help="Scene file: what the panel is made of, and the light.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Calibration file to write, such as radiometric.json.")],
+    noise: Annotated[Path | None, typer.Option(metavar="FILE", help="Noise calibration of the camera.")] = None,
+    valid_days: Annotated[
+        float | None, typer.Option(metavar="DAYS", min=0.0, help="For how long it holds; 90 if not said.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
+) -> None:
+    """Find the counts per unit of radiance, for each polarizer angle and for all, with their errors.
+
+    The radiance of the panel is predicted from its material and the sun of the run (or is given by the scene file as
+    stokes_radiance), with the uncertainties that the scene file states: they are most of the error.
+    rigctl compare --scale panel --radiometric FILE uses it.
+
+    Example: rigctl calibrate radiometric runs/panels --panel white_panel --scene scene.toml --out radiometric.json
+    """
+    scene_file, folder = load_scene(scene), read_run(run)
+    calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)
+    for doubt in doubts:
+        warn(doubt)
+    regions = [region for region in scene_file.regions if region.name == panel]
+    measurement = measure(folder, regions=list(regions), noise=calibration)
+    found = panel_response(measurement, scene=scene_file, panel=panel, noise=calibration)
+    files = {"scene": scene} | ({} if noise is None else {"noise": noise})
+    content = radiometric_json(found, measurement, files=files, valid_days=valid_days)
+    write_radiometric_file(out, content)
+    if as_json:
+        print_json(content)
+    else:
+        _print(content)
+
+
+def _print(content: dict[str, Any]) -> None:
+    console = results()
+    table = Table(box=None, pad_edge=False)
+    for title in ("angle [deg]", "DN per W m-2 sr-1", "std error"):
+        table.add_column(title, justify="right")
+    for channel in content["channels"]:
+        response = channel["response_dn_per_radiance"]
+        angle = f"{channel['polarizer_angle_deg']:.2f}"
+        table.add_row(angle, f"{response['value']:.5g}", f"{response['std_error']:.2g}")
+    response, ratio = content["response_dn_per_radiance"], content["over_scene_file"]
+    table.add_row("all", f"{response['value']:.5g}", f"{response['std_error']:.2g}")
+    console.print(table)
+    console.print(f"{ratio['value']:.4g} +- {ratio['std_error']:.2g} times what the scene file says of the sensor")
+    shares = [(name, part) for name, part in content["variance_shares"].items() if part >= _LEAST_SHARE]
+    if shares:
+        console.print("variance: " + ", ".join(f"{part:.0%} {name}" for name, part in shares[:_SHOWN]))
+    for remark in content["remarks"]:
+        progress().print(remark)

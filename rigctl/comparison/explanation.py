@@ -1,0 +1,187 @@
+"""What would explain a disagreement: which inputs, how far each, and which of them the data cannot tell apart."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.processing import input_inference
+from model.processing.input_inference import chi_square_tail
+from model.processing.input_propagation import Propagation
+from rigctl.comparison.evidence import gather_evidence
+from rigctl.comparison.rows import Row, off_prediction
+from rigctl.comparison.scene_inputs import Inputs
+from rigctl.measurement.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+
+# An input of whose variance the data resolve less than this says nothing, and of which nothing is said.
+_LEAST_SEEN = 1e-3
+# What is left after a move is acceptable where chance makes as much in one case of so many.
+_ACCEPTED = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputMove:
+    """One input, and what its move would do.
+
+    Attributes
+    ----------
+    name : str
+        As in the scene file.
+    value, std : float
+        As stated, in the units of the file.
+    move_std : float
+        How far it would have to move to remove what it can of the disagreement, in its own standard uncertainties.
+    moved_value : float
+        Where that is.
+    score : float
+        Standard normal where everything stated is right: the root of the fall in chi-square that the move makes.
+    p_value_left : float
+        Chance of what is left after the move.
+    removes : bool
+        Whether what is left is what chance makes.
+    seen : float
+        Share of its stated variance that the data resolve, 0 to 1.
+    indistinguishable_from : tuple of str
+        Inputs that could look the same: were this one off by five standard uncertainties, they would outrank it in more
+        than 5 % of cases.
+    """
+
+    name: str
+    value: float
+    std: float
+    move_std: float
+    moved_value: float
+    score: float
+    p_value_left: float
+    removes: bool
+    seen: float
+    indistinguishable_from: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedInput:
+    """One input after a joint update of all: fitted to this run, not measured otherwise."""
+
+    name: str
+    value: float
+    std: float
+    moved_std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """What would explain the residuals of a comparison.
+
+    Attributes
+    ----------
+    chi_square, degrees_of_freedom, p_value
+        Of the residuals, in the errors of measurement and inputs together.
+    moves : tuple of InputMove
+        The most likely explanation first. Empty where no input has an uncertainty.
+    fitted : tuple of FittedInput
+        All inputs updated at once, each held by its stated uncertainty.
+    unseen : tuple of str
+        Inputs of which the data say nothing.
+    remark : str
+        What to know of it.
+    """
+
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+    moves: tuple[InputMove, ...]
+    fitted: tuple[FittedInput, ...]
+    unseen: tuple[str, ...]
+    remark: str
+
+    @property
+    def best(self) -> InputMove | None:
+        """The most likely explanation."""
+        return self.moves[0] if self.moves else None
+
+
+def explain_rows(
+    rows: Sequence[Row], *, propagation: Propagation, inputs: Inputs, measurement: Measurement
+) -> Explanation | None:
+    """Return what would explain the residuals of rows; None where no input has an uncertainty.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        All rows of the comparison.
+    propagation : Propagation
+        Of the uncertain inputs to these rows.
+    inputs : Inputs
+        The uncertain ones alone.
+    measurement : Measurement
+        The run.
+    """
+    if not inputs.names:
+        return None
+    evidence = gather_evidence(rows, measurement)
+    chosen = [rows[k] for k in evidence.places]
+    std = np.sqrt(np.diag(inputs.cov))
+    found = input_inference.explain(
+        np.array([off_prediction(row, row.measured) for row in chosen]),
+        measurement_cov=evidence.cov,
+        effects=propagation.effects[evidence.places],
+        input_correlation=inputs.cov / np.outer(std, std),
+    )
+    moves = tuple(_move(found, inputs, std, k) for k in found.order if found.seen[k] >= _LEAST_SEEN)
+    seen = {move.name for move in moves}
+    return Explanation(
+        chi_square=found.chi_square,
+        degrees_of_freedom=found.degrees_of_freedom,
+        p_value=found.p_value,
+        moves=moves,
+        fitted=tuple(_fitted(found, inputs, std)),
+        unseen=tuple(name for name in inputs.names if name not in seen),
+        remark=_remark(moves),
+    )
+
+
+def _move(found: input_inference.Explanation, inputs: Inputs, std: FloatArray, k: int) -> InputMove:
+    left = chi_square_tail(float(found.chi_square_left[k]), found.degrees_of_freedom - 1)
+    return InputMove(
+        name=inputs.names[k],
+        value=float(inputs.values[k]),
+        std=float(std[k]),
+        move_std=float(found.move[k]),
+        moved_value=float(inputs.values[k] + found.move[k] * std[k]),
+        score=float(found.score[k]),
+        p_value_left=left,
+        removes=left > _ACCEPTED,
+        seen=float(found.seen[k]),
+        indistinguishable_from=tuple(inputs.names[j] for j in found.confused_with(k) if found.seen[j] >= _LEAST_SEEN),
+    )
+
+
+def _fitted(found: input_inference.Explanation, inputs: Inputs, std: FloatArray) -> Iterable[FittedInput]:
+    for k, name in enumerate(inputs.names):
+        yield FittedInput(
+            name=name,
+            value=float(inputs.values[k] + found.joint_move[k] * std[k]),
+            std=float(found.joint_std[k] * std[k]),
+            moved_std=float(found.joint_move[k]),
+        )
+
+
+def _remark(moves: Sequence[InputMove]) -> str:
+    if not moves:
+        return "no input that has a stated uncertainty acts on what was measured"
+    best = moves[0]
+    if not best.removes:
+        return (
+            f"no single input removes the disagreement; {best.name} would go farthest, by {best.move_std:+.1f} of its "
+            "standard uncertainties"
+        )
+    text = (
+        f"{best.name} would remove it by moving {best.move_std:+.1f} of its standard uncertainties, from "
+        f"{best.value:.4g} to {best.moved_value:.4g}"
+    )
+    if best.indistinguishable_from:
+        text += "; these data cannot tell it from " + ", ".join(best.indistinguishable_from)
+    return text

@@ -1,0 +1,102 @@
+"""From a scene file and its numbers to the record that the model evaluates, and the settings that the file states."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+
+from model.accuracy.settings import Settings, settings_of_tier
+from model.atmosphere.lighting.tiers import Tier
+from model.field_light import Source
+from model.lit_scene import LitRegion, LitScene
+from model.scenario import Readout
+from model.sensor import Sensor
+from rigctl.comparison.scene_records import (
+    Values,
+    camera_view,
+    field_part,
+    region_surface,
+    region_tilt,
+    sky_request,
+    sun_azimuth_rad,
+)
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import SceneFile, SceneRegion
+from rigctl.skies.lit_scene import air_of
+
+
+def lit_scene(
+    scene: SceneFile, values: Values, *, sensor: Sensor, readout: Readout, source: Source = "total"
+) -> LitScene:
+    """Return all that a scene file says, with given numbers in place of its own.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        Which regions there are.
+    values : mapping
+        Every name that `rigctl.comparison.scene_inputs.gather` returns, to its number in the units of the file.
+    sensor, readout
+        Sensor and readout with those numbers.
+    source : str
+        Which light of the regions that are given by a material.
+
+    Raises
+    ------
+    ConfigError
+        A number is outside its range, or a table of the sky cannot be read.
+    """
+    try:
+        lit = scene.has_materials
+        return LitScene(
+            air=air_of(sky_request(scene, values)) if lit else None,
+            view=camera_view(scene, values) if lit else None,
+            sun_azimuth_rad=sun_azimuth_rad(values),
+            regions=tuple(lit_region(scene, region, values) for region in scene.regions),
+            sensor=sensor,
+            readout=readout,
+            source=source,
+            pairs=tuple(permutations((region.name for region in scene.regions), 2)),
+        )
+    except ValueError as error:
+        raise ConfigError(f"scene {scene.name}: {error}") from error
+
+
+def lit_region(scene: SceneFile, region: SceneRegion, values: Values) -> LitRegion:
+    """Return one region of a scene file with given numbers.
+
+    Raises
+    ------
+    ConfigError
+        A number is outside its range.
+    """
+    prefix = f"regions.{region.name}"
+    covariance = np.zeros((3, 3)) if region.texture_covariance is None else np.array(region.texture_covariance)
+    texture_rms = values[f"{prefix}.texture_rms"]
+    if region.material is None:
+        radiance = np.array([values[f"{prefix}.stokes_radiance.{k}"] for k in range(3)])
+        return LitRegion(name=region.name, radiance=radiance, texture_rms=texture_rms, texture_cov=covariance)
+    r0, r1, r2 = (values.get(f"{prefix}.texture_diagonal.{k}", 0.0) for k in range(3))
+    try:
+        return LitRegion(
+            name=region.name,
+            surface=region_surface(region, values),
+            tilt=region_tilt(region, values),
+            part=field_part(scene, region, values),
+            texture_rms=texture_rms,
+            texture_diagonal=(r0, r1, r2),
+            texture_cov=covariance,
+        )
+    except ValueError as error:
+        raise ConfigError(f"scene {scene.name}, region {region.name}: {error}") from error
+
+
+def file_settings(scene: SceneFile) -> Settings:
+    """Return the numerical settings that a scene file states, without a tolerance."""
+    air, field = scene.atmosphere, scene.field_of_view
+    settings = settings_of_tier(
+        Tier.STANDARD if air is None else air.tier, wavelengths=4 if air is None else air.wavelengths
+    )
+    if field is None:
+        return settings
+    return replace(settings, tiles_per_side=field.tiles_per_side, tile_rule=field.rule)

@@ -1,0 +1,151 @@
+"""What the counts of a prediction are scaled by: by the scene file, by a panel, or by the run itself."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.free_scale import FreeScale, fit_free_scale
+from model.prediction import RegionPrediction
+from model.processing.agreement import input_jacobian
+from rigctl.comparison.run_readout import one_exposure_s
+from rigctl.comparison.scene_inputs import Inputs
+from rigctl.comparison.throughput import GAIN, modelled_response, rescaled, without_throughput
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.scene_file import SceneFile
+from rigctl.measurement.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+ScaleKind = Literal["absolute", "panel", "free"]
+Predicted = Callable[[FloatArray], Mapping[str, RegionPrediction]]
+
+# A lens that was stopped down since is another one.
+_F_NUMBER_STEP = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """What the counts of a prediction were scaled by.
+
+    Attributes
+    ----------
+    kind : {"absolute", "panel", "free"}
+        By the optics and efficiency of the scene file; by a radiometric calibration; fitted to the run.
+    value, std_error : float
+        Factor on the counts per radiance of the scene file, and its standard error: as far as the file itself knows it
+        (absolute), of the calibration, or of the fit.
+    source : str
+        Where it comes from, in words for a report.
+    """
+
+    kind: ScaleKind
+    value: float
+    std_error: float
+    source: str
+
+    @property
+    def remark(self) -> str:
+        """The scale in a line."""
+        return f"scale of the counts: {self.value:.4g} +- {self.std_error:.2g} times the scene file's ({self.source})"
+
+
+def scale_inputs(
+    kind: ScaleKind,
+    inputs: Inputs,
+    *,
+    measurement: Measurement,
+    scene: SceneFile,
+    radiometric: Mapping[str, Any] | None,
+    predicted: Predicted,
+) -> tuple[Inputs, Scale]:
+    """Return the inputs of a prediction with the counts scaled, and the scale.
+
+    Parameters
+    ----------
+    kind : {"absolute", "panel", "free"}
+        Which scale.
+    inputs : Inputs
+        Of scene file and noise calibration.
+    measurement : Measurement
+        The run; "free" is fitted to the mean S0 of its regions.
+    scene : SceneFile
+        With the sun of the run.
+    radiometric : mapping or None
+        A radiometric calibration as its file holds it, for "panel".
+    predicted : callable
+        Values of the inputs to what the model says of each region.
+
+    Raises
+    ------
+    ConfigError
+        "panel" without a calibration, or a calibration with another kind of scale.
+    DataError
+        The calibration is of another f-number, the scale is not possible, or there is no light to fit.
+
+    Notes
+    -----
+    A scale acts on the electrons that a radiance makes, so that noise follows. The errors of a fitted scale go together
+    with those of the inputs that it makes up for: both are in the covariance that is returned.
+    """
+    if (kind == "panel") != (radiometric is not None):
+        raise ConfigError("--scale panel and --radiometric FILE (rigctl calibrate radiometric) go together")
+    if kind == "panel" and radiometric is not None:
+        return _by_panel(inputs, radiometric, scene, one_exposure_s(measurement))
+    if kind == "free":
+        return _by_run(inputs, measurement, predicted)
+    return inputs, _of_file(inputs, scene, one_exposure_s(measurement))
+
+
+def _of_file(inputs: Inputs, scene: SceneFile, exposure_s: float) -> Scale:
+    def logarithm(values: FloatArray) -> FloatArray:
+        named = dict(zip(inputs.names, values.tolist(), strict=True))
+        return np.log([modelled_response(scene, named, exposure_s=exposure_s)])
+
+    slopes = input_jacobian(logarithm, inputs.values, np.sqrt(np.diag(inputs.cov)), least=tuple(inputs.least))[0]
+    error = float(np.sqrt(slopes @ inputs.cov @ slopes))
+    return Scale(kind="absolute", value=1.0, std_error=error, source="optics and efficiency of the scene file")
+
+
+def _by_panel(
+    inputs: Inputs, radiometric: Mapping[str, Any], scene: SceneFile, exposure_s: float
+) -> tuple[Inputs, Scale]:
+    named, response = inputs.named, radiometric["response_dn_per_radiance"]
+    if abs(radiometric["f_number"] / named["sensor.f_number"] - 1.0) > _F_NUMBER_STEP:
+        raise DataError(
+            f"the radiometric calibration was made at f/{radiometric['f_number']:g}, the scene file says "
+            f"f/{named['sensor.f_number']:g}: calibrate at the stop that is used"
+        )
+    counts = response["value"] * exposure_s / radiometric["exposure_s"]
+    factor = counts / modelled_response(scene, named, exposure_s=exposure_s)
+    relative = response["std_error"] / response["value"]
+    # Counts are what is known: with a larger gain there are fewer electrons.
+    common = -inputs.cov[inputs.names.index(GAIN)] / named[GAIN]
+    variance = relative**2 + inputs.cov[inputs.names.index(GAIN), inputs.names.index(GAIN)] / named[GAIN] ** 2
+    found = rescaled(inputs, factor, variance=variance, common=common)
+    panel = radiometric.get("panel", {}).get("name", "a panel")
+    return found, Scale(
+        kind="panel", value=factor, std_error=factor * relative, source=f"radiometric calibration on {panel}"
+    )
+
+
+def _by_run(inputs: Inputs, measurement: Measurement, predicted: Predicted) -> tuple[Inputs, Scale]:
+    fixed = without_throughput(inputs)
+    s0 = {name: region.quantities["s0"]["mean"] for name, region in measurement.regions.items()}
+
+    def modelled(values: FloatArray) -> FloatArray:
+        regions = predicted(values)
+        return np.array([regions[name].quantities["s0"]["mean"] for name in s0])
+
+    found: FreeScale = fit_free_scale(
+        measured=np.array([sample.value for sample in s0.values()]),
+        measured_error=np.array([sample.std_error for sample in s0.values()]),
+        predicted=modelled(fixed.values),
+        jacobian=input_jacobian(modelled, fixed.values, np.sqrt(np.diag(fixed.cov)), least=tuple(fixed.least)),
+        input_cov=fixed.cov,
+    )
+    error = found.value * found.variance**0.5
+    plural = "region" if len(s0) == 1 else "regions"
+    scale = Scale(kind="free", value=found.value, std_error=error, source=f"fitted to S0 of {len(s0)} {plural}")
+    return rescaled(inputs, found.value, variance=found.variance, common=found.common), scale

@@ -1,0 +1,77 @@
+"""Frames moved back to where the first polarizer angle sees the scene, and what that does to noise."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.polarimeter.registration import moved_back
+from rigctl.measurement.frame_grid import FrameGrid
+from rigctl.polarimeter.registration_file import shift_pixels
+from rigctl.polarimeter.run_registration import angle_deg
+from rigctl.runs.run_folder import FrameRecord, Run
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkBack:
+    """Where frames lie against the first angle of the first cycle.
+
+    Attributes
+    ----------
+    shifts_pixels : dict
+        Sequence number of a frame to its shift (x, y).
+    variance_factor : (N,) array
+        What interpolation makes of the variance of white noise, by channel; the mean over cycles.
+    margin_pixels : int
+        Rows and columns along the border of the picture that not every frame shows.
+    """
+
+    shifts_pixels: dict[int, FloatArray]
+    variance_factor: FloatArray
+    margin_pixels: int
+
+    def signal(self, record: FrameRecord, signal: FloatArray) -> FloatArray:
+        """Return a frame moved back."""
+        return moved_back(signal, self.shifts_pixels[record.sequence])[0]
+
+    def touched(self, record: FrameRecord, bad: BoolArray) -> BoolArray:
+        """Return which pixels of the frame moved back have any part of a bad one."""
+        if not bad.any():
+            return bad
+        parts, _ = moved_back(bad.astype(np.float64), self.shifts_pixels[record.sequence])
+        return np.asarray(parts > 0.0)
+
+    def beyond(self, shape: tuple[int, int]) -> BoolArray:
+        """Return which pixels of a picture lie in the margin."""
+        outside = np.ones(shape, dtype=np.bool_)
+        inner = slice(self.margin_pixels, -self.margin_pixels or None)
+        outside[inner, inner] = False
+        return outside
+
+
+def walk_back(run: Run, grid: FrameGrid, registration: Mapping[str, Any]) -> WalkBack:
+    """Return how the frames of a run are to be moved, by a registration as its file holds it.
+
+    Raises
+    ------
+    DataError
+        A frame has no angle, or the registration none for it.
+    """
+    first = angle_deg(run, grid.records[0][0])
+    shifts = {
+        record.sequence: shift_pixels(registration, angle_deg(run, record), against_deg=first)
+        for cycle in grid.records
+        for record in cycle
+    }
+    one_pixel = np.zeros((4, 4))
+    factors = [[moved_back(one_pixel, shifts[record.sequence])[1] for record in cycle] for cycle in grid.records]
+    return WalkBack(
+        shifts_pixels=shifts,
+        variance_factor=np.mean(factors, axis=0),
+        margin_pixels=int(np.ceil(max(np.max(np.abs(shift)) for shift in shifts.values()))),
+    )

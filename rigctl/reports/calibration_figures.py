@@ -1,0 +1,161 @@
+"""Plots of a noise calibration against light and time: linearity, dark signal, signal-to-noise ratio."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.performance import temporal_noise_e, total_noise_e
+from rigctl.reports.figure_style import MEASURED, PREDICTED, png, subplots
+
+FloatArray = NDArray[np.float64]
+
+_GREY = "0.45"
+_MS_PER_S = 1e3
+
+
+def linearity_png(calibration: NoiseCalibration) -> bytes | None:
+    """Return mean against light, and how far it is from a straight line; None where no light is known."""
+    light, label = _light(calibration.flats)
+    if light is None:
+        return None
+    signal_dn, used = calibration.transfer.points.signal_dn, calibration.transfer.used
+    figure, (above, below) = subplots(2, 1, size=(7.4, 6.0))
+    for chosen, marker, colour, name in (
+        (used, "o", MEASURED, "flats used"),
+        (~used, "x", _GREY, "flats left out"),
+    ):
+        above.plot(light[chosen], signal_dn[chosen], marker, ms=5, color=colour, label=name)
+    line = np.polyfit(light[used], signal_dn[used], 1, w=1.0 / signal_dn[used]) if used.sum() > 1 else np.zeros(2)
+    shown = np.linspace(0.0, light.max(), 200)
+    above.plot(shown, np.polyval(line, shown), color=PREDICTED, label="straight line, weights 1 / signal")
+    above.set(xlabel=label, ylabel="signal above dark [DN]", title="Linearity")
+    off = 100.0 * (signal_dn[used] / np.polyval(line, light[used]) - 1.0)
+    below.errorbar(
+        signal_dn[used], off, _relative_errors(calibration), fmt="o", ms=4, color=MEASURED, label="flats used"
+    )
+    _draw_response(below, calibration)
+    below.axhline(0.0, color="black", lw=0.8)
+    below.set(xlabel="signal above dark [DN]", ylabel="off the straight line [%]")
+    for axes in (above, below):
+        _finish(axes)
+    return png(figure)
+
+
+def _relative_errors(calibration: NoiseCalibration) -> FloatArray:
+    """Return the sampling error of the mean of each level that is used [%]."""
+    points, used = calibration.transfer.points, calibration.transfer.used
+    n = np.array([level.n_frames * level.n_pixels for level in calibration.flats])[used]
+    errors: FloatArray = 100.0 * np.sqrt(points.flat_variance_dn2[used] / n) / points.signal_dn[used]
+    return errors
+
+
+def _draw_response(axes: Axes, calibration: NoiseCalibration) -> None:
+    curve, signal_dn = calibration.transfer.linearity, calibration.transfer.points.signal_dn[calibration.transfer.used]
+    if curve is None:
+        return
+    response = np.polynomial.Polynomial([0.0, 1.0, curve.quadratic_per_dn, curve.cubic_per_dn2])
+    # By the same weights, at the levels, as the line above.
+    line = np.polyfit(signal_dn, response(signal_dn), 1, w=1.0 / signal_dn)
+    x = np.linspace(max(signal_dn.min(), 0.05 * signal_dn.max()), signal_dn.max(), 200)
+    off = 100.0 * (response(x) / np.polyval(line, x) - 1.0)
+    axes.plot(response(x), off, color=PREDICTED, label="fitted response (cubic), off its own line")
+
+
+def _light(flats: tuple[LevelStatistics, ...]) -> tuple[FloatArray | None, str]:
+    photons = [flat.photons for flat in flats if flat.photons is not None]
+    exposures = [flat.exposure_s for flat in flats if flat.exposure_s is not None]
+    if len(photons) == len(flats):
+        return np.array(photons), "photons per pixel"
+    if len(exposures) == len(flats) and len(set(exposures)) > 2:
+        return _MS_PER_S * np.array(exposures), "exposure time [ms]"
+    return None, ""
+
+
+def dark_png(calibration: NoiseCalibration) -> bytes | None:
+    """Return mean and variance of the dark frames against exposure; None where exposures are not known."""
+    exposures = [level.exposure_s for level in calibration.darks if level.exposure_s is not None]
+    if len(exposures) < len(calibration.darks):
+        return None
+    time_s = np.array(exposures)
+    figure, (left, right) = subplots(1, 2, size=(9.6, 3.8))
+    dark, shown_s = calibration.dark, np.linspace(0.0, time_s.max(), 50)
+    left.plot(_MS_PER_S * time_s, dark.means_dn, "o", ms=5, color=MEASURED, label="dark levels")
+    left.plot(
+        _MS_PER_S * shown_s, _line(dark.mean_fit.parameters, shown_s), color=PREDICTED, label=_mean_label(calibration)
+    )
+    left.set(ylabel="mean [DN]", title="Dark signal")
+    errors = np.array([level.temporal_std_error_dn2 for level in calibration.darks])
+    right.errorbar(
+        _MS_PER_S * time_s,
+        [level.temporal_variance_dn2 for level in calibration.darks],
+        errors,
+        fmt="o",
+        ms=5,
+        color=MEASURED,
+        label="dark levels",
+    )
+    if dark.variance_fit is not None:
+        fitted = _line(dark.variance_fit.parameters, shown_s)
+        right.plot(_MS_PER_S * shown_s, fitted, color=PREDICTED, label=_variance_label(calibration))
+    right.set(ylabel="variance in time [DN$^2$]", title="Dark noise")
+    for axes in (left, right):
+        axes.set_xlabel("exposure time [ms]")
+        axes.ticklabel_format(axis="y", useOffset=False)
+        _finish(axes)
+    return png(figure)
+
+
+def _line(parameters: FloatArray, time_s: FloatArray) -> FloatArray:
+    return np.asarray(np.polynomial.polynomial.polyval(time_s, parameters), dtype=np.float64)
+
+
+def _mean_label(calibration: NoiseCalibration) -> str:
+    found = calibration.dark_current_e_per_s
+    return "mean" if found is None else f"dark current {found.value:.3g} ± {found.std_error:.2g} e-/s"
+
+
+def _variance_label(calibration: NoiseCalibration) -> str:
+    found = calibration.performance.dark_current_variance_e_per_s
+    return "mean" if found is None else f"dark current {found.value:.3g} ± {found.std_error:.2g} e-/s"
+
+
+def snr_png(calibration: NoiseCalibration) -> bytes | None:
+    """Return the signal-to-noise ratio of a pixel against its signal; None where the read noise is not known."""
+    if calibration.read_noise_e is None:
+        return None
+    gain, points = calibration.gain_dn_per_e.value, calibration.transfer.points
+    shown = (points.signal_dn > 0.0) & (points.flat_variance_dn2 > 0.0) & ~points.saturated
+    signal_e = points.signal_dn[shown] / gain
+    figure, (axes,) = subplots(1, 1, size=(7.4, 4.8))
+    ratio = points.signal_dn[shown] / np.sqrt(points.flat_variance_dn2[shown])
+    axes.plot(signal_e, ratio, "o", ms=5, color=MEASURED, label="flats, noise in time")
+    x = np.geomspace(1.0, signal_e.max(), 300)
+    temporal_e = temporal_noise_e(x, read_noise_e=calibration.read_noise_e.value, gain_dn_per_e=gain)
+    axes.plot(x, x / temporal_e, color=PREDICTED, label="by gain and read noise")
+    if calibration.prnu is not None and calibration.dsnu_e is not None:
+        total_e = total_noise_e(temporal_e, x, prnu=calibration.prnu.value, dsnu_e=calibration.dsnu_e.value)
+        axes.plot(x, x / total_e, color=PREDICTED, ls="--", label="with DSNU and PRNU")
+    axes.plot(x, np.sqrt(x), color=_GREY, ls=":", label="photons alone")
+    _mark_limits(axes, calibration)
+    axes.set(xscale="log", yscale="log", xlabel="signal [e-]", ylabel="signal over noise of a pixel")
+    axes.set_title("Signal-to-noise ratio")
+    axes.set_ylim(bottom=0.05)
+    _finish(axes)
+    return png(figure)
+
+
+def _mark_limits(axes: Axes, calibration: NoiseCalibration) -> None:
+    threshold, highest = calibration.performance.threshold_e, calibration.performance.snr_max
+    if threshold is not None:
+        axes.axhline(1.0, color="black", lw=0.6)
+        axes.plot(threshold.value, 1.0, "k^", ms=7, label=f"threshold {threshold.value:.3g} e-")
+    if highest is not None:
+        label = f"largest {highest.value:.0f} ({20.0 * np.log10(highest.value):.1f} dB)"
+        axes.plot(highest.value**2, highest.value, "ks", ms=6, label=label)
+
+
+def _finish(axes: Axes) -> None:
+    axes.grid(alpha=0.3, which="both", lw=0.4)
+    axes.legend(fontsize=8)

@@ -1,0 +1,113 @@
+"""The numbers of a noise calibration as rows of text, the standard's beside the best ones."""
+
+from dataclasses import dataclass
+from typing import Any
+
+_NOT_KNOWN = "not known"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationRow:
+    """A quantity with its numbers as text, each to the digits that its error allows.
+
+    Attributes
+    ----------
+    title, unit : str
+        What it is called, and its unit.
+    value, error, frames : str
+        What the model uses, its standard error, and from how many frames; empty where only the standard has it.
+    emva_value, emva_error, emva_frames, symbol : str
+        The same of EMVA 1288, and its symbol; empty where the standard has none.
+    """
+
+    title: str
+    unit: str
+    value: str
+    error: str
+    frames: str
+    emva_value: str
+    emva_error: str
+    emva_frames: str
+    symbol: str
+
+
+# Title, unit, factor from the file's unit to this one, key of the best number, key of the standard's.
+_ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
+    ("gain", "DN/e-", 1.0, "gain_dn_per_e", "gain_dn_per_e"),
+    ("quantum efficiency", "%", 100.0, "quantum_efficiency", "quantum_efficiency"),
+    ("responsivity", "DN/photon", 1.0, None, "responsivity_dn_per_photon"),
+    ("read noise", "e-", 1.0, "read_noise_e", "temporal_dark_noise_e"),
+    ("dark noise, 1/12 DN^2 in it", "DN", 1.0, None, "temporal_dark_noise_dn"),
+    ("black level", "DN", 1.0, "black_level_dn", None),
+    ("absolute sensitivity threshold", "e-", 1.0, "threshold_e", "threshold_e"),
+    ("absolute sensitivity threshold", "photons", 1.0, None, "threshold_photons"),
+    ("saturation", "e-", 1.0, "saturation_e", "saturation_e"),
+    ("saturation", "photons", 1.0, None, "saturation_photons"),
+    ("dynamic range", "", 1.0, "dynamic_range", "dynamic_range"),
+    ("largest SNR", "", 1.0, "snr_max", "snr_max"),
+    ("linearity error, lowest", "%", 100.0, None, "linearity_error_min"),
+    ("linearity error, highest", "%", 100.0, None, "linearity_error_max"),
+    ("dark current by mean", "e-/s", 1.0, "dark_current_e_per_s", "dark_current_mean_e_per_s"),
+    ("dark current by variance", "e-/s", 1.0, "dark_current_variance_e_per_s", "dark_current_variance_e_per_s"),
+    ("DSNU", "e-", 1.0, "dsnu_e", "dsnu_e"),
+    ("DSNU of rows", "e-", 1.0, None, "dsnu_row_e"),
+    ("DSNU of columns", "e-", 1.0, None, "dsnu_column_e"),
+    ("DSNU of pixels", "e-", 1.0, None, "dsnu_pixel_e"),
+    ("PRNU", "%", 100.0, "prnu", "prnu"),
+    ("PRNU of rows", "%", 100.0, None, "prnu_row"),
+    ("PRNU of columns", "%", 100.0, None, "prnu_column"),
+    ("PRNU of pixels", "%", 100.0, None, "prnu_pixel"),
+)
+
+
+def calibration_rows(content: dict[str, Any]) -> list[CalibrationRow]:
+    """Return the numbers of a calibration.
+
+    Parameters
+    ----------
+    content : dict
+        Of ``noise.json``.
+    """
+    best = content | content["performance"]
+    return [_row(best, content["emva1288"], *row) for row in _ROWS]
+
+
+def _row(
+    best: dict[str, Any],
+    emva: dict[str, Any],
+    title: str,
+    unit: str,
+    factor: float,
+    key: str | None,
+    emva_key: str | None,
+) -> CalibrationRow:
+    value, error, frames = ("", "", "") if key is None else _cells(best[key], factor)
+    emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(emva[emva_key], factor)
+    figure = emva[emva_key] if emva_key else None
+    return CalibrationRow(
+        title=title,
+        unit=unit,
+        value=value,
+        error=error,
+        frames=frames,
+        emva_value=emva_value,
+        emva_error=emva_error,
+        emva_frames=emva_frames,
+        symbol=figure["symbol"] if figure else "",
+    )
+
+
+def _cells(found: dict[str, Any] | None, factor: float) -> tuple[str, str, str]:
+    """Return value and standard error to two digits of the error, and the number of frames."""
+    if found is None:
+        return _NOT_KNOWN, "", ""
+    value = factor * found["value"]
+    if not found["std_error"]:
+        return f"{value:.4g}", "", str(found["n"])
+    error = factor * found["std_error"]
+    digits = max(0, 1 - _exponent(error))
+    return f"{value:.{digits}f}", f"{error:.{digits}f}", str(found["n"])
+
+
+def _exponent(number: float) -> int:
+    return int(f"{number:.0e}".partition("e")[2])

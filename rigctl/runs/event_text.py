@@ -1,0 +1,24 @@
+"""One event of a run in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+_UTC_DIGITS = 19
+
+
+def event_line(event: Mapping[str, Any]) -> str:
+    """Return an event as a line that a person reads: when, what, and what is known of it."""
+    facts = "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in event["facts"].items())
+    return f"{event['utc'][:_UTC_DIGITS]}Z  {event['event']:<14}  {facts}".rstrip()
+
+
+def _said(value: object) -> str:
+    if value is None:
+        return "not known"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_said(one)}" for name, one in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "none"
+    return str(value)

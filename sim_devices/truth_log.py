@@ -1,0 +1,89 @@
+"""What a simulated rig truly did, frame by frame: its own record, which no driver and no session has a hand in."""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+_MODE = 0o644
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueFrame:
+    """One exposure as it truly was.
+
+    Attributes
+    ----------
+    sequence : int
+        The camera's number of the frame.
+    subject : str
+        What was in front of the camera: "scene", "dark" or "flat".
+    polarizer_angle_deg : float
+        Where the transmission axis truly pointed at the start, in [0, 180).
+    exposure_s : float
+        Integration time.
+    gain_db : float
+        Gain setting.
+    start_utc_ns, start_monotonic_ns : int
+        Start by the clocks of the host.
+    fault : str or None
+        What the simulation did to the frame on purpose.
+    """
+
+    sequence: int
+    subject: str
+    polarizer_angle_deg: float
+    exposure_s: float
+    gain_db: float
+    start_utc_ns: int
+    start_monotonic_ns: int
+    fault: str | None
+
+
+class TruthLog:
+    """A file of lines, one an exposure, that grows from session to session.
+
+    Parameters
+    ----------
+    path : Path
+        The file; made where it is not there.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+
+    Notes
+    -----
+    Each line is one write, so that a kill leaves whole lines; it is not waited for the disk.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        os.close(self._opened())
+
+    def note(self, frame: TrueFrame) -> None:
+        """Add a frame."""
+        descriptor = self._opened()
+        try:
+            os.write(descriptor, (json.dumps(asdict(frame), allow_nan=False) + "\n").encode("ascii"))
+        finally:
+            os.close(descriptor)
+
+    def _opened(self) -> int:
+        return os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, _MODE)
+
+
+def read_truth(path: Path) -> tuple[TrueFrame, ...]:
+    """Return the frames of a truth log in the order in which they were exposed.
+
+    Raises
+    ------
+    ValueError
+        A line is no frame.
+    """
+    lines = path.read_text(encoding="ascii").splitlines()
+    try:
+        return tuple(TrueFrame(**json.loads(line)) for line in lines)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: a line is no frame: {error}") from error

@@ -1,0 +1,271 @@
+"""Axis, sense, extinction and W from simulated scans: Malus' law by Mueller calculus, with known truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.polarimeter.analyzer import analyzer_channels, extinction, pooled_diattenuation
+from calibration.polarimeter.axis import fit_axis, half_turn
+from calibration.polarimeter.data_reduction import linear_states, measured_data_reduction
+from calibration.polarimeter.fourier_fit import fit_fourier, residual_harmonics
+
+FloatArray = NDArray[np.float64]
+
+GENERATOR_RAD = np.radians(np.arange(0.0, 180.0, 5.0))
+STAGE_RAD = np.radians([0.0, 45.0, 90.0, 135.0])
+SNR = 2000.0
+DOLP = 0.995
+THROUGHPUT = np.array([1.0, 0.98, 1.02, 1.01])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rig:
+    sense: int = 1
+    offset_rad: float = np.radians(17.3)
+    ratio: float = 500.0
+
+    @property
+    def diattenuation(self) -> float:
+        return (self.ratio - 1.0) / (self.ratio + 1.0)
+
+    def analyzer(self) -> FloatArray:
+        """First rows (N, 3) of the Mueller matrices of the polarizer at the stage's angles."""
+        axis = self.sense * STAGE_RAD + self.offset_rad
+        d = self.diattenuation
+        rows = np.column_stack([np.ones_like(axis), d * np.cos(2 * axis), d * np.sin(2 * axis)])
+        first_rows: FloatArray = 0.5 * THROUGHPUT[:, None] * rows
+        return first_rows
+
+    def scan(self, seed: int, snr: float = SNR) -> FloatArray:
+        """Intensities (K, N); noise of a region at the mean intensity over the SNR."""
+        states = np.array(
+            [np.ones_like(GENERATOR_RAD), DOLP * np.cos(2 * GENERATOR_RAD), DOLP * np.sin(2 * GENERATOR_RAD)]
+        )
+        clean = (self.analyzer() @ states).T
+        noise = np.random.default_rng(seed).standard_normal(clean.shape)
+        return np.asarray(clean + clean.mean() / snr * noise)
+
+
+SEEDS = range(40)
+RIGS = [Rig(), Rig(sense=-1), Rig(sense=-1, offset_rad=np.radians(0.0)), Rig(offset_rad=np.radians(179.99), ratio=30.0)]
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_axis_and_sense_from_a_generator_scan(rig: Rig) -> None:
+    scores = []
+    for seed in SEEDS:
+        channels = analyzer_channels(GENERATOR_RAD, rig.scan(seed), generator_dolp=DOLP)
+        fit = fit_axis(axis_rad=channels.axis_rad, stage_rad=STAGE_RAD, std_error_rad=channels.axis_error_rad)
+        assert fit.is_decided
+        assert fit.best.sense == rig.sense
+        error = float(half_turn(np.array(fit.best.offset_rad - rig.offset_rad)))
+        # One channel: 0.5 sqrt(2 / 36) / 2000 = 0.0034 deg; four of them half of that.
+        assert fit.best.std_error_rad < np.radians(0.005)
+        assert abs(error) < np.radians(0.02)
+        scores.append(error / fit.best.std_error_rad)
+    # Errors hold 33 degrees of freedom a channel, and scatter that only enlarges them: variance at most 1.1.
+    assert abs(np.mean(scores)) < 4.0 / np.sqrt(len(SEEDS))
+    assert 0.3 < np.var(scores) < 2.0
+
+
+def test_generator_scan_finds_throughput_and_diattenuation() -> None:
+    rig = Rig()
+    channels = analyzer_channels(GENERATOR_RAD, rig.scan(1), generator_dolp=DOLP)
+    truth = THROUGHPUT / THROUGHPUT.mean()
+    # Mean of 36 values: 1 / 2000 / 6.
+    assert np.max(np.abs(channels.throughput - truth)) < 5.0 / SNR / 6.0
+    assert np.all(np.abs(channels.diattenuation - rig.diattenuation) < 5.0 * channels.diattenuation_error)
+    assert np.all(channels.diattenuation_error < 2.0 * np.sqrt(2.0 / 36.0) / SNR)
+
+
+@pytest.mark.parametrize("ratio", [30.0, 500.0, 3000.0])
+def test_extinction_is_within_its_interval(ratio: float) -> None:
+    inside = 0
+    for seed in SEEDS:
+        channels = analyzer_channels(GENERATOR_RAD, Rig(ratio=ratio).scan(seed), generator_dolp=DOLP)
+        value, error = pooled_diattenuation(channels)
+        found = extinction(float(value), float(error))
+        inside += found.lower <= ratio and (found.upper is None or ratio <= found.upper)
+    # Binomial of 40 with 0.95: 33 or fewer with a chance of 4e-4.
+    assert inside >= 34
+
+
+def test_a_polarizer_too_good_to_measure_has_a_lower_limit_only() -> None:
+    found = extinction(0.9999, 2e-4)
+    assert found.upper is None
+    assert found.lower == pytest.approx((1.0 + 0.9999 - 1.959964 * 2e-4) / (1.0 - 0.9999 + 1.959964 * 2e-4), rel=1e-9)
+    assert extinction(1.00002, 2e-4).ratio is None
+
+
+def test_a_diattenuation_above_one_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="above 1"):
+        extinction(1.01, 0.001)
+
+
+def test_what_is_no_polarizer_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="no polarizer"):
+        extinction(-0.2, 0.01)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_w_from_known_inputs(rig: Rig) -> None:
+    truth = np.linalg.pinv(rig.analyzer())
+    found = measured_data_reduction(linear_states(GENERATOR_RAD, dolp=DOLP), rig.scan(3).T)
+    assert np.max(np.abs(found.matrix - truth)) < 1e-3
+    assert np.all(np.abs(found.matrix - truth) < 5.0 * found.std_error)
+
+
+def test_w_has_the_errors_that_it_says() -> None:
+    truth, states = np.linalg.pinv(Rig().analyzer()), linear_states(GENERATOR_RAD, dolp=DOLP)
+    found = [measured_data_reduction(states, Rig().scan(seed, snr=200.0).T) for seed in range(200)]
+    scores = np.array([(one.matrix - truth) / one.std_error for one in found])
+    # 200 draws with 33 degrees of freedom behind each error: variance 1.06; 5 sigma of 12 correlated elements.
+    assert np.all(np.abs(scores.var(axis=0) - 1.06) < 5.0 * 1.06 * np.sqrt(2.0 / 200.0))
+
+
+def test_w_is_truncated_to_three_singular_values() -> None:
+    found = measured_data_reduction(linear_states(GENERATOR_RAD, dolp=DOLP), Rig().scan(4).T)
+    assert np.linalg.matrix_rank(found.matrix) == 3
+    assert found.singular_values[3] < 0.01 * found.singular_values[2]
+    # Untruncated, the fourth would be inverted: elements of W that are hundreds of times those of the truth.
+    assert np.max(np.abs(found.matrix)) < 2.0
+
+
+@pytest.mark.parametrize(("states", "channels"), [(3, 4), (36, 2)], ids=["too few states", "too few channels"])
+def test_w_needs_states_and_channels(states: int, channels: int) -> None:
+    with pytest.raises(CalibrationError, match="W needs 3 angles and 4 states"):
+        measured_data_reduction(np.ones((3, states)), np.ones((channels, states)))
+
+
+def test_w_refuses_states_that_are_repeats() -> None:
+    states = linear_states(np.array([0.0, np.pi, 0.5, 0.5 + np.pi]), dolp=1.0)
+    with pytest.raises(CalibrationError, match="do not span"):
+        measured_data_reduction(states, Rig().analyzer() @ states)
+
+
+def analyzer_scan(rig: Rig, reference_rad: float, *, seed: int = 1, n: int = 36) -> tuple[FloatArray, FloatArray]:
+    """Stage angles over a turn and intensities of light that is polarized along a fixed direction."""
+    stage = np.radians(np.arange(n) * 360.0 / n)
+    axis = rig.sense * stage + rig.offset_rad
+    clean = 0.5 * (1.0 + rig.diattenuation * DOLP * np.cos(2.0 * (axis - reference_rad)))
+    return stage, clean + 0.5 / SNR * np.random.default_rng(seed).standard_normal(n)
+
+
+def pair(rig: Rig, reference_deg: float, seed: int = 1) -> tuple[float, float]:
+    fit = fit_fourier(*analyzer_scan(rig, np.radians(reference_deg), seed=seed))
+    return float(fit.phase_rad), float(fit.phase_error_rad())
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_two_references_find_the_sense(rig: Rig) -> None:
+    references = np.radians([0.0, 30.0])
+    pairs = np.array([pair(rig, 0.0, 1), pair(rig, 30.0, 2)])
+    fit = fit_axis(axis_rad=references, stage_rad=pairs[:, 0], std_error_rad=pairs[:, 1])
+    assert fit.is_decided
+    assert fit.best.sense == rig.sense
+    assert abs(half_turn(np.array(fit.best.offset_rad - rig.offset_rad))) < 5.0 * fit.best.std_error_rad
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_one_reference_and_a_mark_on_the_mount_find_the_sense(sense: int) -> None:
+    rig = Rig(sense=sense, offset_rad=np.radians(3.0))
+    phase, error = pair(rig, 30.0)
+    fit = fit_axis(
+        axis_rad=np.radians([30.0]),
+        stage_rad=np.array([phase]),
+        std_error_rad=np.array([error]),
+        expected_rad=0.0,
+        expected_error_rad=np.radians(5.0),
+    )
+    assert fit.is_decided
+    assert fit.best.sense == sense
+    # The mark decides, and pulls the number by nothing.
+    assert abs(half_turn(np.array(fit.best.offset_rad - rig.offset_rad))) < 5.0 * fit.best.std_error_rad
+
+
+@pytest.mark.parametrize("reference_deg", [0.0, 90.0])
+def test_a_horizontal_or_vertical_reference_cannot_find_the_sense(reference_deg: float) -> None:
+    phase, error = pair(Rig(sense=-1, offset_rad=np.radians(3.0)), reference_deg)
+    fit = fit_axis(
+        axis_rad=np.radians([reference_deg]),
+        stage_rad=np.array([phase]),
+        std_error_rad=np.array([error]),
+        expected_rad=0.0,
+        expected_error_rad=np.radians(5.0),
+    )
+    assert not fit.is_decided
+
+
+def test_one_reference_alone_fits_either_sense() -> None:
+    phase, error = pair(Rig(), 30.0)
+    fit = fit_axis(axis_rad=np.radians([30.0]), stage_rad=np.array([phase]), std_error_rad=np.array([error]))
+    assert not fit.is_decided
+
+
+def test_the_error_of_the_reference_is_in_the_offset() -> None:
+    phase, error = pair(Rig(), 30.0)
+    fit = fit_axis(
+        axis_rad=np.radians([30.0]), stage_rad=np.array([phase]), std_error_rad=np.array([error]), common_error_rad=0.01
+    )
+    assert fit.best.std_error_rad == pytest.approx(np.hypot(error, 0.01), rel=1e-12)
+
+
+def test_phase_and_modulation_have_the_errors_that_they_say() -> None:
+    draws = np.random.default_rng(9)
+    angles = np.radians(np.arange(0.0, 180.0, 7.5))
+    clean = 100.0 * (1.0 + 0.6 * np.cos(2.0 * (angles - 0.7)))
+    fit = fit_fourier(angles, clean[:, None] + draws.standard_normal((24, 4000)))
+    # 21 degrees of freedom: t, variance 21 / 19; 5 sigma of 4000.
+    for score in ((fit.phase_rad - 0.7) / fit.phase_error_rad(), (fit.modulation - 0.6) / fit.modulation_error()):
+        assert np.var(score) == pytest.approx(21.0 / 19.0, abs=5.0 * np.sqrt(2.5 / 4000.0))
+
+
+def test_a_wedge_and_a_detector_that_is_not_linear_are_seen_apart() -> None:
+    stage, values = analyzer_scan(Rig(), 0.4)
+    assert not any(harmonic.is_seen for harmonic in residual_harmonics(stage, values))
+    wedge = {h.order: h for h in residual_harmonics(stage, values * (1.0 + 0.01 * np.cos(stage - 0.2)))}
+    assert wedge[1].is_seen
+    # cos x (1 + D cos (2 x - phase)) has the amplitude 1 at one cycle, and 1/2 more or less by the phase.
+    assert 0.0049 < wedge[1].amplitude < 0.0151
+    bent = {h.order: h for h in residual_harmonics(stage, values * (1.0 - 0.02 * values))}
+    assert bent[4].is_seen
+    # y^2 of 0.5 (1 + D cos): the square of the cosine has half of it at twice the frequency: 0.02 / 4 / 2 / 0.5.
+    assert bent[4].amplitude == pytest.approx(0.005, rel=0.1)
+
+
+def test_a_scan_of_half_a_turn_in_three_axes_has_no_harmonics() -> None:
+    angles = np.radians([0.0, 60.0, 120.0, 0.0, 60.0])
+    assert residual_harmonics(angles, np.ones(5)) == ()
+
+
+@pytest.mark.parametrize("angles_deg", [[0.0, 90.0, 180.0, 270.0, 360.0], [0.0, 180.0, 0.0, 180.0]])
+def test_angles_that_are_repeats_are_refused(angles_deg: list[float]) -> None:
+    with pytest.raises(CalibrationError, match="repeats"):
+        fit_fourier(np.radians(angles_deg), np.ones(len(angles_deg)))
+
+
+def test_three_angles_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="4 angles or more"):
+        fit_fourier(np.array([0.0, 0.5, 1.0]), np.ones(3))
+
+
+def test_a_scan_in_the_dark_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="no light"):
+        fit_fourier(np.linspace(0.0, 3.0, 8), np.full(8, -0.1))
+
+
+def test_a_generator_without_polarization_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="generator's DoLP"):
+        analyzer_channels(GENERATOR_RAD, Rig().scan(1), generator_dolp=0.0)
+
+
+def test_every_pixel_has_its_own_channels() -> None:
+    scan = Rig().scan(1)
+    stacked = np.stack([scan, 2.0 * scan], axis=2)
+    channels = analyzer_channels(GENERATOR_RAD, stacked, generator_dolp=DOLP)
+    alone = analyzer_channels(GENERATOR_RAD, scan, generator_dolp=DOLP)
+    np.testing.assert_allclose(channels.axis_rad[:, 1], alone.axis_rad, atol=1e-12)
+    np.testing.assert_allclose(channels.diattenuation[:, 0], alone.diattenuation, rtol=1e-12)

@@ -1,0 +1,120 @@
+"""What a calibration was made for, and for which frames it may be used."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rigctl.calibrations.fitness import require_fit
+from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
+from rigctl.errors import DataError
+from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_writer import RunWriter
+from tests.rigctl.run_samples import make_record, noisy_counts
+
+CALIBRATED = MadeFor(
+    camera_model="GC780",
+    camera_serial="11",
+    stage_model="ELL14",
+    stage_serial="7",
+    gain_db=0.0,
+    bit_depth=12,
+    pixel_format="Mono12",
+    binning=1,
+    temperature_c=30.0,
+    taken_utc="2026-05-04T10:00:00.000000001Z",
+    valid_days=30.0,
+)
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        ({"camera_serial": "12"}, "camera serial number: calibrated 11, used 12"),
+        ({"gain_db": 6.0}, "gain setting"),
+        ({"bit_depth": 8}, "bit depth"),
+        ({"binning": 2}, "binning"),
+        ({"stage_serial": "8"}, "stage serial number"),
+    ],
+)
+def test_another_device_or_setting_is_refused(other: dict[str, object], named: str) -> None:
+    with pytest.raises(DataError, match="noise calibration is not of these devices") as refused:
+        require_fit("noise calibration", CALIBRATED, replace(CALIBRATED, **other), stage=True)
+    assert named in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        ({"taken_utc": "2026-06-04T10:00:00.000000000Z"}, "31 days"),
+        # A calibration that is made long after the frames is no better than one made long before.
+        ({"taken_utc": "2026-04-01T10:00:00.000000000Z"}, "33 days"),
+        ({"temperature_c": 36.0}, "36.0 deg C"),
+        ({"pixel_format": "Mono12Packed"}, "pixel format Mono12"),
+    ],
+)
+def test_what_is_doubtful_is_said(other: dict[str, object], named: str) -> None:
+    (doubt,) = require_fit("noise calibration", CALIBRATED, replace(CALIBRATED, **other))
+    assert named in doubt
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {},
+        {"gain_db": 0.04},
+        {"temperature_c": 34.0},
+        {"stage_serial": "8"},
+        {"taken_utc": "2026-06-03T09:59:59.000000000Z"},
+    ],
+)
+def test_what_fits_is_not_spoken_of(other: dict[str, object]) -> None:
+    # A gain that is read back differs from the one that was set in its last digits; noise knows no stage.
+    used = replace(CALIBRATED, **other)
+    assert require_fit("noise calibration", CALIBRATED, used) == ()
+
+
+def test_what_one_side_does_not_know_is_not_compared() -> None:
+    assert require_fit("noise calibration", CALIBRATED, MadeFor(), stage=True) == ()
+
+
+def test_a_polarizer_calibration_holds_at_any_gain() -> None:
+    assert require_fit("polarizer calibration", CALIBRATED, replace(CALIBRATED, gain_db=12.0), gain=False) == ()
+
+
+def test_a_run_says_what_it_was_taken_with(tmp_path: Path) -> None:
+    session = {
+        "origin": "device",
+        "rig": {"camera": {"address": "gige:x?pixel_format=Mono12Packed&binning=2"}},
+    }
+    facts = {"camera_serial": "11", "gain_db": 3.0, "stage_serial": "7"}
+    with RunWriter.create(tmp_path / "run", session) as writer:
+        for minute in (0, 1):
+            start = f"2026-05-04T10:0{minute}:00.000000000Z"
+            writer.write_frame(
+                make_record(minute, start_utc=start, camera_temperature_c=41.0 + minute, **facts), noisy_counts()
+            )
+        writer.write_frame(make_record(2, gain_db=4.0), noisy_counts())
+    run = read_run(tmp_path / "run")
+    found = made_for(run, run.frames[:2])
+    assert found == MadeFor(
+        **facts,
+        bit_depth=12,
+        pixel_format="Mono12Packed",
+        binning=2,
+        temperature_c=41.5,
+        taken_utc="2026-05-04T10:01:00.000000000Z",
+    )
+    # Frames of two gains have none in common.
+    assert made_for(run, run.frames).gain_db is None
+
+
+def test_a_file_says_again_what_was_written() -> None:
+    assert read_made_for({"made_for": CALIBRATED.as_json()}, valid_days=1.0) == CALIBRATED
+
+
+def test_a_file_of_version_1_says_its_devices_and_its_date() -> None:
+    content = {"created_utc": "2026-05-04T10:00:00Z", "devices": {"camera_serial": "11", "stage_serial": "7"}}
+    assert read_made_for(content, valid_days=90.0) == MadeFor(
+        camera_serial="11", stage_serial="7", taken_utc="2026-05-04T10:00:00Z", valid_days=90.0
+    )

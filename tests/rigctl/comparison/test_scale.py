@@ -1,0 +1,184 @@
+"""The scale of the counts: told, by a panel, or fitted to the run."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.errors import CalibrationError
+from calibration.free_scale import fit_free_scale
+from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_USAGE, main
+from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.comparison.panel_response import panel_response
+from rigctl.comparison.radiometric_file import radiometric_json
+from rigctl.comparison.rows import Row
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.measurement.measurement import measure
+from tests.rigctl.comparison.panel_runs import panel_run, scene_text
+from tests.rigctl.scene_texts import written
+
+# The true efficiency is 12 % above what the scene file says.
+TRUE = 0.45 * 1.12
+
+
+def scene(folder: Path, **options: Any) -> SceneFile:
+    return load_scene(written(folder, scene_text(**options)))
+
+
+def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> dict[str, Any]:
+    run = panel_run(folder / "panel-run", seed=9, efficiency=TRUE, exposure_s=exposure_s / 4.0)
+    measurement = measure(run, regions=list(told.regions))
+    found = panel_response(measurement, scene=told, panel="white", noise=None)
+    return radiometric_json(found, measurement, files={})
+
+
+def compared(folder: Path, told: SceneFile, **options: Any) -> Comparison:
+    run = panel_run(folder / "run", seed=3, efficiency=TRUE)
+    return compare_with_scene(
+        measure(run, regions=list(told.regions)), scene=told, noise=None, alpha=1e-3, **{"scale": "free"} | options
+    )
+
+
+def rows(found: Comparison, quantity: str, statistic: str = "mean") -> dict[str, Row]:
+    return {row.region: row for row in found.rows if (row.quantity, row.statistic) == (quantity, statistic)}
+
+
+def test_a_wrong_efficiency_shows_in_an_absolute_comparison(tmp_path: Path) -> None:
+    found = compared(tmp_path, scene(tmp_path), scale="absolute")
+    assert all(row.agrees is False for row in rows(found, "s0").values())
+    assert found.scale is not None
+    assert found.scale.value == 1.0
+
+
+def test_an_absolute_scale_says_how_well_the_file_knows_it(tmp_path: Path) -> None:
+    told = scene(tmp_path, f_number="{value=2.0, std=0.02}", quantum_efficiency="{value=0.45, std=0.03}")
+    found = compared(tmp_path, told, scale="absolute").scale
+    assert found is not None
+    # The logarithm of 1 / (1 + 4 f^2) has the slope -8 f / (1 + 4 f^2); a difference over 0.067 bends by 0.067^2 / 3.
+    assert found.std_error == pytest.approx(np.hypot(16.0 * 0.02 / 17.0, 0.03 / 0.45), rel=2e-3)
+
+
+def test_a_free_scale_is_found_with_its_error_and_the_noise_follows(tmp_path: Path) -> None:
+    found = compared(tmp_path, scene(tmp_path))
+    assert found.scale is not None
+    # Three means of 3200 values: 4 sigma of what it says, and that is small.
+    assert abs(found.scale.value - 1.12) < 4.0 * found.scale.std_error
+    assert found.scale.std_error < 2e-3
+    # 12 % more electrons: 6 % more noise than was told, some 20 standard errors.
+    temporal = [row for row in found.rows if row.statistic == "std_temporal"]
+    assert all(row.agrees for row in temporal)
+    assert all(row.agrees for row in rows(found, "s0").values())
+    assert "the scale of the counts: it was fitted to S0 of this run" in found.not_tested
+
+
+def test_a_free_scale_needs_no_knowledge_of_the_sensor(tmp_path: Path) -> None:
+    sure, unsure = (
+        compared(tmp_path / name, scene(tmp_path, quantum_efficiency=text)).scale
+        for name, text in (("a", "0.45"), ("b", "{value=0.45, std=0.2}"))
+    )
+    assert sure is not None
+    assert unsure is not None
+    assert sure.std_error == pytest.approx(unsure.std_error, rel=1e-9)
+
+
+def test_what_a_fitted_scale_makes_up_for_is_not_uncertain_any_more(tmp_path: Path) -> None:
+    one = scene(tmp_path, error={"white": 0.05})
+    one = one.model_copy(update={"regions": [region for region in one.regions if region.name == "white"]})
+    found = compared(tmp_path, one)
+    assert found.scale is not None
+    assert found.scale.std_error == pytest.approx(0.05 * found.scale.value, rel=0.01)
+    (row,) = rows(found, "s0").values()
+    # The panel's reflectance moves the prediction up and the scale down: what is left is the measurement's error.
+    assert row.std_error is not None
+    assert row.std_error_inputs == pytest.approx(row.std_error, rel=0.1)
+
+
+def test_the_weight_goes_to_the_surface_that_is_known(tmp_path: Path) -> None:
+    told = {"black": 1.3, "white": 1.0, "grey": 1.0}
+    found = compared(tmp_path, scene(tmp_path, error={"black": 0.2, "white": 0.01, "grey": 0.1}, told=told))
+    assert found.scale is not None
+    assert abs(found.scale.value - 1.12) < 4.0 * found.scale.std_error
+    assert found.scale.std_error == pytest.approx(0.0112, rel=0.05)
+
+
+def test_a_panel_on_another_day_and_exposure_gives_the_scale(tmp_path: Path) -> None:
+    told = scene(tmp_path, error={"white": 0.02})
+    found = compared(tmp_path, told, scale="panel", radiometric=calibrated(tmp_path, told))
+    assert found.scale is not None
+    assert found.scale.value == pytest.approx(1.12, rel=2e-3)
+    assert found.scale.std_error == pytest.approx(0.02 * 1.12, rel=0.05)
+    assert all(row.agrees for row in rows(found, "s0").values())
+    # Every region carries the error of the panel.
+    grey = rows(found, "s0")["grey"]
+    assert grey.std_error_inputs == pytest.approx(0.02 * grey.predicted, rel=0.05)
+
+
+def test_the_gain_drops_out_of_means_that_a_panel_scales(tmp_path: Path) -> None:
+    told = scene(tmp_path, gain_dn_per_e="{value=0.24, std=0.01}")
+    found = compared(tmp_path, told, scale="panel", radiometric=calibrated(tmp_path, told))
+    for row in rows(found, "s0").values():
+        assert row.std_error_inputs is not None
+        # The gain alone is known to 4 %.
+        assert row.std_error_inputs < 2e-3 * row.predicted
+
+
+def test_a_panel_at_another_stop_is_refused(tmp_path: Path) -> None:
+    radiometric = calibrated(tmp_path, scene(tmp_path))
+    with pytest.raises(DataError, match="f/2, the scene file says f/4"):
+        compared(tmp_path, scene(tmp_path, f_number=4.0), scale="panel", radiometric=radiometric)
+
+
+def test_more_electrons_than_photons_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="electrons per photon"):
+        compared(tmp_path, scene(tmp_path, told={"black": 0.1, "white": 0.1, "grey": 0.1}))
+
+
+@pytest.mark.parametrize("options", [{"scale": "panel"}, {"scale": "free", "radiometric": {}}])
+def test_scale_and_calibration_go_together(tmp_path: Path, options: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="go together"):
+        compared(tmp_path, scene(tmp_path), **options)
+
+
+def test_the_free_scale_of_numbers_with_a_common_error() -> None:
+    # By hand: two numbers, one input that both follow, independent noise of 1 and 2 %.
+    found = fit_free_scale(
+        measured=np.array([2.2, 3.3]),
+        measured_error=np.array([0.022, 0.066]),
+        predicted=np.array([2.0, 3.0]),
+        jacobian=np.array([[2.0], [3.0]]),
+        input_cov=np.array([[0.05**2]]),
+    )
+    assert found.value == pytest.approx(1.1, rel=1e-12)
+    assert found.variance == pytest.approx(1.0 / (1e4 + 2.5e3) + 0.05**2, rel=1e-9)
+    assert found.common == pytest.approx([-(0.05**2)], rel=1e-9)
+
+
+def test_no_light_has_no_scale() -> None:
+    none = np.array([0.0])
+    with pytest.raises(CalibrationError, match="no light"):
+        fit_free_scale(measured=none, measured_error=none, predicted=none, jacobian=none[:, None], input_cov=np.eye(1))
+
+
+def test_compare_says_its_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    panel_run(tmp_path / "run", efficiency=TRUE)
+    path = written(tmp_path, scene_text())
+    arguments = ["compare", str(tmp_path / "run"), str(path), "--out", str(tmp_path / "out")]
+    assert main(arguments) == EXIT_DISAGREES
+    assert "scale of the counts: 1 +- " in capsys.readouterr().out
+    assert main([*arguments, "--scale", "free"]) == 0
+    assert "scale of the counts: 1.1" in capsys.readouterr().out
+    assert '"kind": "free"' in (tmp_path / "out" / "comparison.json").read_text()
+    assert main([*arguments, "--scale", "panel"]) == EXIT_USAGE
+
+
+def test_compare_refuses_the_calibration_of_another_camera(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    panel_run(tmp_path / "other", camera_serial="12")
+    panel_run(tmp_path / "run", camera_serial="11")
+    path, out = str(written(tmp_path, scene_text())), str(tmp_path / "radiometric.json")
+    made = ["calibrate", "radiometric", str(tmp_path / "other"), "--panel", "white", "--scene", path, "--out", out]
+    assert main(made) == 0
+    arguments = ["compare", str(tmp_path / "run"), path, "--scale", "panel", "--radiometric", out]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == EXIT_DATA
+    assert "calibrated 12, used 11" in capsys.readouterr().err

@@ -1,0 +1,188 @@
+"""Disks that are full, read-only or slow, for real: ext4 on a loop device, and a flush that takes a second."""
+
+import os
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from benchmarks.loop_disk import call, ext4_image, mounted, why_not
+from rigctl.durable_file import PART_SUFFIX
+from rigctl.files.session_file import SessionFile
+from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_state import read_event_lines
+from rigctl.runs.verification import verify_run
+from rigctl.sessions.take_session import take_session
+from tests.rigctl.example_files import EXAMPLES, small_rig
+
+_DISK_BYTES = 48 * 1024 * 1024
+_FREE_BYTES = 6 * 1024 * 1024  # six frames of 0.9 MB
+_FRAMES = 12
+_SESSION = """
+name = "small"
+[[take]]
+kind = "scene"
+exposure_ms = 0.03
+cycles = 3
+[interlocks]
+disk_free_mb = 0
+"""
+_DEADLINE_S = 60.0
+_INCOMPLETE = 75
+
+
+@pytest.fixture
+def image(tmp_path):
+    reason = why_not()
+    if reason is not None:
+        pytest.skip(f"{reason}: run it as root where loop devices can be mounted")
+    return ext4_image(tmp_path / "disk.img", size_bytes=_DISK_BYTES)
+
+
+@pytest.fixture
+def disk(tmp_path, image):
+    with mounted(image, tmp_path / "disk") as place:
+        yield place
+
+
+def _fill(disk):
+    """Leave room for some frames; return the file that takes the rest."""
+    ballast = disk / "ballast"
+    free = os.statvfs(disk).f_bfree * os.statvfs(disk).f_frsize
+    call("fallocate", "-l", str(free - _FREE_BYTES), ballast)
+    return ballast
+
+
+def _started(tmp_path, run, *, more=""):
+    session = tmp_path / "session.toml"
+    session.write_text(_SESSION + more)
+    command = [sys.executable, "-m", "rigctl", "acquire", EXAMPLES / "rig-sim.toml", session, "--out", run]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+
+def _rigctl(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "rigctl", *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def _frames_on(run):
+    return len(list((run / "frames").glob("*.fits"))) if run.exists() else 0
+
+
+def _wait_for(condition):
+    deadline = time.monotonic() + _DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def _wait_until_full(run):
+    _wait_for(lambda: _frames_on(run) > 3)
+    seen = [-1]
+
+    def is_still():
+        seen.append(_frames_on(run))
+        time.sleep(0.5)
+        return seen[-1] == seen[-2]
+
+    _wait_for(is_still)
+
+
+def _assert_every_frame_once(run):
+    assert [record.sequence for record in read_run(run).frames] == list(range(_FRAMES))
+    verification = verify_run(run)
+    assert verification.ok
+    assert verification.leftovers == ()
+
+
+def test_a_full_disk_holds_until_there_is_room_and_no_frame_is_lost(tmp_path, disk):
+    ballast, run = _fill(disk), disk / "run"
+    with _started(tmp_path, run) as process:
+        _wait_until_full(run)
+        assert process.poll() is None
+        ballast.unlink()
+        said = " ".join(process.communicate(timeout=_DEADLINE_S)[1].split())
+    assert process.returncode == 0, said
+    assert "No space left on device: make room, or stop" in said
+    assert "disk has room for" in said
+    assert [event for event in read_event_lines(run) if event["event"] == "disk was full"]
+    _assert_every_frame_once(run)
+
+
+def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk):
+    ballast, run = _fill(disk), disk / "run"
+    with _started(tmp_path, run) as process:
+        _wait_until_full(run)
+        # Not even the request fits on the disk.
+        assert _rigctl("stop", run).returncode == 0
+        said = process.communicate(timeout=_DEADLINE_S)[1]
+    assert process.returncode == 4, said
+    assert "No space left on device" in " ".join(said.split())
+    assert verify_run(run).ok
+    ballast.unlink()
+    assert _rigctl("resume", run).returncode == 0
+    _assert_every_frame_once(run)
+
+
+def test_a_full_disk_ends_the_session_where_that_is_asked_for(tmp_path, disk):
+    ballast, run = _fill(disk), disk / "run"
+    with _started(tmp_path, run, more='disk = "stop"\n') as process:
+        said = process.communicate(timeout=_DEADLINE_S)[1]
+    assert process.returncode == 4, said
+    taken = len(read_run(run).frames)
+    assert 3 < taken < _FRAMES
+    assert verify_run(run).ok
+    ballast.unlink()
+    assert _rigctl("resume", run).returncode == 0
+    _assert_every_frame_once(run)
+
+
+def test_a_disk_that_becomes_read_only_stops_the_session_and_a_resume_takes_the_rest(tmp_path, image):
+    place, run = tmp_path / "disk", tmp_path / "disk" / "run"
+    with mounted(image, place), _started(tmp_path, run) as process:
+        _wait_for(lambda: _frames_on(run) > 2)
+        # What ext4 itself does when its disk fails under it.
+        call("mount", "-o", "remount,abort", place)
+        said = " ".join(process.communicate(timeout=_DEADLINE_S)[1].split())
+        assert process.returncode == 4, said
+        assert "Read-only file system" in said
+        refused = _rigctl("resume", run)
+        assert refused.returncode == 4
+        assert "Read-only file system" in " ".join(refused.stderr.split())
+    # Mounted again, which replays the journal.
+    with mounted(image, place):
+        acknowledged = len(read_run(run).frames)
+        assert acknowledged > 1
+        assert verify_run(run).ok
+        assert _rigctl("resume", run).returncode == 0
+        _assert_every_frame_once(run)
+
+
+def test_a_disk_that_takes_a_second_to_flush_makes_the_session_wait_and_loses_nothing(tmp_path, monkeypatch):
+    flush, flushed = os.fsync, []
+
+    def slow(descriptor):
+        name = Path(f"/proc/self/fd/{descriptor}").readlink().name
+        if name.endswith(f".fits{PART_SUFFIX}"):
+            time.sleep(1.0)
+            flushed.append(name)
+        flush(descriptor)
+
+    monkeypatch.setattr(os, "fsync", slow)
+    take = [{"kind": "scene", "exposure_ms": 0.03, "cycles": 2}]
+    session = SessionFile.model_validate({"name": "slow", "take": take, "interlocks": {"disk_free_mb": 0}})
+    run = tmp_path / "run"
+    take_session(small_rig(tmp_path, port="sim:ellx?speed=200"), session, run, files={})
+    assert len(flushed) == 8
+    assert [record.sequence for record in read_run(run).frames] == list(range(8))
+    assert verify_run(run).ok
+    # One is being flushed and four wait: the sixth had to wait, and it is said.
+    trips = [event["facts"] for event in read_event_lines(run) if event["event"] == "interlock"]
+    assert "frames wait for the disk" in trips[0]["message"]
+    # Later frames were taken one a second, as the disk took them, and each bears the time at which it was taken.
+    starts_s = [record.start_monotonic_ns / 1e9 for record in read_run(run).frames]
+    assert min(later - earlier for earlier, later in pairwise(starts_s[5:])) > 0.5
