@@ -106,10 +106,11 @@ def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> Cha
     both = np.outer(factor, factor)
     # Shot noise goes with the light; read noise does not.
     shot = sensor.noise.noise_factor**2 * sensor.noise.gain_dn_per_e * steady.mean_dn
+    processed = 1.0 if scenario.readout.noise_factor is None else scenario.readout.noise_factor
     return replace(
         steady,
         mean_dn=steady.mean_dn * factor,
         scene_cov_dn2=steady.scene_cov_dn2 * both,
-        temporal_var_dn2=steady.temporal_var_dn2 + shot * (factor - 1.0),
+        temporal_var_dn2=(steady.temporal_var_dn2 + shot * (factor - 1.0)) * processed,
         fixed_pattern_cov_dn2=steady.fixed_pattern_cov_dn2 * both,
     )

@@ -72,13 +72,20 @@ def _show(
         if page is not None:
             page.show(jpeg)
         if picture is not None:
-            write_durably(picture, jpeg)
+            _write(picture, jpeg)
         is_last = number == frames
         if is_last or time.monotonic() - said_s >= _LINE_EACH_S:
             results().print(text, markup=False)
             said_s = time.monotonic()
         if is_last:
             return
+
+
+def _write(picture: Path, jpeg: bytes) -> None:
+    try:
+        write_durably(picture, jpeg)
+    except OSError as error:
+        raise ConfigError(f"--picture {picture}: cannot be written: {error.strerror}") from error
 
 
 def _seen(frame: Frame, *, zoom: int, best: float) -> tuple[str, bytes, float]:

@@ -8,11 +8,18 @@ from rigctl.errors import ConfigError, RunFolderError
 from rigctl.runs.run_folder import FrameRecord, Run
 
 Column = list[Any]
+# The longest ending first: "_e_per_dn" is no count.
+_UNITS = {"_e_per_dn": "e-/DN", "_deg": "deg", "_dn": "DN", "_db": "dB", "_ns": "ns", "_s": "s", "_c": "deg C"}
 
 
 def columns_of(run: Run) -> dict[str, Column]:
-    """Return what is known of the frames by field, one value a frame; texts joined, None where nothing is known."""
-    return {field.name: [_plain(getattr(record, field.name)) for record in run.frames] for field in fields(FrameRecord)}
+    """Return what is known of the frames by field, one value a frame; None where nothing is known."""
+    return {field.name: [getattr(record, field.name) for record in run.frames] for field in fields(FrameRecord)}
+
+
+def unit_of(field: str) -> str:
+    """Return the unit that the name of a field ends in; empty where it has none."""
+    return next((unit for ending, unit in _UNITS.items() if field.endswith(ending)), "")
 
 
 def common_shape(run: Run) -> tuple[int, int]:
@@ -39,7 +46,3 @@ def require_new(out: Path) -> None:
     """
     if out.exists():
         raise ConfigError(f"--out: {out} is there already; name a file or folder that does not exist yet")
-
-
-def _plain(value: object) -> object:
-    return "\n".join(value) if isinstance(value, tuple) else value

@@ -8,7 +8,7 @@ from rigctl.runs.run_folder import Run
 
 
 def export_zarr(run: Run, out: Path) -> None:
-    """Write a run into a Zarr folder: an array `counts` (N, H, W), one chunk a frame, all else in the attributes.
+    """Write a run into a Zarr folder: an array `counts` (N, H, W), one chunk a frame, and attributes.
 
     Raises
     ------
@@ -16,6 +16,11 @@ def export_zarr(run: Run, out: Path) -> None:
         zarr is not installed.
     RunFolderError
         A frame is damaged, or they differ in size.
+
+    Notes
+    -----
+    The group's attribute `frames` has every field of the frames' records by its name, one value a frame; `session` what
+    the run says of itself.
     """
     try:
         import zarr
@@ -23,7 +28,14 @@ def export_zarr(run: Run, out: Path) -> None:
         raise ConfigError("--to zarr needs zarr: pip install 'rigctl[export]'") from error
     height, width = common_shape(run)
     group = zarr.open_group(str(out), mode="w-")
-    counts = group.create_array("counts", shape=(len(run.frames), height, width), chunks=(1, height, width), dtype="u2")
+    counts = group.create_array(
+        "counts",
+        shape=(len(run.frames), height, width),
+        chunks=(1, height, width),
+        dtype="u2",
+        dimension_names=("frame", "y", "x"),
+        attributes={"unit": "DN"},
+    )
     for place, record in enumerate(run.frames):
         counts[place] = run.counts(record)
     group.attrs.update({"frames": columns_of(run), "session": run.session, "created_by": run.created_by})

@@ -1,4 +1,4 @@
-"""What a person sees while focusing: a picture stretched to what the eye needs, and a number that says how sharp it is."""
+"""What a person sees while focusing: a picture stretched for the eye, and a number that says how sharp it is."""
 
 from dataclasses import dataclass
 
@@ -63,7 +63,7 @@ def focus_of(counts: NDArray[np.uint16], *, bit_depth: int) -> Focus:
 
 
 def jpeg_of(counts: NDArray[np.uint16], *, bit_depth: int, text: str) -> bytes:
-    """Return a picture to look at: stretched, saturated pixels red, a line of text in it. Counts are not to be had of it."""
+    """Return a picture to look at, stretched, with saturated pixels red and a line of text; it holds no counts."""
     low, high = np.quantile(counts, [_DARKEST, _BRIGHTEST])
     grey = np.clip((counts - low) / max(high - low, 1.0) * 255.0, 0.0, 255.0).astype(np.uint8)
     shown = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)

@@ -1,9 +1,8 @@
-"""A page in the browser that shows the newest picture: for focusing, on this machine or on a telephone beside the lens."""
+"""A page in the browser that shows the newest picture: on this machine, or on a telephone beside the lens."""
 
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
 
 from rigctl.errors import ConfigError
 
@@ -106,7 +105,7 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
-    def log_message(self, format: str, *args: Any) -> None:
+    def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
         """Say nothing: the terminal is for the numbers."""
 
     def _answer(self, kind: str, content: bytes) -> None:

@@ -10,7 +10,7 @@ from tests.model.sensors import sensor
 from tests.model.test_acquisition_design import ANGLES, LIGHT, drawn_dolp
 
 STILL = Disturbances()
-ROAD = np.array([28.0, 4.0, 0.0])
+ROAD = np.array([29.5, 5.5, -2.6])
 
 
 def texture(stokes, rms):

@@ -8,12 +8,13 @@ import pytest
 from model.electrons import electrons_per_radiance
 from model.moments import Moments
 from model.prediction import predict
+from model.processing import dolp
 from model.processing.detection import rx_p_detection, rx_threshold
 from model.scenario import Readout, RegionLight, Scenario
 from model.sensor import Sensor, SensorNoise
 
 DRAWS = 1_000_000
-# Largest of some ten scores a scene and ten scenes: 5 standard errors leave one false alarm in ten thousand runs.
+# Largest of some 180 scores: 5 standard errors leave one false alarm in ten thousand runs.
 LIMIT = 5.0
 
 NOISE = SensorNoise(gain_dn_per_e=0.25, read_noise_e=10.0, dark_current_e_per_s=50.0, black_level_dn=64.0)
@@ -66,6 +67,14 @@ SCENES = {
     "crowded angles": Scene(_light((80.0, 20.0, 10.0)), readout=_at(0.0, 20.0, 40.0, 70.0)),
     "fixed pattern": Scene(
         _light((70.0, 20.0, 5.0), rms=0.01), replace(SENSOR, noise=replace(NOISE, prnu=0.02, dsnu_e=60.0))
+    ),
+    "dark current, six angles": Scene(
+        _light((70.0, 20.0, 5.0), rms=0.005),
+        replace(SENSOR, noise=replace(NOISE, dark_current_e_per_s=1e8)),
+        _at(0.0, 30.0, 60.0, 90.0, 120.0, 150.0),
+    ),
+    "read noise of 30 electrons": Scene(
+        _light((20.0, 5.0, 3.0)), replace(SENSOR, noise=replace(NOISE, read_noise_e=30.0))
     ),
     "dim: SNR of S0 near 10": Scene(_light((0.5, 0.14, 0.06)), poisson=False),
     "noise factor 3, leaky polarizer": Scene(
@@ -125,9 +134,12 @@ def test_means_deviations_and_detection_agree_with_a_million_drawn_pixels(name):
     for key, values in zip((*scene.readout.channel_names, "s0", "s1", "s2"), (*counts, *stokes), strict=True):
         scores[key, "mean"] = _score_of_mean(values, quantities[key]["mean"])
         scores[key, "std"] = _score_of_deviation(values, quantities[key]["std"])
-    dolp = np.hypot(stokes[1], stokes[2]) / stokes[0]
-    scores["dolp", "mean"] = _score_of_mean(dolp, quantities["dolp_pixels"]["mean"])
-    scores["dolp", "std"] = _score_of_deviation(dolp, quantities["dolp_pixels"]["std"])
+    degree = np.hypot(stokes[1], stokes[2]) / stokes[0]
+    scores["dolp", "mean"] = _score_of_mean(degree, quantities["dolp_pixels"]["mean"])
+    scores["dolp", "std"] = _score_of_deviation(degree, quantities["dolp_pixels"]["std"])
+    for share in (0.25, 0.5, 0.75):
+        quantile = dolp.quantile(share, predicted.stokes_dn.mean, predicted.stokes_dn.cov)
+        scores["dolp below quantile", share] = _score_of_share(np.mean(degree <= quantile), share)
     for p_false_alarm in (1e-4, 1e-2):
         scores["P_D", p_false_alarm] = _score_of_detection(stokes, predicted.stokes_dn, p_false_alarm)
     assert {key: z for key, z in scores.items() if abs(z) > LIMIT} == {}
@@ -141,4 +153,8 @@ def _score_of_detection(stokes, target, p_false_alarm):
     statistic = np.einsum("ip,ip->p", off, np.linalg.solve(background.cov, off))
     share = np.mean(statistic > rx_threshold(p_false_alarm))
     expected = rx_p_detection(p_false_alarm, target.mean, target.cov, background.mean, background.cov)
+    return _score_of_share(share, expected)
+
+
+def _score_of_share(share, expected):
     return (share - expected) / np.sqrt(expected * (1 - expected) / DRAWS)

@@ -89,6 +89,7 @@ def test_what_is_odd_about_this_camera_is_said() -> None:
         "saturated_levels",
         "bent_photon_transfer",
         "response_not_linear",
+        "periodic_pattern",
         "scattered_photon_transfer",
         "uneven_light",
     }
