@@ -109,7 +109,8 @@ def take_run(path: Path, truth: dict[str, float], draws: np.random.Generator) ->
             drift = 1.0 + truth["rig.light_drift"] * (place / (len(_ORDER) - 1) - 0.5)
             electrons = _electrons(truth, light, np.radians(angle + truth["rig.polarizer_offset_deg"])) * drift
             counts = truth["noise.gain_dn_per_e"] * (
-                draws.poisson(electrons * response) + truth["noise.read_noise_e"] * draws.standard_normal(response.shape)
+                draws.poisson(electrons * response)
+                + truth["noise.read_noise_e"] * draws.standard_normal(response.shape)
             )
             writer.write_frame(_record(sequence, cycle, angle), np.rint(counts + BLACK_DN).astype(np.uint16))
     return read_run(path)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.electrons import electrons_per_radiance
+from model.imperfections import PERFECT, Imperfections, angle_variance
 from model.moments import Moments
 from model.saturation import saturation_probability
 from model.sensor import Sensor, SensorNoise
@@ -58,7 +59,13 @@ class ChannelMoments:
 
 
 def channel_moments(
-    aperture: Moments, *, angles_rad: ArrayLike, sensor: Sensor, flat_fielded: bool = False
+    aperture: Moments,
+    *,
+    angles_rad: ArrayLike,
+    sensor: Sensor,
+    flat_fielded: bool = False,
+    imperfections: Imperfections = PERFECT,
+    smooth_cov: FloatArray | None = None,
 ) -> ChannelMoments:
     """Return mean and covariance of the counts behind a polarizer at each angle.
 
@@ -73,6 +80,11 @@ def channel_moments(
         Optics, exposure, polarizer and noise.
     flat_fielded
         True if frames are divided by a flat field: PRNU is then zero.
+    imperfections
+        Of the session: angles that scatter, pictures that shift, light that drifts act here.
+    smooth_cov
+        The part of the aperture's covariance that varies so slowly over the picture that a shift leaves it alone;
+        None for none of it.
 
     Returns
     -------
@@ -89,6 +101,10 @@ def channel_moments(
     The law of total covariance is exact here, since the variance of counts is linear in the light: the scene
     adds its own covariance and the temporal variance is taken at the mean.
 
+    Angles that scatter weaken the mean of the polarised part by exp(-2 s^2) and add a variance from frame to frame,
+    common to all pixels of a frame, which is counted with the temporal variance. Shifts take from the covariance of the
+    texture between frames and leave its variances: what is common to all frames no longer is.
+
     Differs from [MK14]: eq. (19) is taken with the black level off and dark electrons in. PRNU and DSNU,
     which [MK14] has not, belong to a pixel, and in division of time the same pixel serves every angle.
     They are therefore fully correlated between angles: prnu^2 (s s' + Sigma_scene) + (gain dsnu)^2 1 1'.
@@ -99,25 +115,59 @@ def channel_moments(
     [MK14] eq. (11)-(20), (32).
     """
     angles = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
-    rows = analyzer_row(angles, sensor.tau_parallel, sensor.tau_perpendicular)
-    gain = sensor.noise.gain_dn_per_e
-    to_dn = gain * electrons_per_radiance(sensor) * rows
+    to_dn = _counts_per_stokes(sensor, angles, imperfections)
     signal = np.einsum("ij,...j->...i", to_dn, aperture.mean)
     signal = _without_negative_rounding(signal, aperture.mean[..., :1] * to_dn[:, 0])
-    scene = to_dn @ aperture.cov @ to_dn.T
-    dark = gain * sensor.noise.dark_current_e_per_s * sensor.exposure_s
+    scene = _scene_covariance(aperture.cov, smooth_cov, to_dn, imperfections)
+    dark = sensor.noise.gain_dn_per_e * sensor.noise.dark_current_e_per_s * sensor.exposure_s
     unquantised = unquantised_variance_dn2(signal, noise=sensor.noise, exposure_s=sensor.exposure_s)
     pattern = _fixed_pattern(signal, scene, sensor.noise, flat_fielded=flat_fielded)
-    clipped = saturation_probability(sensor, signal + dark, unquantised, scene + pattern)
+    temporal = temporal_variance_dn2(signal, noise=sensor.noise, exposure_s=sensor.exposure_s)
+    temporal = temporal + _angle_variance_dn2(aperture, sensor, angles, imperfections)
+    clipped = np.zeros_like(signal)
+    if sensor.saturates:
+        clipped = saturation_probability(sensor, signal + dark, unquantised, scene + pattern)
     return ChannelMoments(
         mean_dn=signal,
         dark_signal_dn=dark,
         scene_cov_dn2=scene,
-        temporal_var_dn2=temporal_variance_dn2(signal, noise=sensor.noise, exposure_s=sensor.exposure_s),
+        temporal_var_dn2=temporal,
         fixed_pattern_cov_dn2=pattern,
         saturation_probability=clipped,
-        warnings=_warnings(angles, np.sqrt(unquantised), clipped),
+        warnings=_warnings(angles, np.sqrt(unquantised) if sensor.noise.quantisation else None, clipped),
     )
+
+
+def _counts_per_stokes(sensor: Sensor, angles_rad: FloatArray, imperfections: Imperfections) -> FloatArray:
+    """Mean counts of each channel per Stokes radiance, shape (N, 3)."""
+    rows = analyzer_row(angles_rad, sensor.tau_parallel, sensor.tau_perpendicular)
+    rows[:, 1:] *= imperfections.kept_polarization
+    rows *= imperfections.light_factors(angles_rad.size)[:, None] if imperfections.drift else 1.0
+    return np.asarray(sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * rows)
+
+
+def _scene_covariance(
+    cov: FloatArray, smooth_cov: FloatArray | None, to_dn: FloatArray, imperfections: Imperfections
+) -> FloatArray:
+    whole = to_dn @ cov @ to_dn.T
+    if imperfections.misregistration_pixels == 0.0:
+        return np.asarray(whole)
+    smooth = np.zeros_like(whole) if smooth_cov is None else to_dn @ smooth_cov @ to_dn.T
+    sharp, kept = whole - smooth, imperfections.kept_correlation
+    own = np.eye(to_dn.shape[0])
+    return np.asarray(smooth + sharp * (kept + (1.0 - kept) * own))
+
+
+def _angle_variance_dn2(
+    aperture: Moments, sensor: Sensor, angles_rad: FloatArray, imperfections: Imperfections
+) -> FloatArray | float:
+    if imperfections.polarizer_angle_std_rad == 0.0:
+        return 0.0
+    second = aperture.cov + aperture.mean[..., :, None] * aperture.mean[..., None, :]
+    found = angle_variance(second, angles_rad=angles_rad, std_rad=imperfections.polarizer_angle_std_rad)
+    half = 0.5 * (sensor.tau_parallel - sensor.tau_perpendicular)
+    to_dn = sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * half
+    return np.asarray((to_dn * imperfections.light_factors(angles_rad.size)) ** 2 * found)
 
 
 def _without_negative_rounding(signal: FloatArray, scale: FloatArray) -> FloatArray:
@@ -138,9 +188,9 @@ def _fixed_pattern(signal: FloatArray, scene: FloatArray, noise: SensorNoise, *,
     return np.asarray(response + (noise.gain_dn_per_e * noise.dsnu_e) ** 2)
 
 
-def _warnings(angles_rad: FloatArray, sigma_dn: FloatArray, clipped: FloatArray) -> tuple[str, ...]:
+def _warnings(angles_rad: FloatArray, sigma_dn: FloatArray | None, clipped: FloatArray) -> tuple[str, ...]:
     found = []
-    if np.any(sigma_dn < _DITHER_LIMIT_DN):
+    if sigma_dn is not None and np.any(sigma_dn < _DITHER_LIMIT_DN):
         where = _channels(angles_rad, sigma_dn < _DITHER_LIMIT_DN)
         found.append(
             f"noise before rounding is {np.min(sigma_dn):.3g} counts at {where}, below {_DITHER_LIMIT_DN}: "

@@ -12,6 +12,7 @@ from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
 from model.field_light import Source
 from model.field_of_view import FieldPart
+from model.imperfections import PERFECT, Imperfections
 from model.scenario import Readout
 from model.sensor import Sensor
 from model.surface.pbrdf import Surface
@@ -115,28 +116,6 @@ class LitRegion:
             raise ValueError(f"region {self.name}: needs either surface and tilt, or radiance")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Imperfections:
-    """What a session adds to a scene; 0 throughout is a perfect one.
-
-    Attributes
-    ----------
-    polarizer_angle_std_rad
-        Standard deviation of the polarizer's angle from frame to frame, independent [rad].
-    misregistration_pixels
-        Standard deviation of the shift of the picture from frame to frame, along each axis.
-    texture_correlation_pixels
-        Distance over which texture and edges of the scene change.
-    drift
-        Change of the light over one cycle, linear in time, as a share.
-    """
-
-    polarizer_angle_std_rad: float = 0.0
-    misregistration_pixels: float = 0.0
-    texture_correlation_pixels: float = 1.0
-    drift: float = 0.0
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LitScene:
     """All that a scene is.
@@ -173,7 +152,7 @@ class LitScene:
     source: Source = "total"
     pairs: tuple[tuple[str, str], ...] = ()
     p_false_alarm: tuple[float, ...] = P_FALSE_ALARM
-    imperfections: Imperfections = Imperfections()
+    imperfections: Imperfections = PERFECT
 
     def __post_init__(self) -> None:
         names = [region.name for region in self.regions]

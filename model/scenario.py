@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.imperfections import PERFECT, Imperfections
 from model.moments import Moments
 from model.sensor import Sensor
 
@@ -25,6 +26,11 @@ class RegionLight:
         Relative rms of a factor common to the whole Stokes vector of a pixel, >= 0.
     texture_cov
         Covariance of the pixels' Stokes radiance beyond that factor, shape (3, 3) [(W m-2 sr-1)^2].
+    field_cov
+        Covariance from what varies smoothly over the region, shape (3, 3) [(W m-2 sr-1)^2]; None for none.
+    falloff_mean, falloff_var
+        Mean and variance, over the region's pixels, of what the lens lets through off its axis; independent of the
+        light.
 
     Notes
     -----
@@ -40,11 +46,22 @@ class RegionLight:
     stokes_radiance: FloatArray
     texture_rms: float
     texture_cov: FloatArray
+    field_cov: FloatArray | None = None
+    falloff_mean: float = 1.0
+    falloff_var: float = 0.0
 
     def aperture_moments(self) -> Moments:
         """Return mean and covariance of the Stokes radiance over the region's pixels, [MK14] eq. (10)."""
-        common = self.texture_rms**2 * np.outer(self.stokes_radiance, self.stokes_radiance)
-        return Moments(mean=self.stokes_radiance, cov=common + self.texture_cov)
+        squared = np.outer(self.stokes_radiance, self.stokes_radiance)
+        texture = self.texture_rms**2 * squared + self.texture_cov
+        square_mean = self.falloff_mean**2 + self.falloff_var
+        return Moments(mean=self.falloff_mean * self.stokes_radiance, cov=square_mean * texture + self.smooth_cov())
+
+    def smooth_cov(self) -> FloatArray:
+        """Return the part of that covariance which varies smoothly over the region, shape (3, 3)."""
+        squared = np.outer(self.stokes_radiance, self.stokes_radiance)
+        over_field = np.zeros((3, 3)) if self.field_cov is None else self.field_cov
+        return np.asarray(self.falloff_var * squared + (self.falloff_mean**2 + self.falloff_var) * over_field)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +93,9 @@ class Readout:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """All that a prediction needs."""
+    """All that a prediction needs; `imperfections` are the session's."""
 
     regions: tuple[RegionLight, ...]
     sensor: Sensor
     readout: Readout
+    imperfections: Imperfections = PERFECT

@@ -30,6 +30,8 @@ class SensorNoise:
         Kn, >= 0: multiplies the standard deviation of the temporal sensor noise, and nothing of the scene.
     saturation_e
         Full well [e-], > 0, or None if the converter clips first.
+    shot_noise, quantisation
+        Whether photo-electrons bring shot noise, and whether counts are rounded; False leaves that out of the model.
 
     Raises
     ------
@@ -49,6 +51,8 @@ class SensorNoise:
     dsnu_e: float = 0.0
     noise_factor: float = 1.0
     saturation_e: float | None = None
+    shot_noise: bool = True
+    quantisation: bool = True
 
     def __post_init__(self) -> None:
         _require_positive(gain_dn_per_e=self.gain_dn_per_e)
@@ -96,6 +100,8 @@ class Sensor:
         "sine": 1 / (4 f#^2), a lens that meets the sine condition.
     field_angle_rad
         Angle of the chief ray from the axis [rad], |angle| < pi/2; irradiance falls as its cos^4.
+    saturates
+        Whether chances of clipping are computed and warned of.
 
     Raises
     ------
@@ -119,6 +125,7 @@ class Sensor:
     noise: SensorNoise
     aperture: Literal["thin-lens", "sine"] = "thin-lens"
     field_angle_rad: float = 0.0
+    saturates: bool = True
 
     def __post_init__(self) -> None:
         _require_positive(

@@ -37,11 +37,18 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
     [MK14] eq. (19), (32).
     """
     variance = unquantised_variance_dn2(signal_dn, noise=noise, exposure_s=exposure_s)
-    return np.asarray(noise.noise_factor**2 * (variance + _QUANTISATION_VAR_DN2))
+    rounding = _QUANTISATION_VAR_DN2 if noise.quantisation else 0.0
+    return np.asarray(noise.noise_factor**2 * (variance + rounding))
 
 
 def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
+    """Return what `temporal_variance_dn2` does before rounding, and without the noise factor [DN^2].
+
+    References
+    ----------
+    [MK14] eq. (19).
+    """
     gain = noise.gain_dn_per_e
     dark_dn = gain * noise.dark_current_e_per_s * np.asarray(exposure_s, dtype=np.float64)
-    shot = gain * (np.asarray(signal_dn, dtype=np.float64) + dark_dn)
-    return np.asarray(shot + (gain * noise.read_noise_e) ** 2)
+    light_dn = np.asarray(signal_dn, dtype=np.float64) * (1.0 if noise.shot_noise else 0.0)
+    return np.asarray(gain * (light_dn + dark_dn) + (gain * noise.read_noise_e) ** 2)

@@ -15,7 +15,7 @@ from calibration.polarimeter.analyzer import (
 )
 from calibration.polarimeter.axis import AxisFit, fit_axis
 from calibration.polarimeter.data_reduction import DataReduction, linear_states, measured_data_reduction
-from calibration.polarimeter.fourier_fit import Harmonic, fit_fourier, residual_harmonics
+from calibration.polarimeter.fourier_fit import FourierFit, Harmonic, fit_fourier, residual_harmonics
 from rigctl.config import Uncertain
 from rigctl.polarimeter.scan_frames import AnalyzerScan, GeneratorScan
 
@@ -43,6 +43,40 @@ class KnownLight:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ScanCurve:
+    """Light against the angle of what turned, and the law fitted to it.
+
+    Attributes
+    ----------
+    label : str
+        What stood still, such as "stage at 45.0 deg".
+    angle_rad, signal_dn : (K,) arrays
+        Points of the scan.
+    fit : FourierFit
+        Malus' law.
+    harmonics : tuple of Harmonic
+        What the law leaves.
+    """
+
+    label: str
+    angle_rad: FloatArray
+    signal_dn: FloatArray
+    fit: FourierFit
+    harmonics: tuple[Harmonic, ...]
+
+    @classmethod
+    def of(cls, label: str, angle_rad: FloatArray, signal_dn: FloatArray) -> "ScanCurve":
+        """Return the curve of a scan."""
+        return cls(
+            label=label,
+            angle_rad=angle_rad,
+            signal_dn=signal_dn,
+            fit=fit_fourier(angle_rad, signal_dn),
+            harmonics=residual_harmonics(angle_rad, signal_dn),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PolarizerCalibration:
     """What was found; None is what the scans cannot tell.
 
@@ -62,6 +96,8 @@ class PolarizerCalibration:
         W, for intensities over twice their mean.
     harmonics : tuple of Harmonic
         What is left of Malus' law; of the scan that shows each best.
+    curves : tuple of ScanCurve
+        The scans.
     frames : int
         Frames it was made from.
     """
@@ -74,6 +110,7 @@ class PolarizerCalibration:
     stage_rad: FloatArray | None
     reduction: DataReduction | None
     harmonics: tuple[Harmonic, ...]
+    curves: tuple[ScanCurve, ...]
     frames: int
 
 
@@ -81,7 +118,11 @@ def from_references(
     scans: Sequence[AnalyzerScan], references_rad: Sequence[float], known: KnownLight
 ) -> PolarizerCalibration:
     """Return the calibration by scans of the stage in front of fixed references."""
-    fits = [fit_fourier(scan.stage_rad, scan.signal_dn) for scan in scans]
+    curves = tuple(
+        ScanCurve.of(f"reference at {np.degrees(reference):.1f} deg", scan.stage_rad, scan.signal_dn)
+        for scan, reference in zip(scans, references_rad, strict=True)
+    )
+    fits = [curve.fit for curve in curves]
     axis = fit_axis(
         axis_rad=np.array(references_rad),
         stage_rad=np.array([float(fit.phase_rad) for fit in fits]),
@@ -101,7 +142,8 @@ def from_references(
         channels=None,
         stage_rad=None,
         reduction=None,
-        harmonics=_clearest([residual_harmonics(scan.stage_rad, scan.signal_dn) for scan in scans]),
+        harmonics=_clearest(curves),
+        curves=curves,
         frames=sum(scan.frames for scan in scans),
     )
 
@@ -118,6 +160,10 @@ def from_generator(scan: GeneratorScan, known: KnownLight) -> PolarizerCalibrati
         expected_rad=known.expected_rad,
         expected_error_rad=known.expected_error_rad,
     )
+    curves = tuple(
+        ScanCurve.of(f"stage at {np.degrees(stage):.1f} deg", scan.generator_rad, column)
+        for stage, column in zip(scan.stage_rad.tolist(), scan.signal_dn.T, strict=True)
+    )
     pooled, pooled_error = (float(number) for number in pooled_diattenuation(channels))
     value, error = _diattenuation(pooled * dolp.value, pooled_error * dolp.value, dolp)
     return PolarizerCalibration(
@@ -128,7 +174,8 @@ def from_generator(scan: GeneratorScan, known: KnownLight) -> PolarizerCalibrati
         channels=channels,
         stage_rad=scan.stage_rad,
         reduction=_reduction(scan, dolp.value),
-        harmonics=_clearest([residual_harmonics(scan.generator_rad, column) for column in scan.signal_dn.T]),
+        harmonics=_clearest(curves),
+        curves=curves,
         frames=scan.frames,
     )
 
@@ -148,9 +195,9 @@ def _reduction(scan: GeneratorScan, dolp: float) -> DataReduction | None:
     return measured_data_reduction(linear_states(scan.generator_rad, dolp=dolp), scaled.T)
 
 
-def _clearest(scans: Sequence[tuple[Harmonic, ...]]) -> tuple[Harmonic, ...]:
+def _clearest(curves: Sequence[ScanCurve]) -> tuple[Harmonic, ...]:
     best: dict[int, Harmonic] = {}
-    for harmonic in (one for scan in scans for one in scan):
+    for harmonic in (one for curve in curves for one in curve.harmonics):
         before = best.get(harmonic.order)
         if before is None or harmonic.amplitude * before.std_error > before.amplitude * harmonic.std_error:
             best[harmonic.order] = harmonic

@@ -45,7 +45,7 @@ def analyzer_scan(run: Run, region: Region | None) -> AnalyzerScan:
     DataError
         Frames lack stage angles or a dark level, or are saturated in the region.
     """
-    records = _scene_frames(run)
+    records = scene_frames(run)
     return AnalyzerScan(
         stage_rad=np.radians([_stage_deg(run, record) for record in records]),
         signal_dn=_signals_dn(run, records, region),
@@ -61,7 +61,34 @@ def generator_scan(run: Run, region: Region | None, generator_deg: GeneratorAngl
     DataError
         As `analyzer_scan`; or some stage angle lacks a generator angle that others have.
     """
-    records = _scene_frames(run)
+    records = scene_frames(run)
+    cells = generator_cells(run, records, generator_deg)
+    signals = _signals_dn(run, records, region)
+    return GeneratorScan(
+        generator_rad=cells.generator_rad,
+        stage_rad=cells.stage_rad,
+        signal_dn=np.array([[np.mean(signals[list(cell)]) for cell in row] for row in cells.frames]),
+        frames=len(records),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeneratorCells:
+    """Which frames were taken at each generator angle (K,) and stage angle (N,) [rad]: places in a list of records."""
+
+    generator_rad: FloatArray
+    stage_rad: FloatArray
+    frames: tuple[tuple[tuple[int, ...], ...], ...]
+
+
+def generator_cells(run: Run, records: Sequence[FrameRecord], generator_deg: GeneratorAngle) -> GeneratorCells:
+    """Return which frames of a generator scan belong to which pair of angles.
+
+    Raises
+    ------
+    DataError
+        Some stage angle lacks a generator angle that others have, or a frame has no angle.
+    """
     cells: dict[tuple[float, float], list[int]] = defaultdict(list)
     for index, record in enumerate(records):
         cells[generator_deg(record), round(_stage_deg(run, record), _DIGITS) % 360.0].append(index)
@@ -72,17 +99,22 @@ def generator_scan(run: Run, region: Region | None, generator_deg: GeneratorAngl
             f"{run.path}: {len(missing)} of {len(generators) * len(stages)} pairs of generator and stage angle have no "
             f"frame, such as generator {missing[0][0]:g} deg at stage {missing[0][1]:g} deg"
         )
-    signals = _signals_dn(run, records, region)
     angles = np.array([_stage_deg(run, record) for record in records])
-    return GeneratorScan(
+    return GeneratorCells(
         generator_rad=np.radians(generators),
         stage_rad=np.radians([np.mean(angles[cells[generators[0], s]]) for s in stages]),
-        signal_dn=np.array([[np.mean(signals[cells[g, s]]) for s in stages] for g in generators]),
-        frames=len(records),
+        frames=tuple(tuple(tuple(cells[g, s]) for s in stages) for g in generators),
     )
 
 
-def _scene_frames(run: Run) -> list[FrameRecord]:
+def scene_frames(run: Run) -> list[FrameRecord]:
+    """Return the scene frames of a run, which have one exposure.
+
+    Raises
+    ------
+    DataError
+        There are none, or they have several exposures.
+    """
     records = [record for record in run.frames if record.kind == "scene"]
     if not records:
         raise DataError(f"{run.path}: has no scene frames")
@@ -120,8 +152,13 @@ def _inside(record: FrameRecord, region: Region | None) -> NDArray[np.bool_]:
     return masks([region], width=record.width, height=record.height)[region.name]
 
 
+def dark_frames(run: Run, scene: FrameRecord) -> list[FrameRecord]:
+    """Return the dark frames of the exposure of a scene frame."""
+    return [record for record in run.frames if record.kind == "dark" and record.exposure_s == scene.exposure_s]
+
+
 def _dark_dn(run: Run, scene: FrameRecord, inside: NDArray[np.bool_]) -> float:
-    darks = [record for record in run.frames if record.kind == "dark" and record.exposure_s == scene.exposure_s]
+    darks = dark_frames(run, scene)
     if darks:
         return float(np.mean([run.counts(record)[inside].mean() for record in darks]))
     if scene.black_level_dn is not None:
