@@ -1,5 +1,7 @@
 """What the program itself costs per frame of 782 x 582, beside camera, stage, FITS encoding and the disk.
 
+All interlocks and three regions of 150 x 130 pixels are watched.
+
 Usage: python -m benchmarks.frame_overhead [--frames 200] [--folder DIR]
 
 Overhead is the time of the session's thread between two frames, without waiting for the disk's queue, plus the time
@@ -128,7 +130,12 @@ def measure(frames: int, folder: Path, *, exposure_s: float, move_s: float, thre
         )
 
     take = {"kind": "scene", "exposure_ms": 1, "cycles": frames // 4}
-    session = SessionFile.model_validate({"name": "overhead", "take": [take], "interlocks": {"disk_free_mb": 0}})
+    regions = [
+        {"name": f"panel{k}", "rectangle": {"x": 70 + 240 * k, "y": 190, "width": 150, "height": 130}} for k in range(3)
+    ]
+    session = SessionFile.model_validate(
+        {"name": "overhead", "take": [take], "regions": regions, "interlocks": {"disk_free_mb": 0}}
+    )
     with _watched(watch, threaded=threaded):
         take_session(RigFile.model_validate(_RIG), session, folder / "run", files={}, opener=opener)
     return _per_frame(watch, exposure_s, frames, threaded=threaded)

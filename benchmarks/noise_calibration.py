@@ -1,28 +1,31 @@
 """Time of a noise calibration beside the package emva1288 on the same frames, and memory against frames.
 
     python -m benchmarks.noise_calibration DESCRIPTOR --peer PYTHON
+    python -m benchmarks.noise_calibration --frames 1000
 
-PYTHON is an interpreter of its own with ``numpy<2 scipy<1.14 emva1288==1.0.2``; without it only our time is taken.
+PYTHON is an interpreter of its own with ``numpy<2 scipy<1.14 emva1288==1.0.2``; without it only our time is taken. With
+``--frames`` a whole calibration from so many frames of 5 Mpixel, drawn as they are asked for, says its peak of memory.
 """
 
 import argparse
 import resource
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.frame_statistics import level_statistics
+from rigctl.calibrations.made_for import MadeFor
 from rigctl.noise.calibrate_files import calibrate_frames
-from rigctl.noise.noise_frames import emva_frames
+from rigctl.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, emva_frames
 
-RUNS = 5
+ROUNDS = 7
 SHAPE = (2048, 2448)
-FRAMES = (4, 40)
+BIT_DEPTH = 12
+GAIN_DN_PER_E, READ_NOISE_DN, BLACK_DN = 0.25, 2.5, 60.0
+LEVELS, PAIR = 10, 2
 
 PEER = """
 import sys, time, logging
@@ -49,40 +52,67 @@ def peer_s(python: Path, descriptor: Path) -> float:
     return float(done.stdout.split()[-1])
 
 
-def best(timed: Callable[[], float]) -> float:
-    return min(timed() for _ in range(RUNS))
+def compare(descriptor: Path, peer: Path | None) -> None:
+    """Take turns, so that both meet the same load of the machine."""
+    ours, theirs = [], []
+    for _ in range(ROUNDS):
+        ours.append(ours_s(descriptor))
+        if peer is not None:
+            theirs.append(peer_s(peer, descriptor))
+    print(f"rigctl, reading and all numbers: best {min(ours):.2f} s, median {np.median(ours):.2f} s")
+    if theirs:
+        print(f"emva1288, reading and its numbers: best {min(theirs):.2f} s, median {np.median(theirs):.2f} s")
+        print(f"ratio of best {min(theirs) / min(ours):.2f}, of medians {np.median(theirs) / np.median(ours):.2f}")
 
 
-def stream(n_frames: int) -> Iterator[NDArray[np.uint16]]:
-    draws = np.random.default_rng(1)
-    for _ in range(n_frames):
-        yield draws.integers(1000, 1100, SHAPE, dtype=np.uint16)
+def frame(seed: int, signal_e: float) -> NDArray[np.uint16]:
+    draws = np.random.default_rng(seed)
+    noise_dn = np.sqrt(GAIN_DN_PER_E**2 * signal_e + READ_NOISE_DN**2)
+    samples = draws.standard_normal(SHAPE, dtype=np.float32)
+    samples *= np.float32(noise_dn)
+    samples += np.float32(BLACK_DN + GAIN_DN_PER_E * signal_e)
+    return np.rint(samples, out=samples).astype(np.uint16)
 
 
-def peak_mb(n_frames: int) -> float:
-    """Peak memory of a process of its own that takes one level of so many frames of 5 Mpixel."""
-    code = f"from benchmarks.noise_calibration import take; take({n_frames})"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    return float(done.stdout)
+def drawn_frames(n_frames: int) -> FrameSet:
+    """A pair of each kind at each of ten exposures, and all other frames in two stacks."""
+    groups, seed = [], 0
+    stack = (n_frames - 2 * PAIR * (LEVELS - 1)) // 2
+    for place in range(LEVELS):
+        exposure_s = 1e-3 * (place + 1)
+        n = stack if place == LEVELS // 2 else PAIR
+        for kind, signal_e in (("dark", 0.0), ("flat", 1.2e6 * exposure_s)):
+            loaders = tuple(partial(frame, seed + number, signal_e) for number in range(n))
+            seed += n
+            groups.append(FrameGroup(kind=kind, exposure_s=exposure_s, loaders=loaders))
+    return FrameSet(
+        groups=tuple(groups),
+        camera=CameraSetting(model=None, serial=None, gain_db=None, bit_depth=BIT_DEPTH),
+        made_for=MadeFor(bit_depth=BIT_DEPTH),
+        source=FrameSource(kind="folder", path="drawn", sha256="", frames_sha256=""),
+    )
 
 
 def take(n_frames: int) -> None:
-    level_statistics(stream(n_frames), kind="flat", exposure_s=None)
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+    start = time.perf_counter()
+    found = calibrate_frames(drawn_frames(n_frames)).noise.gain_dn_per_e
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(
+        f"{n_frames} frames of {SHAPE[1]} x {SHAPE[0]}: peak {peak_mb:.0f} MB, {time.perf_counter() - start:.0f} s with "
+        f"drawing them; gain {found.value:.6f} +- {found.std_error:.6f} DN/e-"
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("descriptor", type=Path)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("descriptor", type=Path, nargs="?")
     parser.add_argument("--peer", type=Path)
+    parser.add_argument("--frames", type=int)
     arguments = parser.parse_args()
-    ours = best(lambda: ours_s(arguments.descriptor))
-    print(f"rigctl, reading and all numbers: {ours:.2f} s (best of {RUNS})")
-    if arguments.peer:
-        theirs = best(lambda: peer_s(arguments.peer, arguments.descriptor))
-        print(f"emva1288, reading and its numbers: {theirs:.2f} s; ratio {theirs / ours:.2f}")
-    for n_frames in FRAMES:
-        print(f"{n_frames} frames of {SHAPE[1]} x {SHAPE[0]} at one level: peak {peak_mb(n_frames):.0f} MB")
+    if arguments.descriptor:
+        compare(arguments.descriptor, arguments.peer)
+    if arguments.frames:
+        take(arguments.frames)
 
 
 if __name__ == "__main__":

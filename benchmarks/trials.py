@@ -1,6 +1,7 @@
-"""Long trials, run by `make trials`: honest uncertainty over many seeds; sessions killed, and cut off from power.
+"""Long trials, run by `make trials`: uncertainty over many seeds, kills, power cuts, old pictures, lossy networks.
 
-Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--cuts 50] [--processes 3]
+Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--cuts 50] [--turns 100]
+    [--lossy-frames 100] [--processes 3]
 """
 
 import argparse
@@ -10,7 +11,11 @@ from pathlib import Path
 from benchmarks.loop_disk import why_not
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_kills import run_kills
+from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_power_cut import run_cuts
+from benchmarks.trial_stale_frames import run_turns
+from drivers.cameras.aravis_library import load_aravis
+from drivers.errors import NotConnectedError
 
 
 def main() -> int:
@@ -20,6 +25,8 @@ def main() -> int:
     parser.add_argument("--perturbed-seeds", type=int, default=100)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--cuts", type=int, default=50)
+    parser.add_argument("--turns", type=int, default=100)
+    parser.add_argument("--lossy-frames", type=int, default=100)
     parser.add_argument("--processes", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
@@ -29,10 +36,22 @@ def main() -> int:
         sound &= run_cuts(arguments.cuts)
     else:
         print(f"power cuts were not simulated: {reason}")
+    sound &= _run_network(turns=arguments.turns, frames=arguments.lossy_frames)
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
     return 0 if sound else 1
+
+
+def _run_network(*, turns: int, frames: int) -> bool:
+    """Run the trials that need a GigE camera on this machine's own network."""
+    try:
+        load_aravis()
+    except NotConnectedError as error:
+        print(f"no trials over the network: {error}")
+        return True
+    is_current = run_turns(turns)
+    return run_losses(frames) and is_current
 
 
 if __name__ == "__main__":

@@ -67,7 +67,8 @@ def scene_text() -> str:
         'name = "panels, uncertain"',
         section(
             "sensor",
-            "pixel_pitch_um = 8.3\nf_number = 2.0\nwavelength_nm = 550.0\nbit_depth = 12\npolarizer_transmittance = 0.8",
+            "pixel_pitch_um = 8.3\nf_number = 2.0\nwavelength_nm = 550.0\nbit_depth = 12\n"
+            "polarizer_transmittance = 0.8",
         ),
         section("noise", f"dark_current_e_per_s = 0.0\nblack_level_dn = {BLACK_DN}\ndsnu_e = 0.0"),
         section("rig", ""),

@@ -1,13 +1,13 @@
 """Light of a region over the part of the field of view that it fills: mean and covariance over its pixels."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.field_of_view import FieldPart, TileRule, off_axis, tiles
+from model.field_of_view import FieldPart, Tile, TileRule, off_axis, tiles
 from model.hemisphere import Rules
 from model.moments import Moments
 from model.scene import ApertureLight
@@ -28,7 +28,8 @@ class FieldLight:
         Of the tiles; the weights sum to 1. One tile where the field is narrow.
     spread
         What five directions (centre and the middles of the edges) say of the field: standard deviation over it and
-        shift of its mean from the centre, largest component over S0; 0 for a point.
+        shift of its mean from the centre, largest component over S0; 0 for a point, not a number where it was not
+        asked for.
     """
 
     lights: tuple[ApertureLight, ...]
@@ -146,9 +147,53 @@ def light_over_field(
     spread = _spread(centre.total, [light.total for light in at_edges])
     if spread < negligible:
         return FieldLight(lights=(centre,), weights=(1.0,), spread=spread)
+    return _over_tiles(lights_at, tiles(part, view, per_side=per_side, rule=rule), centre.rules, spread)
+
+
+def light_over_tiles(
+    lights_at: Callable[[tuple[View, ...], Rules | None], tuple[ApertureLight, ...]],
+    *,
+    view: View,
+    part: FieldPart,
+    per_side: int,
+    rule: TileRule = "gauss-legendre",
+) -> FieldLight:
+    """Return the light of a region over its part of the field with rules that suffice at the outermost tiles too.
+
+    Parameters
+    ----------
+    lights_at, view, part, per_side, rule
+        As in `light_over_field`. No field is taken as a point.
+
+    Raises
+    ------
+    ValueError
+        As `tiles`.
+
+    References
+    ----------
+    [MK14] eq. (8), (9).
+    """
     found = tiles(part, view, per_side=per_side, rule=rule)
+    corners = sorted({0, per_side - 1, per_side * (per_side - 1), per_side**2 - 1})
+    refined = lights_at(tuple(found[k].view for k in corners), None)
+    enough = Rules(
+        lobe=max(light.rules.lobe for light in refined), diffuse=max(light.rules.diffuse for light in refined)
+    )
+    worst = max(light.error / light.reflected_sky[0] if light.reflected_sky[0] > 0.0 else 0.0 for light in refined)
+    light = _over_tiles(lights_at, found, enough, np.nan)
+    honest = tuple(replace(one, error=max(one.error, worst * float(one.reflected_sky[0]))) for one in light.lights)
+    return replace(light, lights=honest)
+
+
+def _over_tiles(
+    lights_at: Callable[[tuple[View, ...], Rules | None], tuple[ApertureLight, ...]],
+    found: tuple[Tile, ...],
+    rules: Rules,
+    spread: float,
+) -> FieldLight:
     return FieldLight(
-        lights=lights_at(tuple(tile.view for tile in found), centre.rules),
+        lights=lights_at(tuple(tile.view for tile in found), rules),
         weights=tuple(tile.weight for tile in found),
         spread=spread,
     )

@@ -23,13 +23,13 @@ class Imperfections:
     texture_correlation_pixels
         Distance at which the correlation of the texture has fallen to exp(-1/2) [pixels], > 0.
     drift
-        Change of the light from the first frame of a cycle to the last, linear in time, as a share of its mean; -1 to 1.
+        Change of the light from the first frame of a cycle to the last, linear in time, over its mean; -1 to 1.
     drift_order
         Place in time of each angle's frame in the cycle, from 0; empty: in the order of the angles.
     surround_albedo
-        Of the ground around the regions as far as the air mixes it in, where it is not the ground's own; 0 to 1 or None.
+        Of the ground around, as far as the air mixes it in, where it is not the mean ground's, 0 to 1; or None.
     off_axis_falloff
-        Whether light falls as the fourth power of the cosine over a region's part of the field; a flat field undoes it.
+        Whether light falls as the fourth power of the cosine over a region's part of the field, as without flat field.
 
     Raises
     ------
@@ -84,9 +84,6 @@ class Imperfections:
         return np.asarray(1.0 + self.drift * (np.array(order) / (frames - 1) - 0.5))
 
 
-PERFECT = Imperfections()
-
-
 def angle_variance(second_moment: FloatArray, *, angles_rad: FloatArray, std_rad: float) -> FloatArray:
     """Return the variance of S1 cos 2 psi + S2 sin 2 psi where psi is normal about each angle.
 
@@ -127,3 +124,6 @@ def _require(name: str, value: float, least: float, most: float, unit: str) -> N
         raise ValueError(
             f"{name} = {value} {unit}; allowed is {least:g} to {most:g} {unit}".replace(" ;", ";").rstrip()
         )
+
+
+PERFECT = Imperfections()

@@ -48,6 +48,8 @@ class PairDetection:
         Shape (K,).
     auc
         Area under the whole curve.
+    p_detection_error, auc_error
+        Absolute errors of both, as the integral estimates them itself; shape (K,) and a number.
     warnings
         What limits the result.
     """
@@ -57,6 +59,8 @@ class PairDetection:
     p_false_alarm: FloatArray
     p_detection: FloatArray
     auc: float
+    p_detection_error: FloatArray
+    auc_error: float
     warnings: tuple[str, ...]
 
 
@@ -156,6 +160,8 @@ def pair_detection(
             p_false_alarm=rates,
             p_detection=nothing,
             auc=np.nan,
+            p_detection_error=nothing,
+            auc_error=np.nan,
             warnings=(reason,),
         )
     return PairDetection(
@@ -164,5 +170,7 @@ def pair_detection(
         p_false_alarm=rates,
         p_detection=np.asarray(curve.p_detection),
         auc=float(curve.auc),
+        p_detection_error=np.asarray(curve.error * np.maximum(curve.p_detection, curve.p_miss)),
+        auc_error=float(curve.auc_error * min(curve.auc, 1.0 - curve.auc)),
         warnings=curve.warnings,
     )

@@ -10,7 +10,7 @@ from model.moments import Moments
 from model.processing import dolp
 from model.processing.reconstruction import Design, design
 from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
-from model.scenario import RegionLight, Scenario
+from model.scenario import Readout, RegionLight, Scenario
 
 FloatArray = NDArray[np.float64]
 
@@ -32,9 +32,10 @@ class RegionPrediction:
         Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level taken off.
     stokes_noise_dn2
         Covariance that temporal noise alone gives the Stokes parameters of one cycle, shape (3, 3) [DN^2].
-    dolp_method, dolp_error
-        How mean and deviation of the pixels' DoLP were found, and the larger of their absolute errors as that method
-        estimates them itself; not a number where they do not exist.
+    dolp_method
+        How mean and deviation of the pixels' DoLP were found.
+    dolp_mean_error, dolp_std_error
+        Their absolute errors as that method estimates them itself; not a number where they do not exist.
     quantities
         Everything a measurement is set beside. Where moments of DoLP do not exist they are left out.
     warnings
@@ -45,9 +46,15 @@ class RegionPrediction:
     stokes_dn: Moments
     stokes_noise_dn2: FloatArray
     dolp_method: str
-    dolp_error: float
+    dolp_mean_error: float
+    dolp_std_error: float
     quantities: Quantities
     warnings: tuple[str, ...]
+
+    @property
+    def dolp_error(self) -> float:
+        """The larger of the two errors."""
+        return max(self.dolp_mean_error, self.dolp_std_error)
 
 
 def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionPrediction]:
@@ -124,10 +131,38 @@ def predict_region(
         stokes_dn=stokes,
         stokes_noise_dn2=stokes_covs["std_temporal"],
         dolp_method=law.method,
-        dolp_error=law.error,
+        dolp_mean_error=law.mean_error,
+        dolp_std_error=law.std_error,
         quantities=quantities,
         warnings=(*channels.warnings, *plan.warnings, *missing),
     )
+
+
+def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
+    """Return moments of channels with what flat fields and interpolation do to them.
+
+    Parameters
+    ----------
+    channels
+        As frames have them; without the response of pixels where a flat field takes it away.
+    readout
+        Its `noise_factor` and `flat_error`.
+
+    Notes
+    -----
+    The error of a flat field is a pattern of each angle by itself: unlike the response that it takes away, it shows in
+    DoLP.
+
+    References
+    ----------
+    Definition.
+    """
+    if readout.noise_factor is not None:
+        channels = replace(channels, temporal_var_dn2=channels.temporal_var_dn2 * readout.noise_factor)
+    if readout.flat_error is None:
+        return channels
+    added = np.square(channels.mean_dn * readout.flat_error)[:, None] * np.eye(channels.mean_dn.size)
+    return replace(channels, fixed_pattern_cov_dn2=channels.fixed_pattern_cov_dn2 + added)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +171,8 @@ class _Law:
 
     mean: float
     std: float
-    error: float
+    mean_error: float
+    std_error: float
     method: str
     exists: bool
     reason: str
@@ -145,12 +181,21 @@ class _Law:
 def _law(stokes: Moments, tolerance: float) -> _Law:
     if not stokes.mean[0] > 0.0:
         reason = f"the mean of S0 is {stokes.mean[0]:.3g} DN, not above 0"
-        return _Law(mean=np.nan, std=np.nan, error=np.nan, method="none", exists=False, reason=reason)
+        return _Law(
+            mean=np.nan,
+            std=np.nan,
+            mean_error=np.nan,
+            std_error=np.nan,
+            method="none",
+            exists=False,
+            reason=reason,
+        )
     found = dolp.moments(stokes.mean, stokes.cov, tolerance=tolerance)
     return _Law(
         mean=float(found.mean),
         std=float(found.std),
-        error=float(max(found.mean_error, found.std_error)),
+        mean_error=float(found.mean_error),
+        std_error=float(found.std_error),
         method=str(found.method),
         exists=bool(found.exists),
         reason=str(found.reason),
@@ -159,10 +204,13 @@ def _law(stokes: Moments, tolerance: float) -> _Law:
 
 def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
     readout = scenario.readout
-    found = channel_moments(region.aperture_moments(), angles_rad=readout.angles_rad, sensor=scenario.sensor)
-    if readout.noise_factor is None:
-        return found
-    return replace(found, temporal_var_dn2=found.temporal_var_dn2 * readout.noise_factor)
+    found = channel_moments(
+        region.aperture_moments(),
+        angles_rad=readout.angles_rad,
+        sensor=scenario.sensor,
+        flat_fielded=readout.flat_error is not None,
+    )
+    return as_processed(found, readout)
 
 
 def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:

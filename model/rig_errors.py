@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.channels import ChannelMoments, channel_moments
-from model.prediction import RegionPrediction, predict_region
+from model.prediction import RegionPrediction, as_processed, predict_region
 from model.processing.reconstruction import design
 from model.scenario import RegionLight, Scenario
 
@@ -101,16 +101,21 @@ def drifting_light(drift: float, order: NDArray[np.intp]) -> FloatArray:
 def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> ChannelMoments:
     sensor = replace(scenario.sensor, exposure_s=scenario.sensor.exposure_s * errors.exposure_ratio)
     angles_rad = scenario.readout.angles_rad + errors.turned_rad
-    steady = channel_moments(region.aperture_moments(), angles_rad=angles_rad, sensor=sensor)
+    steady = channel_moments(
+        region.aperture_moments(),
+        angles_rad=angles_rad,
+        sensor=sensor,
+        flat_fielded=scenario.readout.flat_error is not None,
+    )
     factor = errors.light_ratio
     both = np.outer(factor, factor)
     # Shot noise goes with the light; read noise does not.
     shot = sensor.noise.noise_factor**2 * sensor.noise.gain_dn_per_e * steady.mean_dn
-    processed = 1.0 if scenario.readout.noise_factor is None else scenario.readout.noise_factor
-    return replace(
+    seen = replace(
         steady,
         mean_dn=steady.mean_dn * factor,
         scene_cov_dn2=steady.scene_cov_dn2 * both,
-        temporal_var_dn2=(steady.temporal_var_dn2 + shot * (factor - 1.0)) * processed,
+        temporal_var_dn2=steady.temporal_var_dn2 + shot * (factor - 1.0),
         fixed_pattern_cov_dn2=steady.fixed_pattern_cov_dn2 * both,
     )
+    return as_processed(seen, scenario.readout)

@@ -82,6 +82,9 @@ class Readout:
     noise_factor
         What the processing makes of the variance of temporal noise before anything else, one factor a frame, such as
         by interpolation between pixels; None for nothing.
+    flat_error
+        Relative standard deviation of the error of each frame's flat field over the pixels, one a frame; None where
+        frames are not divided by a flat field, and show the response of each pixel.
     """
 
     angles_rad: FloatArray
@@ -89,6 +92,7 @@ class Readout:
     cycles: int
     extinction_ratio: float
     noise_factor: FloatArray | None = None
+    flat_error: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

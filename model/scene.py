@@ -36,6 +36,8 @@ class ApertureLight:
         Estimated error of each component, of the hemisphere integral; the atmosphere has its own.
     rules
         That suffice for that integral.
+    view
+        The line of sight.
     """
 
     reflected_sun: FloatArray
@@ -44,6 +46,7 @@ class ApertureLight:
     transmittance: float
     error: float
     rules: Rules
+    view: View
 
     @property
     def reflected(self) -> FloatArray:
@@ -167,6 +170,7 @@ def _one_light(
         transmittance=through,
         error=through * error,
         rules=used,
+        view=panel.view,
     )
 
 

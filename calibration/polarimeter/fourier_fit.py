@@ -12,10 +12,12 @@ FloatArray = NDArray[np.float64]
 _TERMS = 3
 # Beyond this the angles hardly tell the terms apart: equal modulo 180 deg, or all close together.
 _WORST_CONDITION = 1e3
+# Whole turns in equal steps have sqrt 2; half a turn has hundreds.
+_APART_CONDITION = 3.0
 # What the residual of Malus' law shows, by cycles a turn.
 HARMONIC_ORDERS = (1, 3, 4)
 # An amplitude of noise alone is larger than this many standard errors of its parts in 1 of 1000 cases.
-_SEEN = 3.717
+SEEN_SIGMAS = 3.717
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,6 +46,11 @@ class FourierFit:
         """Angle of largest intensity, -pi/2 to pi/2 [rad]."""
         phase: FloatArray = 0.5 * np.arctan2(self.terms[2], self.terms[1])
         return phase
+
+    def at(self, angles_rad: FloatArray) -> FloatArray:
+        """Return what the law says of one pixel at other angles."""
+        law: FloatArray = _design(angles_rad, (2,)) @ self.terms
+        return law
 
     @property
     def modulation(self) -> FloatArray:
@@ -93,7 +100,7 @@ class Harmonic:
     @property
     def is_seen(self) -> bool:
         """Whether noise alone would hardly make it (1 of 1000)."""
-        return self.amplitude > _SEEN * self.std_error
+        return self.amplitude > SEEN_SIGMAS * self.std_error
 
 
 def fit_fourier(angles_rad: FloatArray, values: FloatArray) -> FourierFit:
@@ -165,6 +172,12 @@ def residual_harmonics(angles_rad: FloatArray, values: FloatArray) -> tuple[Harm
             )
         )
     return tuple(found)
+
+
+def harmonics_are_told_apart(angles_rad: FloatArray) -> bool:
+    """Return whether a scan's angles tell the harmonics from one another: over a whole turn, not over half of one."""
+    design = _design(angles_rad, (2, *HARMONIC_ORDERS))
+    return len(angles_rad) > design.shape[1] and bool(np.linalg.cond(design) < _APART_CONDITION)
 
 
 def _design(angles_rad: FloatArray, orders: tuple[int, ...]) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 SingleArray = NDArray[np.float32]
 
 # So many pixels, of the first rows, show it well enough.
-_PIXELS = 262144
+_PIXELS = 98304
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,10 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from model.accuracy.light_store import LightStore
 from model.accuracy.settings import Settings
+from model.adjacency import with_surroundings
 from model.effects.acting import acting
 from model.effects.names import ALL, Effect
+from model.falloff import cosine_fourth
 from model.field_light import FieldLight
 from model.illumination import Illumination
 from model.lit_scene import LitRegion, LitScene
@@ -29,6 +33,8 @@ class ChainResult:
 
     Attributes
     ----------
+    scenario
+        Light of each region at the aperture, sensor and readout.
     illumination
         Sun, sky and air; None where every radiance is given.
     lights
@@ -43,6 +49,7 @@ class ChainResult:
         That were in use.
     """
 
+    scenario: Scenario
     illumination: Illumination | None
     lights: dict[str, FieldLight]
     predictions: dict[str, RegionPrediction]
@@ -92,13 +99,15 @@ def evaluate(
     with _timed(taken, LIGHT, clock):
         fields = _fields(seen, used, effects, lights)
     with _timed(taken, STATISTICS, clock):
-        predictions = predict(_scenario(seen, fields), tolerance=used.dolp_tolerance)
+        scenario = _scenario(seen, fields)
+        predictions = predict(scenario, tolerance=used.dolp_tolerance)
     with _timed(taken, DETECTION, clock):
         detections = tuple(
             pair_detection(target, background, predictions, scene.p_false_alarm, tolerance=used.roc_tolerance)
             for target, background in scene.pairs
         )
     return ChainResult(
+        scenario=scenario,
         illumination=illumination,
         lights=fields,
         predictions=predictions,
@@ -148,9 +157,17 @@ def _fields(
     air, view, azimuth = scene.air, scene.view, scene.sun_azimuth_rad
     if air is None or view is None:
         return {}
-    return {
+    found = {
         one.name: lights.region(one, settings, air=air, view=view, sun_azimuth_rad=azimuth, effects=effects)
         for one in _materials(scene)
+    }
+    around = scene.imperfections.surround_albedo
+    if around is None or not found:
+        return found
+    illumination = lights.illumination(air, settings, sun_azimuth_rad=azimuth, effects=effects)
+    return {
+        name: with_surroundings(light, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
+        for name, light in found.items()
     }
 
 
@@ -164,10 +181,18 @@ def _materials(scene: LitScene) -> tuple[LitRegion, ...]:
 
 def _scenario(scene: LitScene, fields: dict[str, FieldLight]) -> Scenario:
     regions = tuple(_region_light(region, fields, scene) for region in scene.regions)
-    return Scenario(regions=regions, sensor=scene.sensor, readout=scene.readout)
+    return Scenario(regions=regions, sensor=scene.sensor, readout=scene.readout, imperfections=scene.imperfections)
 
 
 def _region_light(region: LitRegion, fields: dict[str, FieldLight], scene: LitScene) -> RegionLight:
+    light = _light_as_given(region, fields, scene)
+    if region.part is None or not scene.imperfections.off_axis_falloff:
+        return light
+    falloff = cosine_fourth(region.part)
+    return replace(light, falloff_mean=falloff.mean, falloff_var=falloff.var)
+
+
+def _light_as_given(region: LitRegion, fields: dict[str, FieldLight], scene: LitScene) -> RegionLight:
     if region.radiance is not None:
         return RegionLight(
             name=region.name,
@@ -175,13 +200,21 @@ def _region_light(region: LitRegion, fields: dict[str, FieldLight], scene: LitSc
             texture_rms=region.texture_rms,
             texture_cov=region.texture_cov,
         )
-    moments = fields[region.name].moments(
+    field = fields[region.name]
+    whole = field.moments(
         scene.source,
         texture_rms=region.texture_rms,
         texture_diagonal=region.texture_diagonal,
         texture_cov=region.texture_cov,
     )
-    return RegionLight(name=region.name, stokes_radiance=moments.mean, texture_rms=0.0, texture_cov=moments.cov)
+    over_field = field.moments(scene.source, texture_cov=np.zeros((3, 3))).cov
+    return RegionLight(
+        name=region.name,
+        stokes_radiance=whole.mean,
+        texture_rms=0.0,
+        texture_cov=whole.cov - over_field,
+        field_cov=over_field,
+    )
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from model.accuracy.kept_solutions import KeptSolutions
 from model.accuracy.settings import Settings
 from model.atmosphere.lighting.compute_lighting import LightSolver, compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
@@ -14,7 +15,7 @@ from model.atmosphere.lighting.mixed_lighting import MixedLighting
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
-from model.field_light import FieldLight, light_over_field
+from model.field_light import FieldLight, light_over_field, light_over_tiles
 from model.field_of_view import FieldPart
 from model.hemisphere import Rules
 from model.illumination import Illumination, illuminate, require_sun_zenith
@@ -42,9 +43,14 @@ class LightStore:
 
     def __init__(self, *, solver: LightSolver = solve) -> None:
         """Set what solves a wavelength, such as a store of solutions."""
-        self._solver = solver
+        self._solver = KeptSolutions(solver)
         self._skies: OrderedDict[object, _Lit] = OrderedDict()
         self._lights: OrderedDict[object, FieldLight] = OrderedDict()
+
+    @property
+    def solver(self) -> LightSolver:
+        """What solves a wavelength, and keeps the last solutions."""
+        return self._solver
 
     def illumination(
         self, air: Air, settings: Settings, *, sun_azimuth_rad: float, effects: frozenset[Effect] = ALL
@@ -133,7 +139,7 @@ class LightStore:
         lighting = self._lighting(air, settings, effects)
         if Effect.SKYLIGHT not in effects:
             return _Lit(air=air, lighting=lighting, sky=_black, sky_error=0.0)
-        if air.table is not None:
+        if air.table is not None or settings.sky_zeniths == 0:
             return _Lit(air=air, lighting=lighting, sky=lighting.sky, sky_error=0.0)
         sampled = sample_sky(
             lighting.sky,
@@ -195,6 +201,10 @@ def _over_field(
             path=Effect.PATH_RADIANCE in effects,
         )
 
+    if part is not None and settings.negligible_spread == 0.0:
+        return light_over_tiles(
+            lights_at, view=view, part=part, per_side=settings.tiles_per_side, rule=settings.tile_rule
+        )
     return light_over_field(
         lights_at,
         view=view,

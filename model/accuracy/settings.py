@@ -19,21 +19,18 @@ class Settings:
     solver
         Streams, layers, element depth and orders of scattering of a solution.
     sky_zeniths, sky_azimuths
-        Steps of the grid on which the sky is kept, as in `model.sampled_sky.sample_sky`.
+        Steps of the grid on which the sky is kept, as in `model.sampled_sky.sample_sky`; 0 zeniths for none, the sky
+        itself is then asked in every direction.
     hemisphere_tolerance
         Of the integral of pBRDF times sky, share of its S0.
     tiles_per_side, tile_rule
         Nodes over the field of view along each side.
     negligible_spread
-        A field over which light varies by less than this share of S0 is taken as a point.
+        A field over which light varies by less than this share of S0 is taken as a point; 0 to take none as one.
     dolp_tolerance
         Relative, of mean and deviation of the pixels' DoLP: decides between first order, second order and quadrature.
     roc_tolerance
         Relative, of the tail of the detector's statistic that is integrated, 1e-12 to 0.01.
-    draws
-        Monte Carlo draws of detection beside the exact law, where the user asks for them; 0 for none.
-    map_float32
-        Whether pixel maps are held in single precision; no number of a prediction depends on it.
     """
 
     wavelengths: int
@@ -46,8 +43,6 @@ class Settings:
     negligible_spread: float = 1e-3
     dolp_tolerance: float = 1e-6
     roc_tolerance: float = 1e-10
-    draws: int = 0
-    map_float32: bool = False
 
 
 def settings_of_tier(tier: Tier, *, wavelengths: int = 4) -> Settings:

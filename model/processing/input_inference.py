@@ -14,7 +14,8 @@ MOVED = 5.0
 _CONFUSION = 0.05
 # Relative eigenvalues of a covariance below this are rounding.
 _RANK = 1e-12
-_SCORE_DECIMALS = 6
+# Scores that go together like this differ by less than a twentieth of their standard deviation.
+_ALIKE = 0.999
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,6 +125,7 @@ def explain(
     chi_square = float(r @ inverse @ r)
     spread = along.T @ inverse @ along
     move = np.where(blind, 0.0, score / size)
+    alike = np.where(blind[:, None] | blind[None, :], np.eye(blind.size), spread / np.outer(size, size))
     return Explanation(
         chi_square=chi_square,
         degrees_of_freedom=rank,
@@ -131,8 +133,8 @@ def explain(
         move=move,
         chi_square_left=chi_square - score**2,
         seen=np.minimum(np.where(blind, 0.0, seen), 1.0),
-        alike=np.where(blind[:, None] | blind[None, :], np.eye(blind.size), spread / np.outer(size, size)),
-        order=_ordered(score, move),
+        alike=alike,
+        order=_ordered(score, move, alike),
         joint_move=pulls,
         joint_std=np.sqrt(np.maximum(np.diag(correlation) - seen, 0.0)),
     )
@@ -205,9 +207,15 @@ def deviations_cov(std_errors: ArrayLike, correlation: ArrayLike) -> FloatArray:
     return np.asarray(np.outer(errors, errors) * np.asarray(correlation, dtype=np.float64) ** 2)
 
 
-def _ordered(score: FloatArray, move: FloatArray) -> tuple[int, ...]:
-    # Inputs that act alike have equal scores but for rounding.
-    return tuple(int(k) for k in np.lexsort((np.abs(move), -np.round(np.abs(score), _SCORE_DECIMALS))))
+def _ordered(score: FloatArray, move: FloatArray, alike: FloatArray) -> tuple[int, ...]:
+    left = [int(k) for k in np.argsort(-np.abs(score), kind="stable")]
+    found: list[int] = []
+    while left:
+        group = [k for k in left if abs(alike[left[0], k]) >= _ALIKE]
+        first = min(group, key=lambda k: abs(move[k]))
+        left.remove(first)
+        found.append(first)
+    return tuple(found)
 
 
 def _pseudo_inverse(cov: FloatArray) -> tuple[FloatArray, int]:

@@ -12,6 +12,8 @@ from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
 from drivers.cameras.raw_files import PLANES, Plane
 from rigctl.commands.calibrate_axis import axis
+from rigctl.commands.calibrate_doubling import doubling
+from rigctl.commands.calibrate_flat import flat
 from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
 from rigctl.durable_file import write_durably
@@ -26,6 +28,8 @@ from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 app.command()(axis)
+app.command()(doubling)
+app.command()(flat)
 app.command()(radiometric)
 app.command()(registration)
 

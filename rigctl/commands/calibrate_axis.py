@@ -8,16 +8,22 @@ import typer
 
 from calibration.polarimeter.axis import AxisFit
 from rigctl.config import Uncertain
+from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions
 from rigctl.polarimeter.generator_file import load_generator
+from rigctl.polarimeter.polarimeter_maps import PolarimeterMaps, polarimeter_maps
 from rigctl.polarimeter.polarizer_calibration import KnownLight, PolarizerCalibration, from_generator, from_references
-from rigctl.polarimeter.polarizer_file import polarizer_json, rig_lines, write_polarizer_file
+from rigctl.polarimeter.polarizer_file import (
+    HARMONIC_MEANING,
+    polarizer_json,
+    region_json,
+    rig_lines,
+    write_polarizer_file,
+)
 from rigctl.polarimeter.scan_frames import analyzer_scan, generator_scan
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.terminal import print_json, results
-
-_HARMONIC_MEANING = {1: "a wedge or a tilted element", 3: "a wedge or a tilted element", 4: "a detector not linear"}
 
 
 def axis(
@@ -36,7 +42,16 @@ def axis(
         float | None, typer.Option(metavar="DEG", help="Offset as a mark on the mount says it, roughly.")
     ] = None,
     expect_std_deg: Annotated[float, typer.Option(metavar="DEG", help="How well the mark says it.")] = 5.0,
-    regions: Annotated[Path | None, typer.Option(metavar="FILE", help="Regions file; its first region.")] = None,
+    regions: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Regions file: the first for the result, each by itself beside.")
+    ] = None,
+    maps: Annotated[
+        Path | None, typer.Option(metavar="FILE.npz", help="Maps over the picture; with --generator.")
+    ] = None,
+    block: Annotated[int, typer.Option(metavar="PIXELS", min=1, help="Side of a block of the maps.")] = 8,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="Page with curves, harmonics and maps.")
+    ] = None,
     valid_days: Annotated[
         float | None, typer.Option(metavar="DAYS", min=0.0, help="For how long it holds; 180 if not said.")
     ] = None,
@@ -49,6 +64,9 @@ def axis(
     either sense: give two that are not at 90 deg to each other, or one that is not along or across the axis of the
     stage's zero, with --expect-offset-deg. Angles are counter-clockwise from horizontal as the camera sees the scene.
 
+    A polarizer that is warped or tilted has another axis at each place: --regions gives each region its own numbers,
+    --maps each block of the picture. --report makes a page of it.
+
     Example: rigctl calibrate axis runs/ref0 runs/ref30 --reference-deg 0 --reference-deg 30 --out polarizer.json
     """
     known = KnownLight(
@@ -57,15 +75,21 @@ def axis(
         expected_rad=None if expect_offset_deg is None else float(np.radians(expect_offset_deg)),
         expected_error_rad=float(np.radians(expect_std_deg)),
     )
-    region = None if regions is None else load_regions(regions)[0]
+    areas = [None] if regions is None else list(load_regions(regions))
     folders = [read_run(run) for run in runs]
-    found = _calibrate(folders, reference_deg or [], generator, region, known)
+    found, *_ = each = [_calibrate(folders, reference_deg or [], generator, area, known) for area in areas]
     content = polarizer_json(found, folders, valid_days=valid_days)
+    content["regions"] = [region_json(area.name, one) for area, one in zip(areas, each, strict=True) if area]
     if as_json:
         print_json(content)
     if not found.axis.is_decided:
         raise DataError(_undecided(found.axis))
+    blocks = None if maps is None else _maps(folders[0], generator, known, side_pixels=block)
     write_polarizer_file(out, content)
+    if blocks is not None and maps is not None:
+        _write(maps, blocks.npz())
+    if report is not None:
+        _write_report(report, found, content, blocks)
     if not as_json:
         _print(content)
 
@@ -92,6 +116,28 @@ def _calibrate(
     )
 
 
+def _maps(run: Run, generator: Path | None, known: KnownLight, *, side_pixels: int) -> PolarimeterMaps:
+    if generator is None:
+        raise ConfigError("--maps: are made with a turning generator; give --generator FILE")
+    dolp = 1.0 if known.dolp is None else known.dolp.value
+    return polarimeter_maps(run, load_generator(generator), side_pixels=side_pixels, generator_dolp=dolp)
+
+
+def _write_report(
+    path: Path, found: PolarizerCalibration, content: dict[str, Any], maps: PolarimeterMaps | None
+) -> None:
+    from rigctl.reports.polarizer_page import polarizer_page
+
+    _write(path, polarizer_page(found, content, maps).encode())
+
+
+def _write(path: Path, data: bytes) -> None:
+    try:
+        write_durably(path, data)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
+
+
 def _undecided(axis: AxisFit) -> str:
     (first, second) = (
         f"sense {one.sense:+d} with offset {np.degrees(one.offset_rad):.3f} deg" for one in (axis.best, axis.other)
@@ -112,10 +158,17 @@ def _print(content: dict[str, Any]) -> None:
         ratio = "not measured" if extinction["ratio"] is None else f"{extinction['ratio']:.4g}"
         console.print(f"extinction ratio {ratio} (95 %: {extinction['lower']:.4g} to {upper})")
     for one in content["harmonics"]:
-        seen = f"seen: {_HARMONIC_MEANING[one['order']]}" if one["is_seen"] else "not seen"
+        seen = f"seen: {HARMONIC_MEANING[one['order']]}" if one["is_seen"] else "not seen"
         console.print(
             f"residual, {one['order']} cycles a turn: {one['amplitude']:.2%} +- {one['std_error']:.2%} ({seen})",
             markup=False,
+        )
+    if content["harmonics"] and not content["harmonics_told_apart"]:
+        console.print("a scan of half a turn does not tell these apart: take it over a whole turn to see which it is")
+    for one in content["regions"]:
+        angle = one["offset_deg"]
+        console.print(
+            f"region {one['name']}: offset {angle['value']:.4f} +- {angle['std_error']:.4f} deg", markup=False
         )
     console.print("for the rig file:")
     console.print(rig_lines(content), markup=False)

@@ -6,8 +6,6 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from rigctl.comparison.panel_response import panel_response
-from rigctl.comparison.radiometric_file import radiometric_json, write_radiometric_file
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure
 from rigctl.noise.noise_file import read_fitting_noise
@@ -37,6 +35,10 @@ def radiometric(
 
     Example: rigctl calibrate radiometric runs/panels --panel white_panel --scene scene.toml --out radiometric.json
     """
+    # The model of light is loaded for this verb of `calibrate` only.
+    from rigctl.comparison.panel_response import panel_response
+    from rigctl.comparison.radiometric_file import radiometric_json, write_radiometric_file
+
     scene_file, folder = load_scene(scene), read_run(run)
     calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)
     for doubt in doubts:

@@ -20,7 +20,8 @@ def command(
     *,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report and numbers.")],
     regions: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Regions file: without a scene, or the scene's where they are now.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Regions file: without a scene, or the scene's where they are now."),
     ] = None,
     noise: Annotated[Path | None, typer.Option(metavar="FILE", help="Noise calibration.")] = None,
     scale: Annotated[
@@ -33,6 +34,7 @@ def command(
     register: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
     ] = None,
+    flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
     alpha: Annotated[float, typer.Option(metavar="A", help="Chance of any false disagreement.")] = 1e-3,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
@@ -55,6 +57,7 @@ def command(
         scale=scale,
         radiometric_path=radiometric,
         registration_path=register,
+        flat_path=flat,
     )
     compared.write(out)
     if as_json:

@@ -28,16 +28,19 @@ def command(
     """List ports, stages and cameras, and print for each what a rig file needs.
 
     Nothing moves and no setting is changed. Only ports with the USB id of a supported stage are asked, unless --probe.
+    Cameras are looked for by the finders of all installed drivers, plug-ins' too; not with --port.
 
     Example: rigctl devices --probe --port /tmp/stage
     """
     ports = serial_ports() if port is None else [_named(path) for path in port]
     found = find_stages(ports, probe=probe)
-    cameras = list(_cameras())
+    cameras = list(_cameras()) if port is None else []
     if as_json:
         print_json({"ports": [asdict(each) for each in found], "cameras": [_camera_json(*each) for each in cameras]})
-    else:
-        _print(found, cameras)
+        return
+    _print_ports(found)
+    if port is None:
+        _print_cameras(cameras)
 
 
 def _named(path: str) -> PortInfo:
@@ -58,12 +61,16 @@ def _camera_json(address: str, identity: DeviceIdentity) -> dict[str, Any]:
     return {"address": address, "identity": asdict(identity)}
 
 
-def _print(found: list[Found], cameras: list[tuple[str, DeviceIdentity]]) -> None:
+def _print_ports(found: list[Found]) -> None:
     console = results()
     if not found:
         console.print("no serial ports", markup=False)
     for each in found:
         console.print(_port_text(each), markup=False)
+
+
+def _print_cameras(cameras: list[tuple[str, DeviceIdentity]]) -> None:
+    console = results()
     if not cameras:
         console.print("no cameras", markup=False)
     for address, identity in cameras:

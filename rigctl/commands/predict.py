@@ -9,6 +9,7 @@ import typer
 
 from model.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
+from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.durable_file import write_durably
@@ -19,6 +20,7 @@ from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
 from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
 from rigctl.reports.tables_json import prediction_json
+from rigctl.skies.engine import Engine
 from rigctl.terminal import print_json, progress, results, warn
 from rigctl.utc_time import utc_text
 
@@ -35,6 +37,9 @@ def command(
         str | None, typer.Option("--sweep", metavar="KEY=start:stop:n", help="Any number of the scene, over a range.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for table and plot of a sweep.")] = None,
+    engine: Annotated[
+        Engine, typer.Option(metavar="NAME", help="What solves the sky: own, or sasktran2 as an independent check.")
+    ] = "own",
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Print what the analytical model predicts for each region: counts, Stokes parameters, DoLP, deviations, SNR.
@@ -46,7 +51,7 @@ def command(
     """
     scene_file = load_scene(scene)
     calibration = None if noise is None else _fitting_noise(noise, bit_depth=scene_file.sensor.bit_depth)
-    predictor = ScenePredictor(scene_file, calibration, source=light)
+    predictor = ScenePredictor(scene_file, calibration, light=SceneLight(engine=engine), source=light)
     if key_and_range is not None:
         _show_sweep(sweep(predictor, key_and_range), predictor.inputs.remarks, out=out, as_json=as_json)
         return

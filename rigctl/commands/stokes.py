@@ -10,6 +10,7 @@ from rigctl.measurement.measurement import measure
 from rigctl.measurement.region_texture import region_textures
 from rigctl.measurement.temporal_noise import temporal_noise
 from rigctl.noise.noise_file import read_fitting_noise
+from rigctl.polarimeter.flat_file import read_fitting_flats
 from rigctl.polarimeter.registration_file import read_fitting_registration
 from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.stokes_files import write_stokes
@@ -28,6 +29,7 @@ def command(
     register: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
     ] = None,
+    flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Write Stokes, DoLP and AoLP images of a run, masks, pictures, and the numbers of its regions.
@@ -40,9 +42,10 @@ def command(
     folder = read_run(run)
     calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)
     moves, more_doubts = (None, ()) if register is None else read_fitting_registration(register, folder)
-    for doubt in (*doubts, *more_doubts):
+    flats, flat_doubts = (None, ()) if flat is None else read_fitting_flats(flat, folder)
+    for doubt in (*doubts, *more_doubts, *flat_doubts):
         warn(doubt)
-    measurement = measure(folder, regions=areas, noise=calibration, registration=moves)
+    measurement = measure(folder, regions=areas, noise=calibration, registration=moves, flats=flats)
     content = measurement_json(
         measurement, None if calibration is None else region_textures(measurement, temporal_noise(calibration))
     )

@@ -15,6 +15,7 @@ from model.processing.sample_moments import Sample, deviation
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose
 from rigctl.comparison.rows import Row, decide, pair, scored
+from rigctl.comparison.uncertainty_budget import run_budget
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
@@ -61,6 +62,9 @@ def compare_closed_loop(measurement: Measurement, *, noise: dict[str, Any] | Non
         rows=decided,
         diagnosis=diagnose(decided),
         predictions=predictions,
+        budgets=run_budget(
+            predictions, measurement, gain_dn_per_e=None if calibrated is None else float(calibrated.values[0])
+        ),
         remarks=tuple(remarks),
         not_tested=NOT_TESTED + (("temporal noise: no noise calibration was given",) if calibrated is None else ()),
     )

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from model.prediction import RegionPrediction, predict
 from model.processing.input_propagation import Propagation
 from model.rig_errors import predict_with_errors
+from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
+from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.explanation import Explanation, explain_rows
 from rigctl.comparison.propagated_rows import only_uncertain, propagate_rows
@@ -22,6 +24,8 @@ from rigctl.comparison.run_readout import one_exposure_s, run_readout
 from rigctl.comparison.scale import Scale, ScaleKind, scale_inputs
 from rigctl.comparison.scene_inputs import Inputs, build_scenario, gather
 from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.trends import Trend, trends_of
+from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
@@ -57,6 +61,12 @@ class Comparison:
         What their uncertainty does to the rows.
     explanation : Explanation or None
         What would explain the residuals; None where no input has an uncertainty.
+    trends : tuple of Trend
+        Whether the order of numbers is as predicted, whatever their scale. Empty without a scene.
+    budgets : tuple of RegionBudget
+        What each cause makes of the uncertainty of a region's polarization.
+    checks : tuple of Check
+        What the run says of itself, before any model.
     """
 
     kind: str
@@ -70,11 +80,19 @@ class Comparison:
     inputs: Inputs | None = None
     propagation: Propagation | None = None
     explanation: Explanation | None = None
+    trends: tuple[Trend, ...] = ()
+    budgets: tuple[RegionBudget, ...] = ()
+    checks: tuple[Check, ...] = ()
 
     @property
     def agrees(self) -> bool:
         """Whether no row disagrees."""
         return not self.disagreements
+
+    @property
+    def flags(self) -> tuple[Check, ...]:
+        """The checks of the run that are flagged."""
+        return tuple(check for check in self.checks if check.verdict == "flagged")
 
     @property
     def disagreements(self) -> tuple[Row, ...]:
@@ -150,6 +168,15 @@ def compare_with_scene(
         inputs=uncertain,
         propagation=propagation,
         explanation=explain_rows(decided, propagation=propagation, inputs=uncertain, measurement=measurement),
+        trends=trends_of(decided, propagation.cov, measurement),
+        budgets=scene_budget(
+            predictions,
+            measurement,
+            values=inputs.named,
+            rows=decided,
+            propagation=propagation,
+            uncertain=uncertain,
+        ),
     )
 
 
@@ -175,7 +202,7 @@ def _predicted(
     exposure_s, errors = one_exposure_s(measurement), rig_errors(named, measurement)
     try:
         scenario = build_scenario(scene, named, readout=run_readout(measurement), exposure_s=exposure_s, light=light)
-        return predict(scenario) if errors is None else predict_with_errors(scenario, errors)
+        return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
 
@@ -189,4 +216,4 @@ def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measuremen
     for region, prediction in predictions.items():
         if region not in measurement.regions:
             raise ConfigError(f"region {region} of the scene file was not measured")
-        yield from pair(region, prediction.quantities, measurement.regions[region].quantities)
+        yield from pair(region, prediction.quantities, measured_with_ratios(measurement.regions[region]))

@@ -5,26 +5,42 @@ from collections.abc import Iterable
 from model.accuracy.light_store import LightStore
 from model.atmosphere.lighting.tiers import TIERS
 from model.atmosphere.profile import column
+from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.transfer.phase import AerosolKind
 from model.field_light import FieldLight
 from model.illumination import Illumination
+from model.lit_scene import Air
 from rigctl.comparison.lit_scene import file_settings, lit_region
 from rigctl.comparison.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
+from rigctl.skies.engine import Engine, require_engine
 from rigctl.skies.lit_scene import SkyRequest, air_of
 from rigctl.skies.sky_store import SkyStore, user_cache_folder
 
 _REFERENCE_M = 550e-9
+_BY_SASKTRAN2 = (
+    "atmosphere: solved by sasktran2 as an independent check, not kept between runs; 2 to 10 deg from the zenith it is "
+    "off by up to 1.6 % in radiance, and nearer than 1 deg to the horizon it is not to be used"
+)
 
 
 class SceneLight:
     """Computes the light of scene files, and keeps what it computed."""
 
-    def __init__(self, store: SkyStore | None = None) -> None:
+    def __init__(self, store: SkyStore | None = None, *, engine: Engine = "own") -> None:
+        """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
+
+        Raises
+        ------
+        ConfigError
+            The program is not installed.
+        """
+        require_engine(engine)
+        self._engine = engine
         self._solved = SkyStore(user_cache_folder()) if store is None else store
-        self._lights = LightStore(solver=self._solved)
+        self._lights = LightStore(solver=self._solved if engine == "own" else sasktran2_solution)
 
     @property
     def lights(self) -> LightStore:
@@ -41,7 +57,7 @@ class SceneLight:
         """
         try:
             return self._lights.illumination(
-                air_of(sky_request(scene, values)),
+                self._air(scene, values),
                 file_settings(scene),
                 sun_azimuth_rad=sun_azimuth_rad(values),
             )
@@ -60,18 +76,27 @@ class SceneLight:
             return self._lights.region(
                 lit_region(scene, region, values),
                 file_settings(scene),
-                air=air_of(sky_request(scene, values)),
+                air=self._air(scene, values),
                 view=camera_view(scene, values),
                 sun_azimuth_rad=sun_azimuth_rad(values),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
+    def _air(self, scene: SceneFile, values: Values) -> Air:
+        air = air_of(sky_request(scene, values))
+        if self._engine != "own" and not air.is_solved:
+            raise ConfigError(
+                f"--engine {self._engine}: solves the tiers fast and standard; tier '{air.tier}' calls no solver"
+            )
+        return air
+
     def remarks(self, scene: SceneFile, values: Values) -> tuple[str, ...]:
         """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
-        return (*_of_atmosphere(scene.atmosphere, sky_request(scene, values)), *self._solved.remarks)
+        by_engine = () if self._engine == "own" else (_BY_SASKTRAN2,)
+        return (*_of_atmosphere(scene.atmosphere, sky_request(scene, values)), *by_engine, *self._solved.remarks)
 
 
 def _of_atmosphere(air: AtmosphereSection, request: SkyRequest) -> Iterable[str]:
@@ -85,7 +110,15 @@ def _of_atmosphere(air: AtmosphereSection, request: SkyRequest) -> Iterable[str]
         f"{at_550.tau_rayleigh:.3f}; tier {air.tier} ({facts.accuracy})"
     )
     yield (
-        f"atmosphere: aerosol taken as {air.aerosol} (of {', '.join(AerosolKind)}). The kind of aerosol is the largest "
-        "uncertainty of the sky: at the same optical depth its largest degree of polarization is 0.18 with a "
-        "depolarizing aerosol, 0.23 with a polarizing one and 0.43 with spheres (23 km, sun 25 deg from the zenith)"
+        f"atmosphere: aerosol taken as {air.aerosol} (of {', '.join(AerosolKind)}){_alternative(air)}. The kind of "
+        "aerosol is the largest uncertainty of the sky: at the same optical depth its largest degree of polarization "
+        "is 0.18 with a depolarizing aerosol, 0.23 with a polarizing one, 0.41 with spheres (rural, 23 km, 550 nm, "
+        "black ground, sun 25 deg from the zenith). For this scene: rigctl sky SCENE.toml --compare-aerosols"
     )
+
+
+def _alternative(air: AtmosphereSection) -> str:
+    if air.alternative is None:
+        return ""
+    share = air.alternative.share
+    return f", with a share of {share.value:g} +- {share.std:g} of the light as of {air.alternative.aerosol}"

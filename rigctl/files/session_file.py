@@ -69,10 +69,14 @@ class Take(Section):
 
 
 class DarkSection(Section):
-    """Dark frames among the scene frames, at their exposures: before the first cycle, every so many, and at the end."""
+    """Dark frames among the scene frames, at their exposures: before the first cycle, every so many, and at the end.
+
+    Of a schedule's rounds every so many have them.
+    """
 
     frames: Annotated[int, Field(ge=1, le=10_000)] = 4
     every_cycles: Annotated[int, Field(ge=1)]
+    every_rounds: Annotated[int, Field(ge=1)] = 1
 
 
 class MeteringSection(Section):

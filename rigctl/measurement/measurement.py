@@ -11,9 +11,11 @@ from model.processing.reconstruction import Design, design
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.dark_level import DarkLevel, find_dark_level
+from rigctl.measurement.flat_division import FlatDivision, flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
 from rigctl.measurement.walk_back import WalkBack, walk_back
+from rigctl.polarimeter.flat_file import Flats
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]
@@ -45,6 +47,8 @@ class Measurement:
         Name to what its pixels say.
     walk : WalkBack or None
         How frames were moved to lie on one another; None where they were not.
+    flat : FlatDivision or None
+        What frames were divided by; None where they were not.
     """
 
     run: Run
@@ -57,11 +61,13 @@ class Measurement:
     missing: NDArray[np.bool_]
     regions: dict[str, MeasuredRegion]
     walk: WalkBack | None = None
+    flat: FlatDivision | None = None
 
     @property
     def noise_factor(self) -> FloatArray:
-        """What moving frames makes of the variance of their noise, shape (N,)."""
-        return np.ones(self.grid.angles) if self.walk is None else self.walk.variance_factor
+        """What flat fields and moving frames make of the variance of their noise, shape (N,)."""
+        divided = np.ones(self.grid.angles) if self.flat is None else self.flat.variance_factor
+        return divided if self.walk is None else divided * self.walk.variance_factor
 
 
 def measure(
@@ -70,6 +76,7 @@ def measure(
     regions: list[Region],
     noise: dict[str, Any] | None = None,
     registration: Mapping[str, Any] | None = None,
+    flats: Flats | None = None,
 ) -> Measurement:
     """Return the Stokes pictures of a run and the numbers of its regions.
 
@@ -83,6 +90,8 @@ def measure(
         A noise calibration as its file holds it: its black level serves where the run says nothing of one.
     registration : mapping or None
         A registration as its file holds it: frames are moved back by it.
+    flats : Flats or None
+        Flat fields: frames are divided by them, before they are moved.
 
     Raises
     ------
@@ -98,7 +107,8 @@ def measure(
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer)
     walk = None if registration is None else walk_back(run, grid, registration)
-    frames = _Frames(run, grid, dark_level, walk)
+    flat = None if flats is None else flat_division(grid, flats)
+    frames = _Frames(run, grid, dark_level, walk, flat)
     pixels = {name: np.empty((grid.cycles, grid.angles, int(mask.sum()))) for name, mask in inside.items()}
     for cycle in range(grid.cycles):
         for angle in range(grid.angles):
@@ -129,30 +139,39 @@ def measure(
             for name, mask in inside.items()
         },
         walk=walk,
+        flat=flat,
     )
 
 
 def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
     """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
-    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level, measurement.walk)
+    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level, measurement.walk, measurement.flat)
     return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
 
 
 class _Frames:
     """Reads frames one by one; keeps their sum by angle and which pixels were ever saturated or missing."""
 
-    def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, walk: WalkBack | None) -> None:
+    def __init__(
+        self, run: Run, grid: FrameGrid, dark_level: DarkLevel, walk: WalkBack | None, flat: FlatDivision | None
+    ) -> None:
         shape = (grid.height, grid.width)
-        self._run, self._grid, self._dark_level, self._walk = run, grid, dark_level, walk
+        self._run, self._grid, self._dark_level, self._walk, self._flat = run, grid, dark_level, walk, flat
         self.sums = np.zeros((grid.angles, *shape))
         self.saturated = np.zeros(shape, dtype=np.bool_)
         self.missing = np.zeros(shape, dtype=np.bool_) if walk is None else walk.beyond(shape)
+        if flat is not None:
+            for cycle in grid.records:
+                for record in cycle:
+                    self.missing |= self._where_it_lies(record, flat.dead)
 
     def read(self, cycle: int, angle: int) -> FloatArray:
         record = self._grid.records[cycle][angle]
         counts = self._run.counts(record)
         self._note_unusable(record, counts)
         signal = (counts - self._dark_level.level_dn[angle]) * self._grid.to_unit[angle]
+        if self._flat is not None:
+            signal = self._flat.divided(signal, angle)
         if self._walk is not None:
             signal = self._walk.signal(record, signal)
         self.sums[angle] += signal

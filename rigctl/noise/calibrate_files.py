@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import CalibrationError
+from calibration.errors import CalibrationError, RefusedFramesError
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
 from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
@@ -82,6 +82,8 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
     Each frame is read once. Where several levels have as many frames as the one that the fixed pattern is taken from,
     that one's are read a second time, so that memory does not grow with the number of levels.
     """
+    if any(flag.refuses for flag in frames.flags):
+        raise RefusedFramesError(frames.flags)
     groups = [group for group in frames.groups if len(group.loaders) > 1]
     levels = []
     # Reading and arithmetic both let go of the interpreter; a level in work holds a few pictures.

@@ -19,6 +19,7 @@ from rigctl.config import sha256_of
 from rigctl.errors import DataError
 from rigctl.imports.image_file import read_image
 from rigctl.noise.emva_descriptor import read_emva_descriptor
+from rigctl.noise.run_checks import record_flags
 from rigctl.runs.run_folder import MANIFEST_FILE, FrameRecord, read_run
 
 Loader = Callable[[], NDArray[np.uint16]]
@@ -125,6 +126,7 @@ def run_frames(path: Path) -> FrameSet:
             sha256=sha256_of(path / MANIFEST_FILE),
             frames_sha256=_digest(record.checksum.removeprefix("sha256:") for record in records),
         ),
+        flags=record_flags(sorted(records, key=lambda record: record.sequence)),
     )
 
 

@@ -3,6 +3,7 @@
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,8 @@ class PolarimeterMaps:
     def npz(self) -> bytes:
         """Return the maps as the bytes of a NumPy archive."""
         buffer = io.BytesIO()
-        np.savez_compressed(buffer, **self.named())
+        arrays: dict[str, Any] = dict(self.named())
+        np.savez_compressed(buffer, **arrays)
         return buffer.getvalue()
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calibration.polarimeter.axis import AxisCandidate
+from calibration.polarimeter.fourier_fit import harmonics_are_told_apart
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
 from rigctl.config import describe, sha256_of
@@ -22,6 +23,9 @@ from rigctl.polarimeter.polarizer_calibration import PolarizerCalibration
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
+
+# What a harmonic of the residual is a sign of.
+HARMONIC_MEANING = {1: "a wedge or a tilted element", 3: "a wedge or a tilted element", 4: "a detector not linear"}
 
 SCHEMA_VERSION = 2
 # Version 1 has "devices" in place of "made_for".
@@ -59,6 +63,18 @@ def polarizer_json(
         "extinction_ratio": None if found.extinction is None else asdict(found.extinction),
         "channels": _channels(found),
         "data_reduction": _reduction(found),
+        "harmonics": [asdict(one) | {"is_seen": one.is_seen} for one in found.harmonics],
+        "harmonics_told_apart": all(harmonics_are_told_apart(curve.angle_rad) for curve in found.curves),
+    }
+
+
+def region_json(name: str, found: PolarizerCalibration) -> dict[str, Any]:
+    """Return the numbers of one region, as they stand beside those of the result."""
+    return {
+        "name": name,
+        "sense": found.axis.best.sense if found.axis.is_decided else None,
+        "offset_deg": _offset(found.axis.best),
+        "diattenuation": _value(found.diattenuation, found.diattenuation_error),
         "harmonics": [asdict(one) | {"is_seen": one.is_seen} for one in found.harmonics],
     }
 

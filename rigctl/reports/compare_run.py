@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.calibrations.made_for import made_for
+from rigctl.comparison.checks import require_sound, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
@@ -17,6 +18,7 @@ from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.noise.noise_file import read_noise_file, require_noise_fits
+from rigctl.polarimeter.flat_file import read_fitting_flats
 from rigctl.polarimeter.registration_file import read_registration_file, require_registration_fits
 from rigctl.reports.report import render
 from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
@@ -66,6 +68,7 @@ def compare_run(
     scale: ScaleKind = "absolute",
     radiometric_path: Path | None = None,
     registration_path: Path | None = None,
+    flat_path: Path | None = None,
 ) -> ComparedRun:
     """Return a run beside what the model says of it.
 
@@ -85,6 +88,8 @@ def compare_run(
         Radiometric calibration, for "panel".
     registration_path : Path or None
         Registration by which frames are moved to lie on one another.
+    flat_path : Path or None
+        Flat fields that frames are divided by.
 
     Raises
     ------
@@ -102,7 +107,10 @@ def compare_run(
     radiometric = None if radiometric_path is None else read_radiometric_file(radiometric_path)
     registration = None if registration_path is None else read_registration_file(registration_path)
     doubts = _doubts(run, noise, radiometric, registration)
-    measurement = measure(run, regions=regions, noise=noise, registration=registration)
+    flats, flat_doubts = (None, ()) if flat_path is None else read_fitting_flats(flat_path, run)
+    measurement = measure(run, regions=regions, noise=noise, registration=registration, flats=flats)
+    checks = run_checks(measurement)
+    require_sound(checks, run=str(run_path))
     if scene is not None:
         comparison = compare_with_scene(
             measurement, scene=scene, noise=noise, alpha=alpha, scale=scale, radiometric=radiometric
@@ -117,10 +125,11 @@ def compare_run(
         "noise": noise_path,
         "radiometric": radiometric_path,
         "registration": registration_path,
+        "flat": flat_path,
         "manifest": run_path / MANIFEST_FILE,
     }
     return ComparedRun(
-        comparison=replace(comparison, remarks=(*doubts, *comparison.remarks)),
+        comparison=replace(comparison, remarks=(*doubts, *flat_doubts, *comparison.remarks), checks=checks),
         measurement=measurement,
         regions=regions,
         provenance=_provenance(run, {what: path for what, path in files.items() if path is not None}),

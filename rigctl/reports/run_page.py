@@ -47,7 +47,9 @@ def run_page(run: Run) -> str:
     events = read_event_lines(run.path)
     means = region_means_of(run)
     history = cycle_history(run, means) if is_session(run) else None
-    pictures = [("Frames", _contact_sheet(run)), ("Mean counts", _count_plot(run, means))]
+    pictures = []
+    if run.frames:
+        pictures += [("Frames", _contact_sheet(run)), ("Mean counts", _count_plot(run, means))]
     if any(record.sun_elevation_deg is not None for record in run.frames):
         pictures.append(("Sun", _sun_plot(run)))
     if history is not None and history.looks:

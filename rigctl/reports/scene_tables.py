@@ -81,4 +81,6 @@ def _cells(stokes: NDArray[np.float64]) -> tuple[str, ...]:
     if not stokes[0] > 0.0:
         return (*numbers, "-", "-")
     degree = float(dolp(stokes))
-    return (*numbers, f"{degree:.4f}", f"{np.degrees(float(aolp_rad(stokes))):.1f}" if degree > 1e-6 else "-")
+    # What rounds to 180 is 0.
+    angle_deg = round(float(np.degrees(aolp_rad(stokes))), 1) % 180.0
+    return (*numbers, f"{degree:.4f}", f"{angle_deg:.1f}" if degree > 1e-6 else "-")

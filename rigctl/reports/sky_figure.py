@@ -7,12 +7,14 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from rigctl.reports.figure_style import png
+from rigctl.reports.sky_kinds import SkyOfKind
 from rigctl.reports.sky_sheet import SkySheet
 
 FloatArray = NDArray[np.float64]
 
 # Darker than this nothing is seen; a sky without polarization still needs a scale.
 _LEAST = 1e-12
+_MOST_COLUMNS = 4
 
 
 def sky_picture(sheet: SkySheet) -> bytes:
@@ -32,6 +34,27 @@ def sky_picture(sheet: SkySheet) -> bytes:
         _finish(ax, sheet)
         figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
     figure.suptitle("\n".join(sheet.title_lines), fontsize=10)
+    return png(figure)
+
+
+def kinds_picture(found: tuple[SkyOfKind, ...]) -> bytes:
+    """Return the degree of polarization of the sky for each kind of aerosol, on one scale."""
+    columns = min(len(found), _MOST_COLUMNS)
+    rows = -(-len(found) // columns)
+    figure = Figure(figsize=(3.6 * columns + 1.2, 4.1 * rows + 0.6), layout="constrained")
+    grid = figure.subplots(rows, columns, subplot_kw={"projection": "polar"}, squeeze=False).ravel()
+    norm = Normalize(0.0, max(_largest(one.sheet.dolp) for one in found))
+    for ax in grid[len(found) :]:
+        ax.set_axis_off()
+    for ax, one in zip(grid, found, strict=False):
+        sheet = one.sheet
+        azimuth_rad = np.deg2rad(sheet.azimuth_deg)
+        shown = ax.pcolormesh(azimuth_rad, sheet.zenith_deg, sheet.dolp, norm=norm, cmap="magma", shading="gouraud")
+        _finish(ax, sheet)
+        mark = " (the file)" if one.is_chosen else ""
+        ax.set_title(f"{one.label}{mark}\nlargest DoLP {sheet.largest_dolp[0]:.3f}", fontsize=9)
+    figure.colorbar(shown, ax=grid.tolist(), label="DoLP", shrink=0.6)
+    figure.suptitle("\n".join(found[0].sheet.title_lines[:2]), fontsize=10)
     return png(figure)
 
 

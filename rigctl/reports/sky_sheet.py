@@ -12,6 +12,7 @@ from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
+from rigctl.skies.engine import Engine
 
 FloatArray = NDArray[np.float64]
 
@@ -101,20 +102,27 @@ class SkySheet:
         }
 
 
-def sky_sheet(scene: SceneFile) -> SkySheet:
+def sky_sheet(scene: SceneFile, *, engine: Engine = "own") -> SkySheet:
     """Return the sky of a scene file.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        With sun, atmosphere and the sensor's band.
+    engine : str
+        What solves it.
 
     Raises
     ------
     ConfigError
-        The file says nothing of sun and atmosphere, or of a sun too low.
+        The file says nothing of sun and atmosphere, or of a sun too low; or the engine is not installed.
     """
     missing = [f"[{name}]" for name in ("sun", "atmosphere") if getattr(scene, name) is None]
     if not scene.sensor.has_band:
         missing.append("a band of the sensor (band_nm or response)")
     if missing:
         raise ConfigError(f"scene {scene.name}: a sky also needs {', '.join(missing)}")
-    light = SceneLight()
+    light = SceneLight(engine=engine)
     values = ScenePredictor(scene, None, light=light).inputs.named
     illumination = light.illumination(scene, values)
     return _sheet(scene.name, illumination, remarks=light.remarks(scene, values))

@@ -12,7 +12,9 @@ from model.performance import PairDetection, pair_detections, polarization_stren
 from model.prediction import RegionPrediction
 from model.processing.texture import Texture
 from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.explanation import Explanation
 from rigctl.comparison.rows import Row
+from rigctl.comparison.trends import Trend
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 
@@ -119,10 +121,28 @@ def comparison_json(comparison: Comparison, measurement: Measurement, *, provena
         "regions": regions,
         "rows": [asdict(row) for row in comparison.rows],
         "pixels": {name: _pixels(region) for name, region in measurement.regions.items()},
+        "explanation": explanation_json(comparison.explanation),
+        "trends": [_trend(found) for found in comparison.trends],
+        "budget": {found.region: found.parts for found in comparison.budgets},
+        "checks": [asdict(check) for check in comparison.checks],
         "remarks": list(comparison.remarks),
         "not_tested": list(comparison.not_tested),
         "provenance": provenance,
     }
+
+
+def explanation_json(explanation: Explanation | None) -> dict[str, Any] | None:
+    """Return what would explain the residuals as JSON holds it; what is fitted stands under "fitted"."""
+    if explanation is None:
+        return None
+    return asdict(explanation)
+
+
+def _trend(found: Trend) -> dict[str, Any]:
+    share = found.order.share_concordant
+    return {"quantity": found.quantity, "over": found.over, "predicted": found.predicted, "share_concordant": share} | (
+        asdict(found.order)
+    )
 
 
 def _numbers(row: Row) -> dict[str, Any]:

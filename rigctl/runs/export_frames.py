@@ -9,7 +9,16 @@ from rigctl.runs.run_folder import FrameRecord, Run
 
 Column = list[Any]
 # The longest ending first: "_e_per_dn" is no count.
-_UNITS = {"_e_per_dn": "e-/DN", "_deg": "deg", "_dn": "DN", "_db": "dB", "_ns": "ns", "_s": "s", "_c": "deg C"}
+_UNITS = {
+    "_e_per_dn": "e-/DN",
+    "_deg": "deg",
+    "_dn": "DN",
+    "_db": "dB",
+    "_ns": "ns",
+    "_s": "s",
+    "_c": "deg C",
+    "_m": "m",
+}
 
 
 def columns_of(run: Run) -> dict[str, Column]:
@@ -30,6 +39,8 @@ def common_shape(run: Run) -> tuple[int, int]:
     RunFolderError
         There are no frames, or they differ in size.
     """
+    if not run.frames:
+        raise RunFolderError(f"{run.path}: has no frames")
     shapes = {(record.height, record.width) for record in run.frames}
     if len(shapes) != 1:
         raise RunFolderError(f"{run.path}: has frames of {len(shapes)} sizes; one file holds frames of one size")

@@ -54,6 +54,7 @@ _KEYWORDS = tuple(
         ("sun_elevation_deg", "SUNEL", "[deg] sun, no refraction"),
         ("site_latitude_deg", "SITELAT", "[deg] north positive"),
         ("site_longitude_deg", "SITELONG", "[deg] east positive"),
+        ("site_elevation_m", "SITEELEV", "[m] above the sea"),
         ("source_file", "SRCFILE", "imported from"),
     )
 )

@@ -88,6 +88,8 @@ class FrameRecord:
         refraction.
     site_latitude_deg, site_longitude_deg : float or None
         Where the rig stands [deg], north and east positive.
+    site_elevation_m : float or None
+        How high above the sea it stands [m].
     source_file : str or None
         The file this frame was imported from.
     remarks : tuple of str
@@ -133,6 +135,7 @@ class FrameRecord:
     sun_elevation_deg: float | None = None
     site_latitude_deg: float | None = None
     site_longitude_deg: float | None = None
+    site_elevation_m: float | None = None
     source_file: str | None = None
     remarks: tuple[str, ...] = ()
     file: str = ""

@@ -11,8 +11,11 @@ from rigctl.runs.run_folder import EVENTS_FILE, read_contents
 from rigctl.runs.run_lock import writing_process
 
 State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
+TALLY_EVENT = "camera tally"
+"""Counts of a camera's pictures, at the end of each part of a session."""
+
 # Events that come in any state.
-_SAYS_NOTHING = ("interlock", "camera tally")
+_SAYS_NOTHING = ("interlock", TALLY_EVENT)
 _LAST_EVENTS = 5
 # Remarks on the side: they tell nothing of how a session stands.
 _ASIDE = ("interlock", "camera tally", "disk is short")

@@ -195,7 +195,7 @@ class _Acquisition:
             shot = self._shot_or_none(step, exposure_s, tries_left)
             if shot is not None:
                 trips = self._frame_trips(step, shot)
-                again = [self._guard.wants_again(trip, sequence=step.sequence, tries_left=tries_left) for trip in trips]
+                again = [self._guard.wants_again(trip, step, tries_left=tries_left) for trip in trips]
                 if not any(again):
                     return shot, tuple(trip.message for trip in trips)
                 self._work.distrust()

@@ -4,9 +4,8 @@ from dataclasses import asdict
 from typing import Any
 
 from drivers.interfaces import Camera, ReportingCamera
+from rigctl.runs.run_state import TALLY_EVENT
 from rigctl.runs.run_writer import RunWriter
-
-TALLY_EVENT = "camera tally"
 
 
 def facts_of(camera: Camera) -> dict[str, Any] | None:

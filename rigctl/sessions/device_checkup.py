@@ -54,7 +54,9 @@ def camera_frames(camera: Camera, *, frames: int, timeout_s: float) -> Iterator[
     yield Finding(what="camera", found=found)
     if not isinstance(camera, ReportingCamera):
         return
-    tally = camera.tally()
+    facts, tally = camera.facts(), camera.tally()
+    bent = {True: "linear: what bends counts is off", None: "linear: it does not tell", False: "its counts are bent"}
+    yield Finding(what="samples", found=f"{facts.sample_format}, {facts.justified}-justified; {bent[facts.linear]}")
     lost = tally.damaged + tally.never_came
     advice = None
     # The first one after a start is often damaged.

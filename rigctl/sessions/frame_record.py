@@ -54,5 +54,6 @@ def record_of(
         sun_elevation_deg=None if sun is None else sun.elevation_deg,
         site_latitude_deg=None if site is None else site.latitude_deg,
         site_longitude_deg=None if site is None else site.longitude_deg,
+        site_elevation_m=None if site is None else site.elevation_m,
         remarks=(*(() if move is None else move.remarks), *remarks),
     )

@@ -6,11 +6,15 @@ from rigctl.files.interlock_section import Action, InterlockSection
 from rigctl.runs.run_writer import RunWriter
 from rigctl.sessions.interlocks import failure_of
 from rigctl.sessions.pause import Pause
+from rigctl.sessions.plan import Step
 from rigctl.sessions.trip import Trip
+
+# What a scene is like, frame after frame: an event once a round is enough, beside the remark in each frame.
+_LASTING = ("low_signal", "saturated")
 
 
 class Guard:
-    """Acts on trips. Each is an event of the run.
+    """Acts on trips. Each is an event of the run; those that only note what a scene is like are one once a round.
 
     Parameters
     ----------
@@ -25,6 +29,7 @@ class Guard:
     def __init__(self, locks: InterlockSection, pause: Pause, writer: RunWriter) -> None:
         self.locks = locks
         self._pause, self._writer = pause, writer
+        self._told: set[tuple[str, int]] = set()
 
     def watched(self, trips: Iterable[Trip]) -> tuple[Trip, ...]:
         """Return those trips that are not switched off."""
@@ -52,7 +57,7 @@ class Guard:
         if action == "hold":
             self._pause.hold(trip.message, cleared=cleared)
 
-    def wants_again(self, trip: Trip, *, sequence: int, tries_left: int) -> bool:
+    def wants_again(self, trip: Trip, step: Step, *, tries_left: int) -> bool:
         """Note a trip of a frame, and return whether the frame is to be taken again.
 
         Raises
@@ -62,8 +67,10 @@ class Guard:
         StopAskedError
             Somebody asked to stop while it held.
         """
-        self.note(trip, sequence=sequence)
         action = self._action(trip)
+        if action != "note" or trip.name not in _LASTING or (trip.name, step.round) not in self._told:
+            self.note(trip, sequence=step.sequence)
+        self._told.add((trip.name, step.round))
         if action == "stop" or (action == "retry" and tries_left <= 0):
             raise failure_of(trip)
         if action == "hold":

@@ -53,4 +53,11 @@ def noise_numbers(calibration: Mapping[str, Any]) -> dict[str, float]:
 
 def mean_noise(numbers: Mapping[str, float]) -> MeanNoise:
     """Return the noise of means by the numbers that `noise_numbers` gave."""
-    return MeanNoise(sensor=SensorNoise(**numbers, prnu=0.0, dsnu_e=0.0))
+    return MeanNoise(
+        sensor=SensorNoise(
+            gain_dn_per_e=numbers["gain_dn_per_e"],
+            read_noise_e=numbers["read_noise_e"],
+            dark_current_e_per_s=numbers["dark_current_e_per_s"],
+            black_level_dn=numbers["black_level_dn"],
+        )
+    )

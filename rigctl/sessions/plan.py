@@ -97,12 +97,17 @@ def plan_steps(session: SessionFile, round_times_ns: Sequence[int | None] = (Non
         for number, due_ns in enumerate(round_times_ns)
         for take in session.take
         if number % take.every_rounds == 0
-        for shot in _shots(take, session.darks, first_cycle=number // take.every_rounds * take.cycles)
+        for shot in _shots(take, _darks_of(session, number), first_cycle=number // take.every_rounds * take.cycles)
     ]
     return tuple(
         Step(sequence=sequence, round=number, due_ns=due_ns, **vars(shot))
         for sequence, (number, due_ns, shot) in enumerate(shots)
     )
+
+
+def _darks_of(session: SessionFile, number: int) -> DarkSection | None:
+    darks = session.darks
+    return None if darks is None or number % darks.every_rounds else darks
 
 
 def _shots(take: Take, darks: DarkSection | None, *, first_cycle: int) -> Iterator[_Shot]:

@@ -112,9 +112,14 @@ def _key(layers: tuple[Layer, ...], settings: dict[str, Any]) -> str:
 def _code_hash() -> str:
     """Hash of the sources of the atmosphere: another version of the solver takes nothing from this one."""
     digest = hashlib.sha256()
-    for name, source in sorted(_sources(files("model.atmosphere"), "").items()):
+    for name, source in sorted(solver_sources().items()):
         digest.update(name.encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def solver_sources() -> dict[str, Traversable]:
+    """Return every source file that a solution depends on, by its path in the package of the atmosphere."""
+    return _sources(files("model.atmosphere"), "")
 
 
 def _sources(folder: Traversable, prefix: str) -> dict[str, Traversable]:

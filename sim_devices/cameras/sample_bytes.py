@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 MONO8, MONO10, MONO12, MONO16 = 0x01080001, 0x01100003, 0x01100005, 0x01100007
 MONO12_PACKED, MONO12P = 0x010C0006, 0x010C0047
+BAYER_RG12 = 0x01100011
 FORMATS = {
     "Mono8": MONO8,
     "Mono10": MONO10,
@@ -12,8 +13,9 @@ FORMATS = {
     "Mono16": MONO16,
     "Mono12Packed": MONO12_PACKED,
     "Mono12p": MONO12P,
+    "BayerRG12": BAYER_RG12,  # what the source has is taken for a mosaic
 }
-_BITS = {MONO8: 8, MONO10: 10, MONO12: 12, MONO16: 16, MONO12_PACKED: 12, MONO12P: 12}
+_BITS = {MONO8: 8, MONO10: 10, MONO12: 12, MONO16: 16, MONO12_PACKED: 12, MONO12P: 12, BAYER_RG12: 12}
 
 
 def bytes_of(counts: NDArray[np.uint16], *, bit_depth: int, pixel_format: int) -> bytes:

@@ -1,11 +1,14 @@
 """What every camera promises, simulated or of glass and metal (`--camera ADDRESS`)."""
 
+import json
 import time
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
+from drivers.interfaces import ReportingCamera
 from tests.contracts.cameras_under_test import CAMERAS, camera_at
 
 EXPOSURE_S = 0.002
@@ -102,6 +105,26 @@ def test_frame_that_cannot_come_in_time_is_a_timeout(camera):
     camera.configure(exposure_s=0.5, gain_db=0.0)
     with pytest.raises(DeviceTimeoutError):
         camera.take_frame(timeout_s=0.01)
+
+
+def test_what_it_counts_grows_with_every_frame(camera):
+    if not isinstance(camera, ReportingCamera):
+        pytest.skip("counts nothing, as a plug-in's camera may; our own are all held to it below")
+    before = camera.tally().accepted
+    camera.take_frame(timeout_s=TIMEOUT_S)
+    assert camera.tally().accepted == before + 1
+
+
+def test_how_its_counts_come_about_is_json(camera):
+    if not isinstance(camera, ReportingCamera):
+        pytest.skip("does not tell, as a plug-in's camera may not; our own are all held to it below")
+    told = asdict(camera.facts()) | {"features": camera.features()}
+    assert json.loads(json.dumps(told)) == told
+    assert told["sample_format"]
+
+
+def test_our_own_cameras_tell_of_themselves(request, camera):
+    assert isinstance(camera, ReportingCamera) or request.config.getoption("--camera")
 
 
 def test_may_be_closed_twice(camera):

@@ -42,6 +42,7 @@ FULL_RECORD = FrameRecord(
     sun_elevation_deg=-3.25,
     site_latitude_deg=51.4,
     site_longitude_deg=-0.97,
+    site_elevation_m=66.5,
     source_file="/data/" + "a rather long folder/" * 12 + "it's.png",
     remarks=("button pressed", "left-justified: 12 bits in 16; counts were divided by 16 " * 3),
 )

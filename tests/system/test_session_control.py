@@ -70,6 +70,14 @@ def test_status_hold_resume_and_stop_by_command(running):
     assert _rigctl("stop", run).returncode == 4
 
 
+def test_signals_hold_and_go_on(running):
+    run, process = running
+    process.send_signal(signal.SIGUSR1)
+    _wait_for(lambda: '"hold"' in _events(run))
+    process.send_signal(signal.SIGUSR2)
+    _wait_for(lambda: '"go on"' in _events(run))
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, _INCOMPLETE), (signal.SIGINT, 130)])
 def test_a_signal_stops_between_frames(running, number, code):
     run, process = running
@@ -85,6 +93,29 @@ def test_two_processes_on_one_run(running):
     assert again.returncode == 4
     assert "not empty" in again.stderr
     assert Path(run / "session.json").exists()
+
+
+def test_two_who_resume_at_once_do_not_both_write(running):
+    run, process = running
+    process.kill()
+    process.wait()
+    command = [sys.executable, "-m", "rigctl", "resume", run]
+    # More than a minute of frames is left: whoever comes first is writing still when the other comes.
+    both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    loser = _first_to_end(both)
+    winner = both[1 - both.index(loser)]
+    said = " ".join(loser.communicate()[1].split())
+    # It found the lock taken, or found a process to which its request was handed on.
+    assert (loser.returncode, "is writing into this run" in said) == (4, True) or "is told to go on" in said
+    _wait_for(lambda: _rigctl("stop", run).returncode == 0)
+    assert winner.wait(_DEADLINE_S) == _INCOMPLETE
+    winner.communicate()
+    assert _rigctl("verify", run).returncode == 0
+
+
+def _first_to_end(processes):
+    _wait_for(lambda: any(process.poll() is not None for process in processes))
+    return next(process for process in processes if process.poll() is not None)
 
 
 def test_a_plan_is_printed_with_times_and_sun(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 from drivers.cameras import v4l2_structs as v4l2
 from drivers.cameras.v4l2 import open_v4l2
+from drivers.cameras.v4l2_finder import find_v4l2
 from drivers.errors import DeviceError, LimitError
 
 DEVICE = "/dev/video0"
@@ -59,6 +60,20 @@ def test_the_grey_ramp_has_its_counts(named, name):
     assert not (frame.counts & (2 ** (bits - 8) - 1)).any()
     assert int(np.ptp(frame.counts)) >= 0.8 * 2**bits
     assert (np.diff(frame.counts[180].astype(int)) >= 0).all()
+
+
+def test_it_is_found_with_a_format_to_measure_in():
+    addresses = [address for address, _ in find_v4l2()]
+    assert f"v4l2:{DEVICE}?pixel_format=Y12" in addresses
+
+
+@pytest.mark.parametrize(("plane", "bits"), [("red", 12), ("green", 13), ("sum", 14)])
+def test_planes_of_a_mosaic_have_their_size_and_bits(plane, bits):
+    with open_v4l2(f"{DEVICE}?pixel_format=RG12&plane={plane}&{OPTIONS}") as camera:
+        frame = camera.take_frame(timeout_s=TIMEOUT_S)
+    assert frame.counts.shape == (180, 320)
+    assert frame.settings.bit_depth == bits
+    assert int(frame.counts.max()) < 2**bits
 
 
 def test_the_automatic_gain_is_switched_off(named):

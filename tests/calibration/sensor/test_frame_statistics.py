@@ -1,5 +1,6 @@
 """Mean and variances of a level, against draws with known truth and a slow literal oracle."""
 
+import tracemalloc
 import weakref
 from collections.abc import Iterator
 from itertools import pairwise
@@ -36,8 +37,7 @@ def test_agrees_with_the_definitions_pixel_by_pixel() -> None:
             temporal.append(sum(squares) / (2 * 4) * n_pixels / (n_pixels - 1))
     mean_picture = np.mean(frames, axis=0)
     got = statistics(frames)
-    # Squares are in single precision: 6e-8 of the difference, twice that of its square. Temporal noise is a fifth of the
-    # spatial variance or less, so its rounding is not more there; sums of samples are exact.
+    # Squares are in single precision: 6e-8 of the difference, twice that of its square. Sums of samples are exact.
     assert got.temporal_variance_dn2 == pytest.approx(np.mean(temporal), rel=3e-7)
     assert got.spatial_variance_dn2 == pytest.approx(mean_picture.var(ddof=1) - np.mean(temporal) / 5, rel=3e-6)
     assert got.mean_dn == pytest.approx(mean_picture.mean(), rel=1e-12)
@@ -127,6 +127,20 @@ def test_frames_are_not_kept() -> None:
             yield frame
 
     assert level_statistics(source(), kind="dark", exposure_s=None).n_frames == 12
+
+
+def test_memory_does_not_grow_with_the_number_of_frames() -> None:
+    def peak_bytes(n_frames: int) -> int:
+        draws = np.random.default_rng(1)
+        frames = (draws.integers(1000, 1100, (256, 256), dtype=np.uint16) for _ in range(n_frames))
+        tracemalloc.start()
+        level_statistics(frames, kind="flat", exposure_s=None)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return peak
+
+    # What grows is a mean, a sum and a checksum a frame: a hundred bytes or two. A frame has 131 072.
+    assert peak_bytes(48) - peak_bytes(6) < 42 * 400
 
 
 @pytest.mark.parametrize("n_frames", [0, 1])

@@ -101,6 +101,19 @@ def test_a_mirrored_picture_is_one_that_was_asked_for(open_camera):
 
 
 @pytest.mark.parametrize(
+    ("plane", "places", "bits"),
+    [("blue", [(1, 1)], 12), ("green", [(0, 1), (1, 0)], 13), ("sum", [(0, 0), (0, 1), (1, 0), (1, 1)], 14)],
+)
+def test_a_plane_is_taken_of_a_mosaic(source, open_camera, plane, places, bits):
+    frame = open_camera(f"pixel_format=BayerRG12&plane={plane}").take_frame(timeout_s=TIMEOUT_S)
+    assert (frame.settings.width, frame.settings.height, frame.settings.bit_depth) == (32, 24, bits)
+    mosaic = source.last_counts.astype(np.int64)
+    parts = np.array([mosaic[row::2, column::2] for row, column in places])
+    saturated = (parts == 4095).any(axis=0)
+    np.testing.assert_array_equal(frame.counts, np.where(saturated, 2**bits - 1, parts.sum(axis=0)))
+
+
+@pytest.mark.parametrize(
     ("options", "problem"),
     [
         ("pixel_format=Mono99", "Mono99"),
@@ -111,6 +124,10 @@ def test_a_mirrored_picture_is_one_that_was_asked_for(open_camera):
         ("pixel_format=Mono12&bit_depth=10", "bit_depth"),
         ("black_level_dn=3", "black level"),
         ("colour=1", "known are"),
+        ("pixel_format=BayerRG12", "plane="),
+        ("pixel_format=Mono12&plane=red", "plane="),
+        ("pixel_format=BayerRG12&plane=red&reverse_x=1", "no mirroring"),
+        ("pixel_format=BayerRG12&plane=red&offset_x=1&width=8", "even offsets"),
     ],
 )
 def test_what_the_camera_cannot_do_is_refused(device, options, problem):

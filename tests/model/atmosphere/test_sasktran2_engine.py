@@ -84,12 +84,28 @@ def test_no_light_comes_up_from_black_ground_nor_down_from_space():
 
 @with_sasktran2
 @pytest.mark.parametrize(
-    ("arguments", "named"), [((0.4, 0.5, 0.0), "tau_above"), ((0.1, 0.0, 0.0), "mu"), ((0.1, 0.5, np.nan), "phi_rad")]
+    ("arguments", "named", "looking"),
+    [
+        ((0.4, 0.5, 0.0), "tau_above", "up"),
+        ((0.1, -0.1, 0.0), "mu must be 0", "up"),
+        ((0.1, 0.0, 0.0), "mu must be above 0", "down"),
+        ((0.1, 0.5, np.nan), "phi_rad", "up"),
+    ],
 )
-def test_requests_out_of_range_are_refused(arguments, named):
+def test_requests_out_of_range_are_refused(arguments, named, looking):
     solution = sasktran2_solution(LAYERS, mu0=0.6, albedo=0.0)
     with pytest.raises(ValueError, match=named):
-        solution.stokes(*arguments, looking="up")
+        solution.stokes(*arguments, looking=looking)
+
+
+@with_sasktran2
+def test_sky_at_the_horizon():
+    ours, theirs = (
+        engine(LAYERS, mu0=0.6, albedo=0.0).stokes(0.31, 0.0, 1.0, looking="up")
+        for engine in (solve, sasktran2_solution)
+    )
+    # What it states of the sky at 0.06 deg in place of that at 0.
+    np.testing.assert_allclose(theirs, ours, atol=6e-3 * ours[0])
 
 
 @pytest.mark.parametrize(

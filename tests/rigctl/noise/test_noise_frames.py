@@ -1,12 +1,16 @@
 """Frames for a calibration, out of run folders and EMVA 1288 data sets."""
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from rigctl.errors import DataError
-from rigctl.noise.noise_frames import emva_frames, run_frames
+from rigctl.noise.calibrate_files import calibrate_frames
+from rigctl.noise.noise_frames import FrameSet, Loader, emva_frames, run_frames
 from rigctl.runs.run_writer import RunWriter
 from tests.rigctl.noise_sessions import SHAPE, SIGNALS_E, frames, write_emva_set, write_noise_run
 from tests.rigctl.run_samples import make_record, noisy_counts, write_run
@@ -55,6 +59,35 @@ def test_a_run_of_scene_frames_only_is_refused(tmp_path: Path) -> None:
 def test_frames_of_mixed_gain_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"gain_db: 0\.0, 6\.0"):
         run_frames(write_noise_run(tmp_path / "run", gain_db=(0.0, 6.0)))
+
+
+def counted(found: FrameSet) -> tuple[FrameSet, list[int]]:
+    """Return the frames with loaders that note when they are asked."""
+    loads: list[int] = []
+
+    def load(loader: Loader, number: int) -> NDArray[np.uint16]:
+        loads.append(number)
+        return loader()
+
+    groups, number = [], 0
+    for group in found.groups:
+        loaders = tuple(partial(load, loader, number + place) for place, loader in enumerate(group.loaders))
+        number += len(loaders)
+        groups.append(replace(group, loaders=loaders))
+    return replace(found, groups=tuple(groups)), loads
+
+
+def test_each_frame_is_read_once(tmp_path: Path) -> None:
+    found, loads = counted(run_frames(write_noise_run(tmp_path / "run")))
+    calibrate_frames(found)
+    assert sorted(loads) == list(range(sum(len(group.loaders) for group in found.groups)))
+
+
+def test_without_a_longest_stack_two_levels_are_read_again(tmp_path: Path) -> None:
+    found, loads = counted(run_frames(write_noise_run(tmp_path / "run")))
+    pairs = replace(found, groups=tuple(replace(group, loaders=group.loaders[:2]) for group in found.groups))
+    assert calibrate_frames(pairs).pattern is not None
+    assert len(loads) == 2 * len(pairs.groups) + 4
 
 
 def test_an_emva_set_holds_sixteen_bits(tmp_path: Path) -> None:

@@ -33,3 +33,15 @@ def test_it_says_how_the_light_drifted(tmp_path):
     page = run_page(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1})))
     # One cycle a round, and no angle twice in it.
     assert "Drift within rounds: not known" in page
+
+
+def test_a_session_without_a_frame_has_its_events(tmp_path):
+    world = MadeWorld()
+    session = _session({"every_min": 30, "duration_h": 1})
+    take_session(
+        RIG_FILE, session, tmp_path / "run", files={}, clock=world.time.clock, opener=world.open,
+        until_ns=world.time.clock.utc_ns() + 1,
+    )  # fmt: skip
+    page = run_page(read_run(tmp_path / "run"))
+    assert "base64" not in page
+    assert "time is up" in page

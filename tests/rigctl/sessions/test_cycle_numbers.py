@@ -19,7 +19,7 @@ _NUMBERS = {
 }
 _STOKES_DN = (800.0, 120.0, -60.0)
 _ANGLES_DEG = (0.0, 90.0, 45.0, 135.0)
-_DRAWS = 6_000
+_DRAWS = 2_000
 
 
 def _levels():
@@ -49,7 +49,7 @@ def drawn():
     return np.array(sums), np.array(degrees)
 
 
-# A sample's deviation has a relative error of 1 / sqrt(2 N) = 0.9 %; four of them, and the tolerance of 0.1 % of the
+# A sample's deviation has a relative error of 1 / sqrt(2 N) = 1.6 %; four of them, and the tolerance of 0.1 % of the
 # prediction itself.
 _STD_TOLERANCE = 4 / math.sqrt(2 * _DRAWS) + 1e-3
 

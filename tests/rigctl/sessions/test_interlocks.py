@@ -103,6 +103,18 @@ def test_note_stores_the_frame_with_the_remark(tmp_path):
     assert_whole(tmp_path)
 
 
+@pytest.mark.parametrize(("name", "dn_per_s"), [("saturated", 20_000.0), ("low_signal", 1.0)])
+def test_what_a_scene_is_like_is_noted_once_and_in_every_frame(tmp_path, name, dn_per_s):
+    take_watched(MadeWorld(dn_per_s=dn_per_s), tmp_path, low_signal="note", low_signal_level=0.05, sum_rule="off")
+    assert trips_of(tmp_path) == [(name, "note")]
+    assert all("of the pixels" in record.remarks[0] for record in read_run(tmp_path / "run").frames)
+
+
+def test_too_little_light_stops_where_that_is_asked_for(tmp_path):
+    with pytest.raises(DataError, match=r"have less than 205 DN.*expose longer"):
+        take_watched(MadeWorld(dn_per_s=1.0), tmp_path, low_signal="stop", low_signal_level=0.05)
+
+
 def test_off_does_not_look(tmp_path):
     take_watched(MadeWorld(camera_faults={3: np.zeros_like}), tmp_path, black="off", sum_rule="off")
     assert trips_of(tmp_path) == []

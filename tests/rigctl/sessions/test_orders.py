@@ -68,6 +68,14 @@ def test_darks_come_before_after_and_every_so_many_cycles_at_the_exposures_of_th
     assert {step.exposure_s for step in steps} == {0.001}
 
 
+def test_every_second_round_can_have_the_darks(tmp_path):
+    session = _session(
+        tmp_path, "angles_deg = [0, 60, 120]", "darks = { every_cycles = 1, frames = 2, every_rounds = 2 }"
+    )
+    steps = plan_steps(session, (0, 1, 2))
+    assert [sum(step.kind == "dark" for step in steps if step.round == number) for number in range(3)] == [4, 0, 4]
+
+
 def test_rounds_count_their_cycles_on(tmp_path):
     steps = plan_steps(_session(tmp_path, "cycles = 2\nangles_deg = [0, 60, 120]"), (100 * NS, 200 * NS))
     assert [step.cycle for step in steps if step.polarizer_angle_deg == 0] == [0, 1, 2, 3]

@@ -5,7 +5,7 @@ from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
-from rigctl.skies.sky_store import SkyStore, user_cache_folder
+from rigctl.skies.sky_store import SkyStore, solver_sources, user_cache_folder
 
 LAYERS = (Layer(tau_rayleigh=0.05, tau_aerosol=0.1, ssa_aerosol=0.9, g_aerosol=0.6, delta=0.96),)
 SETTINGS = {"mu0": 0.7, "albedo": 0.1, "nodes": 4, "element_depth": 0.1, "tolerance": 1e-3}
@@ -121,3 +121,8 @@ def test_a_sky_with_scattering_matrices_is_kept_too(tmp_path, solver):
     again = SkyStore(tmp_path, solver=solver)
     np.testing.assert_array_equal(light(again(layers, **settings)), light(first))
     assert (solver.calls, again.remarks) == (1, [])
+
+
+def test_the_solver_that_an_entry_depends_on_is_all_of_its_sources():
+    found = solver_sources()
+    assert {"solver.py", "transfer/orders.py", "aerosol/mie_sphere.py"} <= set(found)

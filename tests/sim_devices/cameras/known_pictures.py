@@ -20,6 +20,8 @@ class KnownPictures:
     ----------
     mark : int
         Put into every picture from now on, 0 to 4095.
+    last_counts : array
+        The picture that was made last.
     """
 
     def __init__(self, *, width=782, height=582):
@@ -53,6 +55,7 @@ class KnownPictures:
             number = self._taken
             self._changed.notify_all()
         counts = known_counts(self._noise, number, mark=self.mark, exposure_s=self._settings.exposure_s)
+        self.last_counts = counts
         return Frame(
             counts=counts,
             settings=self._settings,

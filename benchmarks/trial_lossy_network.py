@@ -1,0 +1,212 @@
+"""Sessions over a network that loses packets: is every stored frame whole, and how does each session end?
+
+Each picture holds its own number, and is noise that follows from it, so that every stored frame can be held against
+what was sent, bit for bit. The stage is there at once; the camera is the simulated one, behind its driver and UDP
+packets.
+
+Usage: python -m benchmarks.trial_lossy_network [--frames 100] [--lost 0 0.0001 0.001 0.01]
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.cameras.gige import open_gige
+from drivers.errors import DeviceError
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import SessionFile
+from rigctl.runs.run_folder import EVENTS_FILE, Run, read_run
+from rigctl.sessions.rig import Rig
+from rigctl.sessions.take_session import take_session
+from sim_devices.cameras.gige import serve_gige_camera
+
+ADDRESS = "127.0.0.1"
+PLACE = f"{ADDRESS}?pixel_format=Mono12Packed"
+WIDTH, HEIGHT, BIT_DEPTH = 782, 582, 12
+EXPOSURE_MS = 2.0
+LOST_SHARES = (0.0, 1e-4, 1e-3, 1e-2)
+_RIG = {
+    "name": "lossy network",
+    "stage": {"driver": "none", "port": "none"},
+    "polarizer": {"sense": 1, "offset_deg": 0.0},
+    "camera": {"address": f"gige:{PLACE}"},
+}
+_TOP = 2**BIT_DEPTH
+_NOISE = np.random.default_rng(1).integers(0, _TOP, (HEIGHT, WIDTH), dtype=np.uint16)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How a session ended.
+
+    Attributes
+    ----------
+    error : str or None
+        What it ended with; None where it is complete.
+    frames, broken : int
+        Frames that are stored, and those among them that are not what was sent.
+    duration_s : float
+        Of all of it.
+    tally : dict
+        What the run says became of the pictures.
+    """
+
+    error: str | None
+    frames: int
+    broken: int
+    duration_s: float
+    tally: dict[str, int]
+
+
+class NumberedPictures:
+    """A source of pictures that follow from their number."""
+
+    def __init__(self) -> None:
+        self._number = 0
+        self.configure(exposure_s=EXPOSURE_MS / 1e3, gain_db=0.0)
+
+    def __enter__(self) -> "NumberedPictures":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        return DeviceIdentity(model="numbered pictures", serial_number="1", firmware="none")
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        self._settings = CameraSettings(
+            exposure_s=exposure_s, gain_db=gain_db, width=WIDTH, height=HEIGHT, bit_depth=BIT_DEPTH
+        )
+        return self._settings
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        self._number += 1
+        return Frame(
+            counts=picture(self._number),
+            settings=self._settings,
+            sequence=self._number,
+            start_utc_ns=0,
+            end_utc_ns=0,
+            start_monotonic_ns=0,
+        )
+
+    def close(self) -> None:
+        pass
+
+
+class StillStage:
+    """A stage that is where it was sent to at once."""
+
+    def __enter__(self) -> "StillStage":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        return DeviceIdentity(model="still", serial_number="1", firmware="none")
+
+    def home(self) -> StagePosition:
+        return self.position()
+
+    def move_to(self, angle_deg: float, *, way: str = "short") -> Move:
+        position = StagePosition(angle_deg=angle_deg, counts=0)
+        return Move(target_deg=angle_deg, position=position, tries=1, duration_s=0.0)
+
+    def position(self) -> StagePosition:
+        return StagePosition(angle_deg=0.0, counts=0)
+
+    def status(self) -> StageStatus:
+        return StageStatus(moving=False, homed=True, code=0, meaning="ok")
+
+    def stop(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def picture(number: int) -> NDArray[np.uint16]:
+    """Return the picture of a number."""
+    counts: NDArray[np.uint16] = (_NOISE + np.uint16(13 * number % _TOP)) % np.uint16(_TOP)
+    counts[0, 0] = number % _TOP
+    return counts
+
+
+@contextmanager
+def lossy_rig(lost_share: float) -> Iterator[Rig]:
+    """Give a rig whose network begins to lose packets once the camera is open."""
+    with serve_gige_camera(NumberedPictures(), address=ADDRESS) as device, open_gige(PLACE) as camera:
+        device.lose_packets(lost_share)
+        stage = StillStage()
+        yield Rig(
+            stage=stage,
+            camera=camera,
+            stage_identity=stage.identify(),
+            camera_identity=camera.identify(),
+            present=lambda _: None,
+            origin="device",
+        )
+
+
+def one_session(lost_share: float, *, frames: int, folder: Path) -> Ending:
+    """Take a session; return how it ended."""
+    take = {"kind": "scene", "exposure_ms": EXPOSURE_MS, "cycles": frames // 4}
+    session = SessionFile.model_validate({"name": "lossy network", "take": [take]})
+    error, begin_s = None, time.monotonic()
+    try:
+        take_session(RigFile.model_validate(_RIG), session, folder, files={}, opener=lambda: lossy_rig(lost_share))
+    except DeviceError as failure:
+        error = f"{type(failure).__name__}: {failure}"
+    run = read_run(folder)
+    return Ending(
+        error=error,
+        frames=len(run.frames),
+        broken=sum(not np.array_equal(counts, picture(int(counts[0, 0]))) for counts in map(run.counts, run.frames)),
+        duration_s=time.monotonic() - begin_s,
+        tally=_tally(run),
+    )
+
+
+def _tally(run: Run) -> dict[str, int]:
+    events = [json.loads(line) for line in (run.path / EVENTS_FILE).read_text().splitlines()]
+    return dict(next(event["facts"] for event in reversed(events) if event["event"] == "camera tally"))
+
+
+def run_losses(frames: int, lost_shares: tuple[float, ...] = LOST_SHARES) -> bool:
+    """Take a session for each share of lost packets and print how it ended; return whether no frame is broken."""
+    broken = 0
+    for share in lost_shares:
+        with tempfile.TemporaryDirectory() as folder:
+            ending = one_session(share, frames=frames, folder=Path(folder) / "run")
+        broken += ending.broken
+        tally = ending.tally
+        print(
+            f"{100 * share:g} % lost: {ending.frames} of {frames} frames stored, {ending.broken} broken; "
+            f"{tally['damaged']} damaged and {tally['never_came']} missing pictures taken again; "
+            f"{ending.duration_s:.1f} s; {ending.error or 'complete'}"
+        )
+    return broken == 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=100)
+    parser.add_argument("--lost", type=float, nargs="+", default=LOST_SHARES)
+    arguments = parser.parse_args()
+    return 0 if run_losses(arguments.frames, tuple(arguments.lost)) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

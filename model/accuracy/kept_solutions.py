@@ -1,0 +1,57 @@
+"""Solutions of the atmosphere that one evaluation leaves for the next."""
+
+from collections import OrderedDict
+from collections.abc import Hashable
+
+from model.atmosphere.lighting.compute_lighting import LightSolver
+from model.atmosphere.lighting.diffuse_light import DiffuseLight
+from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.transfer.phase import AerosolKind
+
+# Of one wavelength with many streams and layers some tens of megabytes.
+_KEPT = 24
+
+
+class KeptSolutions:
+    """Calls a solver, and keeps the last solutions."""
+
+    def __init__(self, solver: LightSolver) -> None:
+        """Set the solver."""
+        self._solver = solver
+        self._kept: OrderedDict[Hashable, tuple[tuple[Layer, ...], DiffuseLight]] = OrderedDict()
+
+    def __call__(
+        self,
+        layers: tuple[Layer, ...],
+        *,
+        mu0: float,
+        albedo: float,
+        aerosol: AerosolKind,
+        nodes: int,
+        element_depth: float,
+        tolerance: float,
+    ) -> DiffuseLight:
+        """Return the solution of one wavelength; arguments as `model.atmosphere.solver.solve`."""
+        key = (tuple(map(_facts, layers)), mu0, albedo, aerosol, nodes, element_depth, tolerance)
+        if key not in self._kept:
+            solution = self._solver(
+                layers,
+                mu0=mu0,
+                albedo=albedo,
+                aerosol=aerosol,
+                nodes=nodes,
+                element_depth=element_depth,
+                tolerance=tolerance,
+            )
+            # The layers stay with it: a scattering matrix is known by its identity.
+            self._kept[key] = (layers, solution)
+            if len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key][1]
+
+
+def _facts(layer: Layer) -> Hashable:
+    matrix = None if layer.matrix is None else id(layer.matrix)
+    scattering = (layer.ssa_aerosol, layer.g_aerosol, layer.delta, layer.forward_share)
+    return (layer.tau_rayleigh, layer.tau_aerosol, *scattering, matrix)

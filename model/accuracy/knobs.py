@@ -1,0 +1,217 @@
+"""What can be turned in the chain: each knob with its levels, its law of convergence, and what a level is likely to cost.
+
+The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin.
+What a result states is estimated on its own scene (`model.accuracy.light_error`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from model.accuracy.settings import Settings
+from model.atmosphere.lighting.tiers import SolverSettings
+
+STREAMS, LAYERS, WAVELENGTHS, SKY_GRID, HEMISPHERE, TILES, DOLP, ROC = (
+    "streams",
+    "layers",
+    "wavelengths",
+    "sky grid",
+    "hemisphere",
+    "tiles",
+    "DoLP order",
+    "ROC",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level:
+    """One position of a knob.
+
+    Attributes
+    ----------
+    label
+        In words.
+    error
+        Likely relative error of the light, or of what the knob acts on.
+    effort
+        By what the time of its stage is likely to be multiplied, over the lowest level.
+    """
+
+    label: str
+    error: float
+    effort: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knob:
+    """One thing that costs time and buys accuracy.
+
+    Attributes
+    ----------
+    name, stage
+        Of the knob, and the stage of `model.accuracy.chain` whose time it costs.
+    law
+        How its error falls.
+    estimate
+        How the error of a result is estimated.
+    levels
+        From cheap to fine.
+    """
+
+    name: str
+    stage: str
+    law: str
+    estimate: str
+    levels: tuple[Level, ...]
+
+
+# Level of each knob by its name.
+Plan = Mapping[str, int]
+
+_STREAMS = (4, 6, 8, 12, 16, 24, 32)
+# Fine profile or coarse, cuts of each of its layers, largest depth of an element.
+_LAYERS = ((False, 1, 0.1), (False, 2, 0.1), (True, 1, 0.05), (True, 2, 0.03), (True, 4, 0.02), (True, 8, 0.01))
+_WAVELENGTHS = (2, 3, 4, 5, 6, 8, 10, 13)
+_GRIDS = ((12, 10), (16, 14), (24, 20), (36, 32), (48, 44))
+_TILES = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20)
+_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+# Orders of scattering, and the statistics, cost so little that they are always finer than what is asked for.
+_FINER = 0.02
+
+
+def _levels(labels: tuple[str, ...], errors: tuple[float, ...], efforts: tuple[float, ...]) -> tuple[Level, ...]:
+    return tuple(
+        Level(label=label, error=error, effort=effort)
+        for label, error, effort in zip(labels, errors, efforts, strict=True)
+    )
+
+
+KNOBS: Mapping[str, Knob] = MappingProxyType(
+    {
+        knob.name: knob
+        for knob in (
+            Knob(
+                name=STREAMS,
+                stage="sky",
+                law="geometric above the length of the phase function's expansion",
+                estimate="one wavelength, coarse layers, beside the next level",
+                levels=_levels(
+                    tuple(f"{n} a hemisphere" for n in _STREAMS),
+                    (5e-3, 1.5e-3, 5e-4, 6e-5, 1.5e-5, 3e-6, 8e-7),
+                    (0.7, 1.0, 1.3, 2.2, 3.5, 6.0, 9.0),
+                ),
+            ),
+            Knob(
+                name=LAYERS,
+                stage="sky",
+                law="square of the thickness",
+                estimate="one wavelength, few streams, beside the next level",
+                levels=_levels(
+                    ("15", "30", "78", "156", "312", "624"),
+                    (2.5e-3, 6e-4, 6e-5, 1.5e-5, 4e-6, 1e-6),
+                    (1.0, 1.5, 3.5, 8.0, 18.0, 40.0),
+                ),
+            ),
+            Knob(
+                name=WAVELENGTHS,
+                stage="sky",
+                law="geometric",
+                estimate="a wavelength left out, times what the optical depth at all wavelengths says of the rest",
+                levels=_levels(
+                    tuple(map(str, _WAVELENGTHS)),
+                    (5e-3, 7e-4, 1e-4, 2e-5, 5e-6, 5e-7, 5e-8, 5e-9),
+                    (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0),
+                ),
+            ),
+            Knob(
+                name=SKY_GRID,
+                stage="sky",
+                law="geometric, as fast as the aureole lets it",
+                estimate="one wavelength, as the panel reflects it, beside the sky itself",
+                levels=_levels(
+                    tuple(f"{z} x {a}" for z, a in _GRIDS), (5e-4, 1.5e-4, 3e-5, 6e-6, 1e-6), (1.0, 1.7, 3.7, 8.5, 16.0)
+                ),
+            ),
+            Knob(
+                name=HEMISPHERE,
+                stage="light",
+                law="geometric; of the square root of the nodes where a horizon lies in the lobe",
+                estimate="difference of two rules",
+                levels=_levels(
+                    tuple(f"{t:g}" for t in _TOLERANCES),
+                    tuple(0.1 * t for t in _TOLERANCES),
+                    (1.0, 1.3, 2.0, 4.0, 8.0, 14.0),
+                ),
+            ),
+            Knob(
+                name=TILES,
+                stage="light",
+                law="geometric over a smooth field",
+                estimate="decay of the field's expansion in Legendre polynomials",
+                levels=_levels(
+                    tuple(f"{n} x {n}" for n in _TILES),
+                    (1e-2, 3e-4, 2e-5, 1e-6, 1e-7, 1e-9, 1e-11, 1e-13, 1e-15, 1e-16),
+                    tuple(float(n * n + 1) for n in _TILES),
+                ),
+            ),
+        )
+    }
+)
+
+# Both have a tolerance of their own and estimate their error themselves.
+STATISTICS: Mapping[str, str] = MappingProxyType(
+    {
+        DOLP: "first order 1/SNR^2, second order 1/SNR^4, then quadrature (1e-13)",
+        ROC: "geometric in the nodes of the contour",
+    }
+)
+
+
+def settings_at(plan: Plan, tolerance: float) -> Settings:
+    """Return the settings of a plan.
+
+    Parameters
+    ----------
+    plan
+        Level of each knob of `KNOBS`.
+    tolerance
+        That is asked for; statistics and orders of scattering follow it.
+    """
+    fine, cuts, element_depth = _LAYERS[plan[LAYERS]]
+    zeniths, azimuths = _GRIDS[plan[SKY_GRID]]
+    return Settings(
+        wavelengths=_WAVELENGTHS[plan[WAVELENGTHS]],
+        solver=SolverSettings(
+            fine_layers=fine,
+            nodes=_STREAMS[plan[STREAMS]],
+            element_depth=element_depth,
+            tolerance=min(max(_FINER * tolerance, 1e-9), 1e-3),
+            matrix_tolerance=min(0.3 * tolerance, 3e-3),
+            layer_cuts=cuts,
+        ),
+        sky_zeniths=zeniths,
+        sky_azimuths=azimuths,
+        hemisphere_tolerance=_TOLERANCES[plan[HEMISPHERE]],
+        tiles_per_side=_TILES[plan[TILES]],
+        negligible_spread=0.0,
+        dolp_tolerance=max(_FINER * tolerance, 1e-11),
+        roc_tolerance=max(_FINER * tolerance, 1e-12),
+    )
+
+
+def at_level(settings: Settings, knob: str, level: int) -> Settings:
+    """Return settings with one knob of the solver at another level.
+
+    Parameters
+    ----------
+    settings
+        To be changed.
+    knob
+        STREAMS or LAYERS.
+    level
+        Its new level.
+    """
+    if knob == STREAMS:
+        return replace(settings, solver=replace(settings.solver, nodes=_STREAMS[level]))
+    fine, cuts, depth = _LAYERS[level]
+    return replace(settings, solver=replace(settings.solver, fine_layers=fine, layer_cuts=cuts, element_depth=depth))

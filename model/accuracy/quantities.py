@@ -1,0 +1,110 @@
+"""What a user reads of a prediction, and by how much two readings differ in the way that a tolerance means it."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from model.performance import PairDetection
+from model.prediction import RegionPrediction
+from model.scenario import Scenario
+
+# Means of these are shares or degrees: the tolerance is absolute. That of all else is relative.
+_ABSOLUTE_MEANS = frozenset({"dolp", "dolp_pixels", "s1n", "s2n"})
+# Of these S0 is the scale: each may be zero, and their sign is that of the frame.
+_OF_S0 = frozenset({"s1", "s2"})
+# Not promised: the angle of polarization has no error law where the degree is near zero.
+_NO_PROMISE = frozenset({"aolp_deg"})
+
+
+class Reading(NamedTuple):
+    """One number of a prediction.
+
+    Attributes
+    ----------
+    place
+        A region, or "target on background".
+    quantity, statistic
+        As in `model.prediction.Quantities`; "radiance" and "p_detection" beside them.
+    """
+
+    place: str
+    quantity: str
+    statistic: str
+
+
+class Value(NamedTuple):
+    """A number and what its error is counted in: 1 for an absolute tolerance, its own size for a relative one."""
+
+    number: float
+    scale: float
+
+
+Readings = Mapping[Reading, Value]
+
+
+def readings(
+    scenario: Scenario, predictions: Mapping[str, RegionPrediction], detections: tuple[PairDetection, ...]
+) -> dict[Reading, Value]:
+    """Return all that a tolerance speaks of.
+
+    Parameters
+    ----------
+    scenario
+        For the radiance at the aperture.
+    predictions, detections
+        What follows from it.
+
+    Notes
+    -----
+    Absolute: means of DoLP, s1, s2; P_D and the area under its curve. Relative: radiance (S1 and S2 as shares of S0),
+    counts, deviations, SNR. A number that does not exist has no reading.
+    """
+    found: dict[Reading, Value] = {}
+    for region in scenario.regions:
+        found |= _radiance(region.name, region.stokes_radiance)
+    for name, prediction in predictions.items():
+        found |= dict(_of_region(name, prediction))
+    for pair in detections:
+        found |= dict(_of_pair(pair))
+    return {key: value for key, value in found.items() if np.isfinite(value.number)}
+
+
+def difference(reading: Value, other: Value) -> float:
+    """Return by how much two readings differ, in the units of a tolerance; infinite where one does not exist."""
+    apart = abs(reading.number - other.number)
+    if apart == 0.0:
+        return 0.0
+    return apart / reading.scale if reading.scale > 0.0 else np.inf
+
+
+def differences(one: Readings, other: Readings) -> dict[Reading, float]:
+    """Return the difference of each reading that both have; infinite for one that only the first has."""
+    return {key: difference(value, other[key]) if key in other else np.inf for key, value in one.items()}
+
+
+def _radiance(name: str, stokes: np.ndarray) -> dict[Reading, Value]:
+    return {
+        Reading(name, "radiance", f"s{k}"): Value(float(stokes[k]), abs(float(stokes[0]))) for k in range(stokes.size)
+    }
+
+
+def _of_region(name: str, prediction: RegionPrediction) -> Iterator[tuple[Reading, Value]]:
+    s0 = abs(float(prediction.stokes_dn.mean[0]))
+    for quantity, statistics in prediction.quantities.items():
+        if quantity in _NO_PROMISE:
+            continue
+        for statistic, number in statistics.items():
+            scale = abs(number)
+            if statistic == "mean" and quantity in _ABSOLUTE_MEANS:
+                scale = 1.0
+            elif statistic == "mean" and quantity in _OF_S0:
+                scale = s0
+            yield Reading(name, quantity, statistic), Value(number, scale)
+
+
+def _of_pair(pair: PairDetection) -> Iterator[tuple[Reading, Value]]:
+    place = f"{pair.target} on {pair.background}"
+    for rate, number in zip(pair.p_false_alarm, pair.p_detection, strict=True):
+        yield Reading(place, "p_detection", f"{rate:g}"), Value(float(number), 1.0)
+    yield Reading(place, "auc", "whole curve"), Value(pair.auc, 1.0)

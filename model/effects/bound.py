@@ -1,0 +1,89 @@
+"""How much a prediction can change where an effect is left out."""
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bound:
+    """Largest change of what is read off a prediction; each is 0 or more, infinite where nothing is known.
+
+    Attributes
+    ----------
+    radiance
+        Of S0, S1 and S2 over S0, and of counts over their mean over the angles.
+    ratios
+        Of DoLP, S1/S0 and S2/S0 of the mean, and of the mean of the pixels' DoLP.
+    deviations
+        Of every standard deviation, relative; of the SNR of DoLP, over the larger of it and 1.
+    detection
+        Of every probability of detection.
+    """
+
+    radiance: float = 0.0
+    ratios: float = 0.0
+    deviations: float = 0.0
+    detection: float = 0.0
+
+    @property
+    def largest(self) -> float:
+        """The largest of the four."""
+        return max(astuple(self))
+
+    def __add__(self, other: "Bound") -> "Bound":
+        """Return the sums, which bound what two effects change together."""
+        return Bound(
+            radiance=self.radiance + other.radiance,
+            ratios=self.ratios + other.ratios,
+            deviations=self.deviations + other.deviations,
+            detection=self.detection + other.detection,
+        )
+
+    def worse(self, other: "Bound") -> "Bound":
+        """Return the larger of each."""
+        return Bound(
+            radiance=max(self.radiance, other.radiance),
+            ratios=max(self.ratios, other.ratios),
+            deviations=max(self.deviations, other.deviations),
+            detection=max(self.detection, other.detection),
+        )
+
+    def holds(self, actual: "Bound", *, rounding: float = 1e-9) -> bool:
+        """Return whether an actual change is within the bound, with room for rounding."""
+        return all(
+            is_within <= limit + rounding for is_within, limit in zip(astuple(actual), astuple(self), strict=True)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disturbance:
+    """What leaving an effect out does to one region at most.
+
+    Attributes
+    ----------
+    s0, polarised
+        Change of the mean S0, and length of the change of the mean (S1, S2), over S0.
+    factor
+        Change of a factor common to the mean Stokes vector.
+    share
+        Largest change of the covariance over the covariance itself, along any direction of Stokes parameters or of
+        channels: its eigenvalues lie within 1 - share and 1 + share.
+    counts
+        Change of counts that leaves the Stokes parameters alone, over the mean count.
+    """
+
+    s0: float = 0.0
+    polarised: float = 0.0
+    factor: float = 0.0
+    share: float = 0.0
+    counts: float = 0.0
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the effect is not there at all."""
+        return not any(astuple(self))
+
+
+NOTHING = Disturbance()
+UNKNOWN = Disturbance(s0=np.inf, polarised=np.inf)

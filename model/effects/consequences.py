@@ -1,0 +1,141 @@
+"""From what leaving an effect out does to mean and covariance of a region, to what it does to a prediction."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.bound import Bound, Disturbance
+from model.effects.bracket import RegionBracket, share_of
+
+FloatArray = NDArray[np.float64]
+
+_EVERYTHING = Bound(radiance=np.inf, ratios=np.inf, deviations=np.inf, detection=np.inf)
+# S0 falls this many deviations below its mean in one pixel of 1e9; nearer to zero nothing is promised.
+_TAIL = 6.0
+# Polarised light so many deviations above its noise is as good as normal.
+_CLEAR = 8.0
+# Largest share of a covariance for which the bounds below are taken: beyond, they are of no use.
+_LARGEST_SHARE = 0.3
+# Largest density of the distance of a normal vector from a point, times the least of its deviations. It is the Gaussian
+# surface of a ball: 0.59 about the mean, less elsewhere; a slab, the extreme of convex bodies known, has 0.80.
+_SURFACE = 1.0
+
+
+def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
+    """Return what a disturbance does to the numbers of one region at most; detection is left at 0.
+
+    Parameters
+    ----------
+    bracket
+        The region.
+    found
+        The disturbance.
+
+    Notes
+    -----
+    Covariance: where the eigenvalues of the one covariance over the other lie within 1 - x and 1 + x, the likelihood
+    ratio L of the two normal laws has var L <= (1 - x^2)^(-3/2) - 1 =: c^2 (chi-square divergence), and by Cauchy and
+    Schwarz the mean of the pixels' DoLP changes by at most c times its deviation, its variance by at most 2 c + c^2
+    of itself (kurtosis up to 5). Deviations of what is linear change by at most x.
+
+    Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (a + b) / (1 - a). The deviation of DoLP
+    changes as its gradient does: by no more than that over the deviation, and where polarised light is clear of its
+    noise by no more than (2 b / P + 3 a) times the largest deviation of a Stokes parameter over the least.
+
+    References
+    ----------
+    Definition; Cauchy-Schwarz with the chi-square divergence of two normal laws.
+    """
+    if found.is_nothing:
+        return Bound()
+    tail = _TAIL * np.sqrt(bracket.cov_high[0, 0]) / bracket.s0_low if bracket.is_known else np.inf
+    if not (tail < 0.9 and found.s0 < 0.5 and found.polarised < 0.5 and found.share < _LARGEST_SHARE):
+        return _EVERYTHING
+    shift = (found.s0 + found.polarised) / (1.0 - found.s0)
+    divergence = _divergence(found.share)
+    low, high = deviation_limits(bracket)
+    dolp_low = bracket.polarised_low / bracket.s0_high
+    spread = 2.0 * divergence + divergence**2 + found.share
+    spread += _of_gradient(bracket, found, shift=shift, low=low, dolp_low=dolp_low)
+    if not spread < 0.5:
+        return _EVERYTHING
+    snr = shift / ((1.0 - tail) * max(dolp_low, low)) if shift > 0.0 else 0.0
+    return Bound(
+        radiance=max(found.s0, found.polarised, found.s0 + found.polarised) + found.factor + found.counts,
+        ratios=shift / (1.0 - tail) + divergence * high,
+        deviations=(spread + divergence + snr + found.factor) / (1.0 - spread),
+    )
+
+
+def detection_bound(
+    target: RegionBracket, of_target: Disturbance, background: RegionBracket, of_background: Disturbance, *, eta: float
+) -> float:
+    """Return what disturbances of target and background do to a probability of detection at most.
+
+    Parameters
+    ----------
+    target, of_target, background, of_background
+        The regions and what is done to them.
+    eta
+        Largest threshold of the statistic.
+
+    Notes
+    -----
+    Target: two laws whose covariances differ by x have a total variation of at most c / 2, two whose means differ by h
+    deviations at most 0.4 h. Background: another mean is a shift of the target; another covariance moves the ellipsoid
+    of detection by at most x sqrt(eta) of its deviations, and a normal vector lies within such a shell with at most its
+    width times the Gaussian surface of a ball over the least deviation of the target along it.
+
+    References
+    ----------
+    [MK14] eq. (30); definition of total variation; Ball, Discrete Comput. Geom. 10 (1993) 411 for the surface.
+    """
+    if of_target.is_nothing and of_background.is_nothing:
+        return 0.0
+    if not (target.is_known and background.is_known):
+        return np.inf
+    if max(of_target.share, of_background.share) >= _LARGEST_SHARE:
+        return np.inf
+    moved = _shift_in_deviations(of_target, target, target) + _shift_in_deviations(of_background, background, target)
+    ratio = share_of(background.cov_high, target.noise_low) if of_background.share > 0.0 else 0.0
+    shell = _SURFACE * np.sqrt(eta) * of_background.share * np.sqrt(ratio) if of_background.share > 0.0 else 0.0
+    return float(min(0.4 * moved + 0.5 * _divergence(of_target.share) + shell, 1.0))
+
+
+def deviation_limits(bracket: RegionBracket) -> tuple[float, float]:
+    """Return a lower and an upper limit of the deviation of a pixel's DoLP."""
+    least = np.sqrt(max(float(np.linalg.eigvalsh(bracket.noise_low)[0]), 0.0)) / bracket.s0_high
+    if not np.all(np.isfinite(bracket.cov_high)):
+        return least, np.inf
+    tail = _TAIL * np.sqrt(bracket.cov_high[0, 0]) / bracket.s0_low
+    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bracket.cov_high)[-1])) / bracket.s0_low / (1.0 - tail)
+    return least, most
+
+
+def _of_gradient(
+    bracket: RegionBracket, found: Disturbance, *, shift: float, low: float, dolp_low: float
+) -> float:
+    """Relative change of the deviation of DoLP by another mean."""
+    if shift == 0.0:
+        return 0.0
+    least = low * bracket.s0_high
+    most = np.sqrt(float(np.linalg.eigvalsh(bracket.cov_high)[-1]))
+    by_shift = 1.5 * shift / low if low > 0.0 else np.inf
+    if not bracket.polarised_low > _CLEAR * most:
+        return by_shift
+    by_gradient = most / least * (2.0 * found.polarised / dolp_low + 3.0 * found.s0)
+    return float(min(by_shift, by_gradient))
+
+
+def _shift_in_deviations(found: Disturbance, moved: RegionBracket, seen: RegionBracket) -> float:
+    """How far a mean moves in deviations of the target."""
+    length = np.hypot(found.s0 + found.factor, found.polarised + found.factor) * moved.s0_high
+    if length == 0.0:
+        return 0.0
+    least = float(np.linalg.eigvalsh(seen.noise_low)[0])
+    return float(length / np.sqrt(least)) if least > 0.0 else np.inf
+
+
+def _divergence(share: float) -> float:
+    """Root of the chi-square divergence of two normal laws of three components; x of 0 gives 0 without rounding."""
+    return float(np.sqrt(np.expm1(-1.5 * np.log1p(-(share**2)))))
+

@@ -1,0 +1,43 @@
+"""The scale-free rows of single channels: counts behind an angle over the mean of all angles."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from model.moments import Moments
+from model.prediction import RegionPrediction
+from model.processing.channel_ratios import channel_ratios
+from model.processing.sample_moments import Sample
+from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
+
+_COUNTS, _RATIO = "dn_", "ratio_"
+
+
+def with_ratios(predictions: Mapping[str, RegionPrediction]) -> dict[str, RegionPrediction]:
+    """Return predictions with a ratio for each channel beside its counts; none where there is no light."""
+    return {name: _with_ratios(prediction) for name, prediction in predictions.items()}
+
+
+def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
+    """Return what a region measured, with a ratio for each channel; none where there is no light."""
+    moments = region.channels_mean
+    names = [name for name in region.quantities if name.startswith(_COUNTS)]
+    if not moments.mean.mean() > 0.0:
+        return region.quantities
+    samples = (Sample(value=float(v), std_error=float(e)) for v, e in zip(*channel_ratios(moments), strict=True))
+    return region.quantities | {_named(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
+
+
+def _with_ratios(prediction: RegionPrediction) -> RegionPrediction:
+    mean = prediction.channels.mean_dn
+    if not mean.mean() > 0.0:
+        return prediction
+    names = [name for name in prediction.quantities if name.startswith(_COUNTS)]
+    ratios = channel_ratios(Moments(mean=mean, cov=np.zeros((mean.size, mean.size))))[0]
+    found = {_named(name): {"mean": float(ratio)} for name, ratio in zip(names, ratios, strict=True)}
+    return replace(prediction, quantities=prediction.quantities | found)
+
+
+def _named(name: str) -> str:
+    return _RATIO + name.removeprefix(_COUNTS)

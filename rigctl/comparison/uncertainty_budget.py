@@ -1,0 +1,141 @@
+"""The uncertainty budget of a comparison: how much each cause makes of the error of a region's polarization."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.channels import ChannelMoments
+from model.error_budget import budget, noise_causes
+from model.prediction import RegionPrediction
+from model.processing.input_propagation import Propagation
+from rigctl.comparison.rows import Row
+from rigctl.comparison.scene_inputs import Inputs
+from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.region_numbers import MeasuredRegion
+
+FloatArray = NDArray[np.float64]
+
+_NOISE_FACTOR, _GAIN = "noise.noise_factor", "noise.gain_dn_per_e"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionBudget:
+    """Standard uncertainties of one region's polarization.
+
+    Attributes
+    ----------
+    region : str
+        Its name.
+    parts : dict
+        Quantity ("s0" relative, "s1n", "s2n", "dolp", "aolp_deg") to cause to standard uncertainty.
+    """
+
+    region: str
+    parts: dict[str, dict[str, float]]
+
+
+def scene_budget(
+    predictions: Mapping[str, RegionPrediction],
+    measurement: Measurement,
+    *,
+    values: Mapping[str, float],
+    rows: tuple[Row, ...],
+    propagation: Propagation,
+    uncertain: Inputs,
+) -> tuple[RegionBudget, ...]:
+    """Return the budget of every region of a comparison with a scene.
+
+    Parameters
+    ----------
+    predictions, measurement
+        Both sides.
+    values : mapping
+        All inputs by name.
+    rows, propagation, uncertain
+        What the uncertain inputs do to the mean counts.
+    """
+    found = []
+    for name, prediction in predictions.items():
+        region = measurement.regions[name]
+        causes = noise_causes(
+            prediction.channels,
+            gain_dn_per_e=values[_GAIN],
+            noise_factor=values[_NOISE_FACTOR],
+            pixels=region.independent_pixels,
+            cycles=measurement.grid.cycles,
+        )
+        causes["dark level"] = _dark_level(measurement)
+        causes |= _inputs(name, rows, propagation, uncertain, measurement.grid.channel_names)
+        found.append(_region(name, prediction.channels, causes, measurement))
+    return tuple(found)
+
+
+def run_budget(
+    predictions: Mapping[str, RegionPrediction], measurement: Measurement, *, gain_dn_per_e: float | None
+) -> tuple[RegionBudget, ...]:
+    """Return the budget of every region of a comparison with the run's own moments.
+
+    Without a calibration noise and texture cannot be told apart and stand as one.
+    """
+    found = []
+    for name, prediction in predictions.items():
+        causes = _run_causes(prediction.channels, measurement.regions[name], measurement, gain_dn_per_e)
+        found.append(_region(name, prediction.channels, causes | {"dark level": _dark_level(measurement)}, measurement))
+    return tuple(found)
+
+
+def _run_causes(
+    channels: ChannelMoments, region: MeasuredRegion, measurement: Measurement, gain_dn_per_e: float | None
+) -> dict[str, FloatArray]:
+    if gain_dn_per_e is None or not measurement.grid.is_one_exposure:
+        return {"noise and texture": np.asarray(channels.scene_cov_dn2) / region.independent_pixels}
+    causes = noise_causes(
+        channels,
+        gain_dn_per_e=gain_dn_per_e,
+        noise_factor=1.0,
+        pixels=region.independent_pixels,
+        cycles=measurement.grid.cycles,
+    )
+    pattern = causes.pop("fixed pattern")
+    texture = causes.pop("texture")
+    return causes | {"texture and fixed pattern": pattern + texture}
+
+
+def _region(
+    name: str, channels: ChannelMoments, causes: Mapping[str, FloatArray], measurement: Measurement
+) -> RegionBudget:
+    if not (measurement.plan.inverse @ channels.mean_dn)[0] > 0.0:
+        return RegionBudget(region=name, parts={})
+    return RegionBudget(region=name, parts=budget(channels.mean_dn, causes, plan=measurement.plan))
+
+
+def _dark_level(measurement: Measurement) -> FloatArray:
+    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
+    return np.outer(level, level)
+
+
+def _inputs(
+    region: str, rows: tuple[Row, ...], propagation: Propagation, uncertain: Inputs, channels: tuple[str, ...]
+) -> dict[str, FloatArray]:
+    """Return what the inputs do to the mean counts of a region: angle, drift of the light, and all others."""
+    place = {(row.region, row.quantity, row.statistic): k for k, row in enumerate(rows)}
+    effects = propagation.effects[[place[region, channel, "mean"] for channel in channels]]
+    std = np.sqrt(np.diag(uncertain.cov))
+    correlation = uncertain.cov / np.outer(std, std)
+    found = {}
+    kinds = [_kind(name) for name in uncertain.names]
+    for kind in dict.fromkeys(kinds):
+        chosen = np.array([k == kind for k in kinds])
+        own = effects[:, chosen]
+        found[kind] = np.asarray(own @ correlation[np.ix_(chosen, chosen)] @ own.T)
+    return found
+
+
+def _kind(name: str) -> str:
+    if name.startswith(("rig.polarizer", "rig.angle")):
+        return "angle"
+    if name == "rig.light_drift":
+        return "drift"
+    return "inputs: " + name.partition(".")[0]

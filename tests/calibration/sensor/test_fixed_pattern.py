@@ -1,0 +1,144 @@
+"""Spectrograms, histograms and defects of a fixed pattern, against patterns that were put there."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.sensor.defects import Defect
+from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
+from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
+from calibration.sensor.pattern_checks import pattern_flags
+from calibration.sensor.spectrogram import spectrogram
+
+SHAPE = (120, 160)
+N_PIXELS = SHAPE[0] * SHAPE[1]
+N_FRAMES = 16
+NOISE_DN = 4.0
+
+
+def level(
+    *, mean_dn: float, pattern: NDArray[np.float64], seed: int, n: int = N_FRAMES, noise: object = NOISE_DN
+) -> LevelStatistics:
+    draws = np.random.default_rng(seed)
+    frames = [
+        np.rint(mean_dn + pattern + np.asarray(noise) * draws.standard_normal(SHAPE)).astype(np.uint16)
+        for _ in range(n)
+    ]
+    return level_statistics(frames, kind="flat" if mean_dn > 500.0 else "dark", exposure_s=0.01, keep_picture=True)
+
+
+def found(
+    dark_pattern: object = 0.0, flat_pattern: object = 0.0, *, n: int = N_FRAMES, noise: object = 4.0
+) -> FixedPattern:
+    blank = np.zeros(SHAPE)
+    dark = level(mean_dn=60.0, pattern=blank + np.asarray(dark_pattern), seed=1, n=n, noise=noise)
+    flat = level(mean_dn=1060.0, pattern=blank + np.asarray(dark_pattern) + np.asarray(flat_pattern), seed=2, n=n)
+    pattern = fixed_pattern(dark, flat)
+    assert pattern is not None
+    return pattern
+
+
+@cache
+def clean() -> FixedPattern:
+    return found(5.0 * np.random.default_rng(3).standard_normal(SHAPE))
+
+
+def flag_names(pattern: FixedPattern) -> set[str]:
+    return {flag.name for flag in pattern_flags(pattern)}
+
+
+def test_independent_pixels_have_a_level_spectrum() -> None:
+    # Pattern of 5 DN, and 4 DN of noise over 16 frames; rounding adds nothing that shows.
+    expected = np.hypot(5.0, NOISE_DN / 4.0)
+    # Mean power over 120 rows: an error of 1 / sqrt(120) of a power, half of it of the amplitude; 5 sigma, 80 of them.
+    np.testing.assert_allclose(clean().dark_rows.amplitude, expected, rtol=5.0 * 0.5 / np.sqrt(120.0))
+
+
+def test_the_power_of_all_frequencies_is_the_variance() -> None:
+    picture = np.random.default_rng(4).standard_normal((40, 50)).astype(np.float32)
+    spectrum = spectrogram(picture, along=1)
+    power = np.square(spectrum.amplitude)
+    # Parseval: each frequency but the last of an even number stands for two; the first, of rows' means, is left out.
+    of_rows = float(np.square(picture.mean(axis=1) - picture.mean()).mean())
+    total = (2.0 * power.sum() - power[-1]) / 50.0
+    # Single precision of the picture: 1e-7.
+    assert total + of_rows == pytest.approx(float(picture.var()), rel=1e-5)
+
+
+def test_a_sine_stands_at_its_frequency() -> None:
+    x = np.arange(SHAPE[1])
+    striped = found(5.0 * np.sin(2.0 * np.pi * 0.25 * x))
+    spectrum = striped.dark_rows
+    peak = int(np.argmax(spectrum.amplitude))
+    assert spectrum.frequency_per_pixel[peak] == pytest.approx(0.25)
+    # A sine of amplitude a has a^2 / 4 times the number of pixels of a line in its frequency.
+    assert spectrum.amplitude[peak] == pytest.approx(0.5 * 5.0 * np.sqrt(SHAPE[1]), rel=0.05)
+    assert "periodic_pattern" in flag_names(striped)
+
+
+def test_columns_of_their_own_are_not_periodic() -> None:
+    columns = 5.0 * np.random.default_rng(5).standard_normal((1, SHAPE[1]))
+    assert "periodic_pattern" not in flag_names(found(np.broadcast_to(columns, SHAPE)))
+
+
+def test_a_good_pattern_has_no_flag_and_no_defect() -> None:
+    assert flag_names(clean()) == set()
+    assert clean().defects.n_defect == 0
+    assert not clean().defects.mask.any()
+
+
+def test_each_defect_is_found_by_its_kind() -> None:
+    dark, flat, noise = np.zeros(SHAPE), np.zeros(SHAPE), np.full(SHAPE, NOISE_DN)
+    dark += 2.0 * np.random.default_rng(6).standard_normal(SHAPE)
+    dark[10, 20] += 40.0
+    dark[30, 40] -= 40.0
+    flat[50, 60] += 60.0
+    flat[70, 80] -= 60.0
+    noise[90, 100] = 5.0 * NOISE_DN
+    defects = found(dark, flat, noise=noise).defects
+    for (y, x), kind in {
+        (10, 20): Defect.HOT,
+        (30, 40): Defect.COLD,
+        (50, 60): Defect.BRIGHT,
+        (70, 80): Defect.WEAK,
+        (90, 100): Defect.NOISY,
+    }.items():
+        assert defects.mask[y, x] & kind.value
+    assert defects.counts["bright"] == defects.counts["weak"] == 1
+    # The noisy pixel may look hot, cold or jumping too; no other does.
+    assert defects.n_defect == 5
+
+
+def test_many_defects_are_flagged() -> None:
+    dark = 2.0 * np.random.default_rng(7).standard_normal(SHAPE)
+    dark[5::20, 5::20] += 100.0
+    assert "defect_pixels" in flag_names(found(dark))
+
+
+def test_a_short_stack_is_flagged() -> None:
+    assert "short_stack" in flag_names(found(n=4))
+
+
+@pytest.mark.parametrize("name", ["dark_histogram", "response_histogram"])
+def test_a_histogram_counts_each_pixel_once(name: str) -> None:
+    histogram = getattr(clean(), name)
+    assert histogram.counts.sum() == N_PIXELS
+    assert histogram.at_least[0] == N_PIXELS
+    assert np.all(np.diff(histogram.at_least) <= 0)
+    assert np.all(np.diff(histogram.reach) >= 0)
+
+
+def test_the_width_of_a_histogram_is_that_of_the_pixels() -> None:
+    # Against the mean of 24 others, a pixel deviates by sqrt(25 / 24) of its own deviation. Quartiles of 19 200 normal
+    # draws: 1.2 / sqrt(2 N) = 0.6 %; 4 sigma.
+    expected = np.hypot(5.0, NOISE_DN / 4.0) * np.sqrt(25.0 / 24.0)
+    assert clean().dark_histogram.sigma == pytest.approx(expected, rel=0.025)
+    assert clean().dark_histogram.normal_counts.sum() == pytest.approx(N_PIXELS, rel=0.01)
+
+
+def test_levels_without_pictures_have_no_maps() -> None:
+    frames = [np.full((4, 4), value, dtype=np.uint16) for value in (60, 61)]
+    dark = level_statistics(frames, kind="dark", exposure_s=0.01)
+    assert fixed_pattern(dark, dark) is None

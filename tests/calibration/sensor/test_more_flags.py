@@ -1,0 +1,164 @@
+"""Bad input that shows in neighbours, in the values themselves, in the light or in the times: each by its own name."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.errors import RefusedFramesError
+from calibration.flags import Flag
+from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
+from calibration.sensor.noise import calibrate_noise
+from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
+
+Frame = NDArray[np.uint16]
+Change = Callable[[Frame], Frame]
+SHAPE = (64, 96)
+
+
+@cache
+def raw_frames() -> tuple[tuple[LevelKind, float, tuple[Frame, ...]], ...]:
+    camera = SyntheticCamera(SyntheticSensor(shape=SHAPE), 21)
+    found: list[tuple[LevelKind, float, tuple[Frame, ...]]] = []
+    for light_e, exposure_s in zip(SIGNALS_E, EXPOSURES_S, strict=True):
+        found.append(("flat", exposure_s, tuple(camera.frames(2, light_e=light_e, exposure_s=exposure_s))))
+        found.append(("dark", exposure_s, tuple(camera.frames(2, light_e=0.0, exposure_s=exposure_s))))
+    return tuple(found)
+
+
+def levels(change: Change = lambda frame: frame, *, kinds: str = "dark flat") -> list[LevelStatistics]:
+    return [
+        level_statistics([change(frame) if kind in kinds else frame for frame in frames], kind=kind, exposure_s=time_s)
+        for kind, time_s, frames in raw_frames()
+    ]
+
+
+def flags(given: list[LevelStatistics], *, bit_depth: int = 12) -> dict[str, Flag]:
+    try:
+        found = calibrate_noise(given, bit_depth=bit_depth).flags
+    except RefusedFramesError as error:
+        found = error.flags
+    return {flag.name: flag for flag in found}
+
+
+NEW = {
+    "correlated_noise",
+    "colour_mosaic",
+    "row_noise",
+    "missing_codes",
+    "wrong_time_unit",
+    "light_not_constant",
+    "response_not_linear",
+    "unsteady_lamp",
+}
+
+
+def test_a_good_sweep_has_none_of_these() -> None:
+    assert not NEW & set(flags(levels()))
+
+
+def blurred(share: float) -> Change:
+    def change(frame: Frame) -> Frame:
+        kernel = np.array([[0.0, share, 0.0], [share, 1.0 - 4.0 * share, share], [0.0, share, 0.0]])
+        return np.rint(cv2.filter2D(frame.astype(np.float64), -1, kernel)).astype(np.uint16)
+
+    return change
+
+
+def test_frames_that_were_smoothed_are_refused() -> None:
+    flag = flags(levels(blurred(0.1)))["correlated_noise"]
+    assert flag.refuses
+    assert "noise reduction" in flag.message
+
+
+def test_noise_that_neighbours_share_a_little_is_flagged() -> None:
+    # Neighbours of a pixel get 2 %: their noise goes together by some 2 * 0.02 / 0.92.
+    flag = flags(levels(blurred(0.02)))["correlated_noise"]
+    assert not flag.refuses
+
+
+def test_frames_that_went_through_jpeg_are_refused() -> None:
+    def through_jpeg(frame: Frame) -> Frame:
+        small = np.clip(np.rint(frame / 16.0), 0, 255).astype(np.uint8)
+        return cv2.imdecode(
+            cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1], cv2.IMREAD_GRAYSCALE
+        ).astype(np.uint16)
+
+    # Which of these comes first depends on how much noise the format has left.
+    refusing = {name for name, flag in flags(levels(through_jpeg), bit_depth=8).items() if flag.refuses}
+    assert refusing & {"correlated_noise", "repeated_frames", "no_noise", "not_photon_noise"}
+
+
+def mosaic(contrast: float) -> Change:
+    def change(frame: Frame) -> Frame:
+        gains = np.ones(SHAPE)
+        gains[::2, ::2] = 1.0 - contrast
+        return np.rint(60.0 + gains * (frame - 60.0)).astype(np.uint16)
+
+    return change
+
+
+@pytest.mark.parametrize(("contrast", "refuses"), [(0.4, True), (0.06, False)])
+def test_a_colour_mosaic(contrast: float, refuses: bool) -> None:
+    flag = flags(levels(mosaic(contrast), kinds="flat"))["colour_mosaic"]
+    assert flag.refuses is refuses
+    assert "--plane" in flag.message
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_noise_that_a_line_shares_is_flagged(axis: int) -> None:
+    draws = np.random.default_rng(3)
+    shape = (SHAPE[0], 1) if axis == 0 else (1, SHAPE[1])
+
+    def striped(frame: Frame) -> Frame:
+        # 1 DN beside 2.5 DN of each pixel.
+        return np.rint(frame + draws.normal(0.0, 1.0, shape)).astype(np.uint16)
+
+    flag = flags(levels(striped))["row_noise"]
+    assert not flag.refuses
+    assert f"DN by {('row', 'column')[axis]}" in flag.message
+
+
+def test_a_digital_gain_is_flagged() -> None:
+    flag = flags(levels(lambda frame: np.floor(1.5 * frame).astype(np.uint16)), bit_depth=13)["missing_codes"]
+    assert "digital gain" in flag.message
+    assert not flag.refuses
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_times_in_a_wrong_unit_are_refused(factor: float) -> None:
+    wrong = [replace(level, exposure_s=factor * (level.exposure_s or 0.0)) for level in levels()]
+    assert flags(wrong)["wrong_time_unit"].refuses
+
+
+def test_exposures_of_nothing_are_refused() -> None:
+    assert flags([replace(level, exposure_s=0.0) for level in levels()])["wrong_time_unit"].refuses
+
+
+def test_light_that_drops_by_a_third_is_flagged() -> None:
+    # The lamp goes down after the sixth exposure: all later ones belong to a brighter lamp's shorter exposure.
+    late = EXPOSURES_S[6]
+    dimmed = [
+        replace(level, exposure_s=level.exposure_s * (1.5 if level.exposure_s >= late else 1.0))
+        if level.exposure_s is not None
+        else level
+        for level in levels()
+    ]
+    assert not flags(dimmed)["light_not_constant"].refuses
+
+
+def test_a_response_that_bends_is_flagged() -> None:
+    sensor = SyntheticSensor(shape=(160, 160), response=lambda signal_dn: signal_dn * (1.0 - signal_dn / 100_000.0))
+    found = flags(SyntheticCamera(sensor, 6).sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S))
+    assert "off its slope" in found["response_not_linear"].message
+
+
+def test_a_lamp_that_is_unsteady_between_levels_is_flagged() -> None:
+    draws = np.random.default_rng(4)
+    camera = SyntheticCamera(SyntheticSensor(shape=SHAPE), 22)
+    signals_e = [light_e * (1.0 + 0.03 * draws.standard_normal()) for light_e in SIGNALS_E]
+    assert "unsteady_lamp" in flags(camera.sweep(signals_e=signals_e, exposures_s=EXPOSURES_S))

@@ -1,0 +1,69 @@
+"""The page of a noise calibration."""
+
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rigctl.cli import main
+from rigctl.noise.noise_file import read_noise_file
+from rigctl.reports.calibration_table import calibration_rows
+from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
+
+
+def write(tmp_path: Path, *options: str) -> Path:
+    descriptor = write_emva_set(tmp_path)
+    out = tmp_path / "noise.json"
+    assert main(["calibrate", "noise", "--emva", str(descriptor), "--out", str(out), *options]) == 0
+    return out
+
+
+def test_the_page_needs_no_other_file_and_names_what_there_is(tmp_path: Path) -> None:
+    page = tmp_path / "noise.html"
+    write(tmp_path, "--report", str(page))
+    text = page.read_text()
+    assert not re.search(r"(src|href)=\"(?!data:)", text)
+    for heading in ("Photon transfer", "Linearity", "Dark signal", "Fixed pattern", "EMVA 1288 summary sheet"):
+        assert f"{heading}</h2>" in text
+    # Photon transfer, SNR, linearity, dark signal; maps, histograms, spectrograms.
+    assert text.count("data:image/png;base64,") == 7
+    assert "saturated_levels" in text
+    assert "sigma_d" in text
+
+
+def test_the_page_of_a_run_says_which_camera(tmp_path: Path) -> None:
+    run, page = write_noise_run(tmp_path / "run"), tmp_path / "noise.html"
+    arguments = ["--run", str(run), "--out", str(tmp_path / "noise.json"), "--report", str(page)]
+    assert main(["calibrate", "noise", *arguments]) == 0
+    assert '<td>camera serial</td><td class="l">42</td>' in page.read_text()
+
+
+def test_numbers_are_shown_to_the_digits_of_their_errors(tmp_path: Path) -> None:
+    content = read_noise_file(write(tmp_path))
+    rows = {(row.title, row.unit): row for row in calibration_rows(content)}
+    gain = rows["gain", "DN/e-"]
+    assert gain.symbol == "K"
+    assert float(gain.value) == pytest.approx(
+        content["gain_dn_per_e"]["value"], abs=content["gain_dn_per_e"]["std_error"]
+    )
+    assert gain.frames == str(content["gain_dn_per_e"]["n"])
+    threshold = rows["absolute sensitivity threshold", "e-"]
+    assert float(threshold.value) == pytest.approx(content["performance"]["threshold_e"]["value"], rel=0.01)
+
+
+def test_the_file_holds_spectrograms_histograms_and_defects(tmp_path: Path) -> None:
+    pattern = json.loads(write(tmp_path).read_text())["fixed_pattern"]
+    assert set(pattern["spectrograms"]) == {"dark_rows_dn", "dark_columns_dn", "response_rows", "response_columns"}
+    assert len(pattern["spectrograms"]["dark_rows_dn"]["amplitude"]) == SHAPE[1] // 2
+    assert sum(pattern["histograms"]["dark_dn"]["counts"]) == SHAPE[0] * SHAPE[1]
+    assert pattern["defects"]["n"] >= 0
+
+
+def test_the_defect_map_is_a_picture_of_the_sensor(tmp_path: Path) -> None:
+    content = json.loads(write(tmp_path, "--defects", str(tmp_path / "defects.png")).read_text())
+    found = cv2.imread(str(tmp_path / "defects.png"), cv2.IMREAD_UNCHANGED)
+    assert found.shape == SHAPE
+    assert np.count_nonzero(found) == content["fixed_pattern"]["defects"]["n"]
