@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.sensor.frame_statistics import LevelKind
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.noise.calibrate_files import calibrate_frames
 from rigctl.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, emva_frames
@@ -76,13 +77,15 @@ def frame(seed: int, signal_e: float) -> NDArray[np.uint16]:
 
 def drawn_frames(n_frames: int) -> FrameSet:
     """A pair of each kind at each of ten exposures, and all other frames in two stacks."""
-    groups, seed = [], 0
+    groups: list[FrameGroup] = []
+    seed = 0
+    kinds: tuple[tuple[LevelKind, float], ...] = (("dark", 0.0), ("flat", 1.2e6))
     stack = (n_frames - 2 * PAIR * (LEVELS - 1)) // 2
     for place in range(LEVELS):
         exposure_s = 1e-3 * (place + 1)
         n = stack if place == LEVELS // 2 else PAIR
-        for kind, signal_e in (("dark", 0.0), ("flat", 1.2e6 * exposure_s)):
-            loaders = tuple(partial(frame, seed + number, signal_e) for number in range(n))
+        for kind, rate_e_per_s in kinds:
+            loaders = tuple(partial(frame, seed + number, rate_e_per_s * exposure_s) for number in range(n))
             seed += n
             groups.append(FrameGroup(kind=kind, exposure_s=exposure_s, loaders=loaders))
     return FrameSet(
@@ -98,8 +101,8 @@ def take(n_frames: int) -> None:
     found = calibrate_frames(drawn_frames(n_frames)).noise.gain_dn_per_e
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print(
-        f"{n_frames} frames of {SHAPE[1]} x {SHAPE[0]}: peak {peak_mb:.0f} MB, {time.perf_counter() - start:.0f} s with "
-        f"drawing them; gain {found.value:.6f} +- {found.std_error:.6f} DN/e-"
+        f"{n_frames} frames of {SHAPE[1]} x {SHAPE[0]}: peak {peak_mb:.0f} MB, {time.perf_counter() - start:.0f} s "
+        f"with drawing them; gain {found.value:.6f} +- {found.std_error:.6f} DN/e-"
     )
 
 

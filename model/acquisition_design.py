@@ -1,6 +1,7 @@
 """What a session gives for its time: errors of DoLP against frames, angles, exposure and settling."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import exp
 
 import numpy as np
@@ -226,6 +227,7 @@ def dolp_budget(light: CycleLight, session: Session, disturbances: Disturbances,
     )
 
 
+@lru_cache(maxsize=8192)
 def dolp_sigma(light: CycleLight, *, cycles: int, pixels: int = 1) -> float:
     """Return the standard deviation that temporal noise gives DoLP from the mean of cycles and pixels.
 
@@ -238,6 +240,7 @@ def dolp_sigma(light: CycleLight, *, cycles: int, pixels: int = 1) -> float:
 
     Notes
     -----
+    What was computed is kept: a search asks for the same light and number again, with other times and orders.
     By the exact law, not the first order: for weak polarization it is 0.655 times the usual NEDoLP, not it. Not a
     number where no standard deviation exists.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -60,6 +61,11 @@ class Scheme:
         """Largest chance that a pixel of any region is clipped."""
         return max(light.saturation_probability for light in self.lights.values())
 
+    def detection(self, pair: tuple[str, str], *, cycles: int, p_false_alarm: float) -> float:
+        """Return the probability to detect a pixel of the first region of a pair on the second."""
+        target, background = (self.lights[name] for name in pair)
+        return detection(target, background, cycles=cycles, p_false_alarm=p_false_alarm)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reached:
@@ -83,15 +89,14 @@ class Reached:
     why_not: str = ""
 
 
-def detection(scheme: Scheme, pair: tuple[str, str], *, cycles: int, p_false_alarm: float) -> float:
+@lru_cache(maxsize=8192)
+def detection(target: CycleLight, background: CycleLight, *, cycles: int, p_false_alarm: float) -> float:
     """Return the probability to detect a pixel of one region among those of another in the mean of cycles.
 
     Parameters
     ----------
-    scheme
-        With both regions.
-    pair
-        Target and background.
+    target, background
+        What one cycle shows of them.
     cycles
         How many are averaged, 1 or more.
     p_false_alarm
@@ -106,7 +111,6 @@ def detection(scheme: Scheme, pair: tuple[str, str], *, cycles: int, p_false_ala
     ----------
     [MK14] eq. (30), (31).
     """
-    target, background = (scheme.lights[name] for name in pair)
     found = rx_p_detection(
         p_false_alarm,
         target.stokes_dn,
@@ -201,7 +205,7 @@ def _evaluated(
     budgets = {name: dolp_budget(scheme.lights[name], session, disturbances, pixels=pixels) for name in regions}
     detected = None
     if pair is not None:
-        detected = detection(scheme, pair, cycles=cycles, p_false_alarm=wanted.p_false_alarm)
+        detected = scheme.detection(pair, cycles=cycles, p_false_alarm=wanted.p_false_alarm)
     return Reached(session=session, budgets=budgets, p_detection=detected)
 
 

@@ -1,15 +1,13 @@
 """How much of the uncertainty of a region's mean each cause makes."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.channels import ChannelMoments
-from model.moments import Moments, propagate_linear
-from model.processing import dolp
 from model.processing.reconstruction import Design
-from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
 
 FloatArray = NDArray[np.float64]
 
@@ -78,26 +76,32 @@ def budget(mean_dn: FloatArray, causes: Mapping[str, FloatArray], *, plan: Desig
 
     References
     ----------
-    [MK14] eq. (22), (25).
+    [MK14] eq. (22), (25); the signs and squares of (25)-(28) as derivatives of DoLP by S0, S1 and S2.
     """
-    found: dict[str, dict[str, float]] = {}
-    for cause, cov in causes.items():
-        stokes = propagate_linear(Moments(mean=mean_dn, cov=0.5 * (cov + cov.T)), plan.inverse)
-        if not stokes.mean[0] > 0.0:
-            raise ValueError(f"S0 is {stokes.mean[0]:.3g}; a share of it needs light")
-        for quantity, std in _deviations(stokes).items():
-            found.setdefault(quantity, {})[cause] = std
-    return found
-
-
-def _deviations(stokes: Moments) -> dict[str, float]:
-    normalized = np.sqrt(np.diag(normalized_moments(stokes).cov))
-    found = {
-        "s0": float(np.sqrt(stokes.cov[0, 0]) / stokes.mean[0]),
-        "s1n": float(normalized[0]),
-        "s2n": float(normalized[1]),
+    gradients = _gradients(plan.inverse @ mean_dn)
+    return {
+        quantity: {cause: _deviation(plan.inverse.T @ gradient, cov) for cause, cov in causes.items()}
+        for quantity, gradient in gradients.items()
     }
-    if np.any(stokes.mean[1:]):
-        found["dolp"] = float(np.sqrt(dolp.first_order(stokes.mean, stokes.cov).variance))
-        found["aolp_deg"] = float(np.rad2deg(np.sqrt(aolp_moments_rad(stokes).cov[0, 0])))
+
+
+def _deviation(gradient: FloatArray, cov: FloatArray) -> float:
+    # What is common to all channels leaves only rounding of a ratio, of either sign.
+    return math.sqrt(max(float(gradient @ cov @ gradient), 0.0))
+
+
+def _gradients(stokes: FloatArray) -> dict[str, FloatArray]:
+    """Return the derivatives of each quantity by S0, S1 and S2."""
+    s0, s1, s2 = stokes
+    if not s0 > 0.0:
+        raise ValueError(f"S0 is {s0:.3g}; a share of it needs light")
+    found = {
+        "s0": np.array([1.0, 0.0, 0.0]) / s0,
+        "s1n": np.array([-s1 / s0, 1.0, 0.0]) / s0,
+        "s2n": np.array([-s2 / s0, 0.0, 1.0]) / s0,
+    }
+    polarised = float(np.hypot(s1, s2))
+    if polarised > 0.0:
+        found["dolp"] = np.array([-polarised / s0, s1 / polarised, s2 / polarised]) / s0
+        found["aolp_deg"] = (90.0 / np.pi) * np.array([0.0, -s2, s1]) / polarised**2
     return found

@@ -32,6 +32,7 @@ def level_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
         Dark and flat levels.
     """
     found = (
+        _swapped(levels),
         _unsteady(levels),
         _non_monotonic(levels),
         _not_proportional(levels),
@@ -47,6 +48,23 @@ def _step(level: LevelStatistics) -> float:
     spread = max(level.frame_means_dn) - min(level.frame_means_dn)
     noise = np.sqrt(level.temporal_variance_dn2 / level.n_pixels)
     return spread / level.mean_dn if spread > _STEP_SIGMA * noise else 0.0
+
+
+def _swapped(levels: Sequence[LevelStatistics]) -> Flag | None:
+    flats = [level.mean_dn for level in levels if level.kind == "flat"]
+    darks = [level for level in levels if level.kind == "dark"]
+    if not flats or not darks:
+        return None
+    brighter = [level for level in darks if level.mean_dn > np.median(flats)]
+    if len(brighter) <= len(darks) // 2:
+        return None
+    return Flag(
+        name="darks_brighter_than_flats",
+        message=f"{len(brighter)} of {len(darks)} dark levels are brighter than the middle of the flats "
+        f"({float(np.median(flats)):.4g} DN), such as {level_names(brighter[:1])}: dark and flat frames are mixed up, "
+        f"or the lens was open: check which is which",
+        refuses=True,
+    )
 
 
 def _unsteady(levels: Sequence[LevelStatistics]) -> Flag | None:

@@ -11,6 +11,7 @@ from calibration.flags import Flag
 from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
+from calibration.sensor.figure_checks import figure_flags
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_checks import level_flags
 from calibration.sensor.noise_figures import choose_spatial_levels, measure, noise_figures
@@ -123,17 +124,23 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     figures = noise_figures(measured, has_read_noise=dark.variance_fit is not None, has_dark_current=dark.has_slope)
     gain, read_noise_e = figures.estimates["gain_dn_per_e"], figures.estimates.get("read_noise_e")
     saturation_e = _saturation(flats, transfer)
+    merit = performance(transfer, dark, gain=gain, read_noise_e=read_noise_e, saturation_e=saturation_e)
+    dark_current_e_per_s = figures.estimates.get("dark_current_e_per_s")
+    flags += (
+        *figures.flags,
+        *figure_flags(dark_current_e_per_s=dark_current_e_per_s, quantum_efficiency=merit.quantum_efficiency),
+    )
     return NoiseCalibration(
         gain_dn_per_e=gain,
         read_noise_e=read_noise_e,
-        dark_current_e_per_s=figures.estimates.get("dark_current_e_per_s"),
+        dark_current_e_per_s=dark_current_e_per_s,
         black_level_dn=figures.estimates["black_level_dn"],
         saturation_e=saturation_e,
         prnu=figures.estimates.get("prnu"),
         dsnu_e=figures.estimates.get("dsnu_e"),
         covariance=figures.covariance,
-        flags=flags + figures.flags,
-        performance=performance(transfer, dark, gain=gain, read_noise_e=read_noise_e, saturation_e=saturation_e),
+        flags=flags,
+        performance=merit,
         transfer=transfer,
         dark=dark,
         flats=tuple(flats),

@@ -85,12 +85,9 @@ def mosaic_contrast(picture_dn: SingleArray) -> float:
         Mean picture of a level [DN]. The last row and column of an odd number are left out.
     """
     rows, columns = (size - size % 2 for size in picture_dn.shape)
-    mean = float(picture_dn.mean(dtype=np.float64))
+    mean = float(cv2.mean(picture_dn)[0])
     if rows * columns == 0 or mean <= 0.0:
         return 0.0
-    cells = [
-        cv2.reduce(picture_dn[start:rows:2], 0, cv2.REDUCE_AVG, dtype=cv2.CV_64F)[0, side:columns:2].mean()
-        for start in (0, 1)
-        for side in (0, 1)
-    ]
+    lines = [cv2.reduce(picture_dn[start:rows:2], 0, cv2.REDUCE_AVG, dtype=cv2.CV_64F)[0] for start in (0, 1)]
+    cells = [line[side:columns:2].mean() for line in lines for side in (0, 1)]
     return float(max(cells) - min(cells)) / mean

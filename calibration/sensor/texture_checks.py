@@ -14,7 +14,7 @@ _SIGMA = 5.0
 _CORRELATION, _FILTERED = 0.02, 0.1
 # Two readout channels differ by a per cent or two, pixels behind colour filters by tens.
 _MOSAIC, _COLOURS = 0.03, 0.1
-_SHARED_VARIANCE = 0.05
+_SHARED_VARIANCE, _BANDED = 0.05, 0.01
 _BRIGHT = 0.25
 
 
@@ -26,7 +26,7 @@ def texture_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
     levels : sequence of LevelStatistics
         Dark and flat levels.
     """
-    found = (_correlated_noise(levels), _colour_mosaic(levels), _row_noise(levels))
+    found = (_correlated_noise(levels), _colour_mosaic(levels), _row_noise(levels), _banded_light(levels))
     return tuple(flag for flag in found if flag is not None)
 
 
@@ -41,12 +41,18 @@ def _bright_flats(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
     return [flat for flat in flats if flat.mean_dn - dark_dn >= limit_dn]
 
 
+def _variance(level: LevelStatistics) -> float:
+    # A level without noise is refused by another name.
+    return level.temporal_variance_dn2 or 1.0
+
+
 def _correlated_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
     flats = _bright_flats(levels)
     if not flats:
         return None
-    horizontal = float(np.mean([flat.texture.horizontal for flat in flats]))
-    vertical = float(np.mean([flat.texture.vertical for flat in flats]))
+    # What whole lines share is a finding of its own.
+    horizontal = float(np.mean([v.texture.horizontal - v.texture.row_variance_dn2 / _variance(v) for v in flats]))
+    vertical = float(np.mean([v.texture.vertical - v.texture.column_variance_dn2 / _variance(v) for v in flats]))
     error = float(np.mean([flat.texture.std_error for flat in flats])) / np.sqrt(len(flats))
     largest = max(abs(horizontal), abs(vertical))
     if largest < _CORRELATION or largest < _SIGMA * error:
@@ -103,4 +109,28 @@ def _row_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
         message=f"pixels of a line share noise that changes from frame to frame ({sizes}) in {level_names(darks)}: it "
         f"is in the read noise, whose standard error is then too small, and stripes will show in dim scenes; better "
         f"supply and shielding, or a correction by masked pixels, lower it",
+    )
+
+
+def _banded_light(levels: Sequence[LevelStatistics]) -> Flag | None:
+    flats = _bright_flats(levels)
+    if not flats:
+        return None
+    darks = [level.texture for level in levels if level.kind == "dark"]
+    shares, errors = [], []
+    for lines in ("row", "column"):
+        # Lines that share noise in the dark are a finding of its own.
+        in_dark = float(np.mean([getattr(dark, f"{lines}_variance_dn2") for dark in darks]))
+        found = [(getattr(v.texture, f"{lines}_variance_dn2") - in_dark) / _variance(v) for v in flats]
+        shares.append(float(np.mean(found)))
+        errors.append(float(np.mean([getattr(v.texture, f"{lines}_std_error_dn2") / _variance(v) for v in flats])))
+    share, error = max(zip(shares, errors, strict=True))
+    if share < _BANDED or share < _SIGMA * error / np.sqrt(len(flats)):
+        return None
+    return Flag(
+        name="banded_light",
+        message=f"{share:.1%} of the noise in time of bright flats is common to whole rows or columns (at most "
+        f"{_BANDED:.0%} is expected): a lamp on alternating current lights the rows of a rolling shutter unevenly, and "
+        f"the gain is too large by as much: use a lamp on direct current, or exposures of whole periods",
+        refuses=share > _FILTERED,
     )

@@ -7,15 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import ChainResult
-from model.accuracy.light_error import LightError
 from model.accuracy.quantities import Reading, differences, readings
 from model.lit_scene import LitScene
-from model.moments import covariance_factor
 from model.performance import pair_detection
 from model.prediction import predict
-from model.scenario import RegionLight, Scenario
+from model.scenario import RegionLight
 
 FloatArray = NDArray[np.float64]
+Changes = Mapping[Reading, float]
 
 # Of the tolerance, as a share of S0: small beside what bends the law of a quantity, large beside its rounding.
 _STEP = 0.3
@@ -34,19 +33,19 @@ class Sensitivity:
         For an error that differs over the field.
     """
 
-    by_stokes: tuple[Mapping[Reading, float], ...]
-    by_field: Mapping[Reading, float]
+    by_stokes: tuple[Changes, ...]
+    by_field: Changes
 
 
-def sensitivities(scene: LitScene, result: ChainResult, *, tolerance: float) -> dict[str, Sensitivity]:
-    """Return region to how the readings move with its light, for the regions that are given by a material.
+def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, tolerance: float) -> Sensitivity:
+    """Return how the readings move with the light of a region.
 
     Parameters
     ----------
-    scene
-        That was evaluated.
-    result
-        What was found.
+    scene, result
+        What was evaluated, and what was found.
+    region
+        Of the result's scenario.
     tolerance
         That is asked for; it sets the step.
 
@@ -54,47 +53,59 @@ def sensitivities(scene: LitScene, result: ChainResult, *, tolerance: float) -> 
     ----------
     Definition: one-sided differences.
     """
-    base = readings(result.scenario, result.predictions, result.detections)
-    step = max(_STEP * tolerance, _LEAST_STEP)
-    found = {}
-    for region in result.scenario.regions:
-        if region.name not in result.lights:
-            continue
-        size = step * abs(float(region.stokes_radiance[0]))
-        moved = [_moved(region, component, size) for component in range(3)]
-        by_stokes = tuple(_scaled(differences_of(scene, result, base, one), size) for one in moved)
-        several = len(result.lights[region.name].lights) > 1
-        by_field = _scaled(differences_of(scene, result, base, _spread(region, size)), size) if several else {}
-        found[region.name] = Sensitivity(by_stokes=by_stokes, by_field=by_field)
-    return found
+    size = max(_STEP * tolerance, _LEAST_STEP) * abs(float(region.stokes_radiance[0]))
+    if size == 0.0:
+        return Sensitivity(by_stokes=({}, {}, {}), by_field={})
+
+    def per_unit(changed: RegionLight) -> Changes:
+        return {key: change / size for key, change in changes(scene, result, changed).items()}
+
+    by_stokes = tuple(per_unit(_moved(region, component, size)) for component in range(3))
+    several = len(result.lights[region.name].lights) > 1
+    return Sensitivity(by_stokes=by_stokes, by_field=per_unit(_spread(region, size)) if several else {})
 
 
-def differences_of(
-    scene: LitScene, result: ChainResult, base: Mapping[Reading, object], changed: RegionLight
-) -> dict[Reading, float]:
-    """Return by how much each reading differs where the light of one region is another.
+def changes(scene: LitScene, result: ChainResult, changed: RegionLight) -> dict[Reading, float]:
+    """Return by how much each reading changes where the light of one region is another; infinite where it is lost.
 
     Parameters
     ----------
     scene, result
-        That were evaluated.
-    base
-        Readings of the result.
+        What was evaluated, and what was found.
     changed
-        The other light.
+        The other light of the region of that name.
     """
     own = replace(result.scenario, regions=(changed,))
+    concerned = [(pair, at) for at, pair in enumerate(scene.pairs) if changed.name in pair]
+    before = replace(result.scenario, regions=tuple(r for r in result.scenario.regions if r.name == changed.name))
+    base = readings(
+        before,
+        {changed.name: result.predictions[changed.name]},
+        tuple(result.detections[at] for _, at in concerned),
+    )
     try:
         alone = predict(own, tolerance=result.settings.dolp_tolerance)
     except ValueError:
-        # Light that no scene can have, such as a degree of polarization above 1: nothing is promised so near to it.
-        return {key: np.inf for key in base if _concerns(key, changed.name)}
-    predictions = {**result.predictions, **alone}
+        # Light that nothing sends, of a degree of polarization above 1: so near to it nothing is promised.
+        return dict.fromkeys(base, np.inf)
+    every = {**result.predictions, **alone}
     pairs = tuple(
-        pair_detection(target, background, predictions, scene.p_false_alarm, tolerance=result.settings.roc_tolerance)
-        for target, background in scene.pairs
-        if changed.name in (target, background)
+        pair_detection(*pair, every, scene.p_false_alarm, tolerance=result.settings.roc_tolerance)
+        for pair, _ in concerned
     )
-    other = readings(own, alone, pairs)
-    concerned = {key: value for key, value in _all(result).items() if _concerns(key, changed.name)}
-    return differences(concerned, other)
+    return differences(base, readings(own, alone, pairs))
+
+
+def _moved(region: RegionLight, component: int, size: float) -> RegionLight:
+    """Light with one component moved, toward less polarization; its texture goes with S0."""
+    stokes = region.stokes_radiance.copy()
+    stokes[component] += size if component == 0 or stokes[component] < 0.0 else -size
+    grown = (stokes[0] / region.stokes_radiance[0]) ** 2
+    return replace(region, stokes_radiance=stokes, texture_cov=grown * region.texture_cov)
+
+
+def _spread(region: RegionLight, size: float) -> RegionLight:
+    """Light whose deviations over the field have grown by a size in every direction."""
+    values, vectors = np.linalg.eigh(region.texture_cov)
+    roots = np.sqrt(np.maximum(values, 0.0)) + size
+    return replace(region, texture_cov=np.asarray((vectors * roots**2) @ vectors.T))

@@ -103,7 +103,7 @@ class Sasktran2Solution:
         -----
         Looking up needs its spherical mode, which 2 to 10 degrees from the zenith interpolates light scattered more
         than once badly, up to 1.6 %; looking down its plane-parallel mode is taken, which does not. Its sphere has no
-        flat horizon: nearer to it than 0.06 deg the sky at 0.06 deg is given, wrong by up to 6e-3. Looking down from
+        flat horizon: nearer to it than 0.06 deg the sky at 0.06 deg is given, wrong by up to 2e-2. Looking down from
         less than 1 deg above the horizon it is wrong by a half; nobody should.
 
         References

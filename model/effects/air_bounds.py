@@ -134,7 +134,7 @@ def depth(air: Air) -> float:
 
 
 def _deepest(air: Air) -> Column:
-    """The air at the end of the band where it is thickest."""
+    """Return the air at the end of the band where it is thickest."""
     if air.state is None:
         raise ValueError("air without a state has no optical depth")
     return max((column(air.state, wavelength_m=one) for one in air.band.limits_m), key=lambda found: found.depth)

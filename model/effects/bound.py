@@ -12,13 +12,13 @@ class Bound:
     Attributes
     ----------
     radiance
-        Of S0, S1 and S2 over S0, and of counts over their mean over the angles.
+        Of S0, S1 and S2 over S0, and of each angle's counts over themselves.
     ratios
         Of DoLP, S1/S0 and S2/S0 of the mean, and of the mean of the pixels' DoLP.
     deviations
-        Of every standard deviation, relative; of the SNR of DoLP, over the larger of it and 1.
+        Of every standard deviation and of the SNR of DoLP, relative.
     detection
-        Of every probability of detection.
+        Of every probability of detection, and of the area under its curve.
     """
 
     radiance: float = 0.0
@@ -29,7 +29,7 @@ class Bound:
     @property
     def largest(self) -> float:
         """The largest of the four."""
-        return max(astuple(self))
+        return max(self.radiance, self.ratios, self.deviations, self.detection)
 
     def __add__(self, other: "Bound") -> "Bound":
         """Return the sums, which bound what two effects change together."""
@@ -70,7 +70,7 @@ class Disturbance:
         Largest change of the covariance over the covariance itself, along any direction of Stokes parameters or of
         channels: its eigenvalues lie within 1 - share and 1 + share.
     counts
-        Change of counts that leaves the Stokes parameters alone, over the mean count.
+        Change of counts that leaves the Stokes parameters alone, over S0.
     """
 
     s0: float = 0.0

@@ -37,6 +37,8 @@ class RegionBracket:
         Stokes parameters in counts per Stokes radiance [DN per W m-2 sr-1].
     noise_low, noise_high
         Covariance of the Stokes parameters from temporal noise at these signals, shape (3, 3).
+    texture
+        Upper bound of the texture's covariance of the Stokes parameters, shape (3, 3).
     cov_high
         Upper bound of their whole covariance.
     cycles
@@ -56,6 +58,7 @@ class RegionBracket:
     counts_per_radiance: float
     noise_low: FloatArray
     noise_high: FloatArray
+    texture: FloatArray
     cov_high: FloatArray
     cycles: int
 
@@ -63,6 +66,16 @@ class RegionBracket:
     def is_known(self) -> bool:
         """Whether there is light for certain, and not without limit."""
         return self.s0_low > 0.0 and bool(np.isfinite(self.s0_high))
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the limits are equal."""
+        return self.s0_low == self.s0_high
+
+    def to_channels(self, cov: FloatArray) -> FloatArray:
+        """Return a covariance of Stokes parameters as one of channels, shape (N, N)."""
+        system = np.linalg.pinv(self.inverse)
+        return np.asarray(system @ cov @ system.T)
 
     def temporal_share(self, variances: FloatArray, *, bright: bool = False) -> float:
         """Return the share of a part of the temporal variance, in any direction and channel.
@@ -126,6 +139,7 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBracke
     )
     noise_low, noise_high = (plan.inverse @ np.diag(one) @ plan.inverse.T for one in (variance_low, variance_high))
     s0_high = most * scale * (light.s0_high + light.added)
+    texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
     return RegionBracket(
         region=region,
         s0_low=least * scale * light.s0_low,
@@ -140,21 +154,12 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBracke
         counts_per_radiance=scale,
         noise_low=noise_low,
         noise_high=noise_high,
-        cov_high=noise_high + _spatial_high(scene, region, light, plan.inverse, high, scale),
+        texture=texture,
+        cov_high=noise_high
+        + _spatial_high(scene, light, texture, plan.inverse, high, s0_high)
+        + _over_field(scene, region, light, s0_high=s0_high, scale=most * scale),
         cycles=readout.cycles,
     )
-
-
-def texture_high(region: LitRegion, *, s0_high: float, scale: float) -> FloatArray:
-    """Return an upper bound of the texture's covariance of the Stokes parameters, shape (3, 3) [DN^2].
-
-    Notes
-    -----
-    A factor common to a vector R has the covariance t^2 R R', at most t^2 |R|^2 <= 2 t^2 S0^2 along any direction.
-    """
-    common = 2.0 * (region.texture_rms * s0_high) ** 2 * np.eye(3)
-    own = np.diag(np.square(region.texture_diagonal)) * s0_high**2
-    return np.asarray(common + own + scale**2 * region.texture_cov)
 
 
 def share_of(part: FloatArray, whole: FloatArray) -> float:
@@ -169,19 +174,42 @@ def share_of(part: FloatArray, whole: FloatArray) -> float:
         return np.inf
 
 
-def _spatial_high(
-    scene: LitScene, region: LitRegion, light: SunLight, inverse: FloatArray, high: FloatArray, scale: float
-) -> FloatArray:
-    noise, session = scene.sensor.noise, scene.imperfections
-    s0_high = scale * (light.s0_high + light.added) * (1.0 + abs(session.drift))
+def _texture_high(region: LitRegion, light: SunLight, *, s0_high: float, scale: float) -> FloatArray:
+    """Upper bound of the texture's covariance, as it is known or as the light allows.
+
+    A factor common to a vector R has the covariance t^2 R R', at most t^2 |R|^2 <= 2 t^2 S0^2 along any direction.
+    """
+    if light.texture is not None:
+        return scale**2 * light.texture
+    if not np.isfinite(s0_high):
+        is_there = region.texture_rms > 0.0 or any(region.texture_diagonal) or bool(np.any(region.texture_cov))
+        return np.full((3, 3), np.inf) if is_there else np.zeros((3, 3))
+    common = 2.0 * (region.texture_rms * s0_high) ** 2 * np.eye(3)
+    own = np.diag(np.square(region.texture_diagonal)) * s0_high**2
+    return np.asarray(common + own + scale**2 * region.texture_cov)
+
+
+def _over_field(scene: LitScene, region: LitRegion, light: SunLight, *, s0_high: float, scale: float) -> FloatArray:
+    """Upper bound of the covariance over the field of view, by geometry and by the lens."""
     if not np.isfinite(s0_high):
         return np.full((3, 3), np.inf)
-    spread = (s0_high * light.spread) ** 2 * 2.0 * np.eye(3)
-    falloff_var = cosine_fourth(region.part).var if session.off_axis_falloff and region.part is not None else 0.0
-    texture = texture_high(region, s0_high=s0_high, scale=scale) + spread + 2.0 * falloff_var * s0_high**2 * np.eye(3)
-    ones, gain_pattern = np.ones_like(high), noise.prnu**2 * np.outer(high, high)
-    turned = (2.0 * session.polarizer_angle_std_rad * s0_high) ** 2 * np.eye(high.size)
-    pattern = gain_pattern + (noise.gain_dn_per_e * noise.dsnu_e) ** 2 * np.outer(ones, ones) + turned
-    scattered = 0.0 if session.misregistration_pixels == 0.0 else float(np.trace(texture))
-    channels = pattern + scattered * np.eye(high.size)
-    return np.asarray((1.0 + noise.prnu**2) * texture + inverse @ channels @ inverse.T)
+    lens = scene.imperfections.off_axis_falloff and region.part is not None
+    var = cosine_fourth(region.part).var if lens and region.part is not None else 0.0
+    geometry = np.zeros((3, 3)) if light.field_cov is None else scale**2 * light.field_cov
+    return np.asarray(geometry + 2.0 * s0_high**2 * (light.spread**2 + var) * np.eye(3))
+
+
+def _spatial_high(
+    scene: LitScene, light: SunLight, texture: FloatArray, inverse: FloatArray, high: FloatArray, s0_high: float
+) -> FloatArray:
+    """Upper bound of the covariance from texture, pattern, shifts and scatter of angles."""
+    noise, session = scene.sensor.noise, scene.imperfections
+    if not np.isfinite(s0_high):
+        return np.full((3, 3), np.inf)
+    ones = np.ones_like(high)
+    pattern = noise.prnu**2 * np.outer(high, high) + (noise.gain_dn_per_e * noise.dsnu_e) ** 2 * np.outer(ones, ones)
+    turned = (2.0 * session.polarizer_angle_std_rad * s0_high) ** 2
+    shifted = 0.0 if session.misregistration_pixels == 0.0 else float(np.trace(texture))
+    channels = pattern + (turned + shifted) * np.eye(high.size)
+    drifted = (1.0 + 2.0 * abs(session.drift)) ** 2
+    return np.asarray(drifted * (1.0 + noise.prnu**2) * texture + inverse @ channels @ inverse.T)

@@ -11,6 +11,7 @@ FloatArray = NDArray[np.float64]
 _EVERYTHING = Bound(radiance=np.inf, ratios=np.inf, deviations=np.inf, detection=np.inf)
 # S0 falls this many deviations below its mean in one pixel of 1e9; nearer to zero nothing is promised.
 _TAIL = 6.0
+_LARGEST_TAIL = 0.6
 # Polarised light so many deviations above its noise is as good as normal.
 _CLEAR = 8.0
 # Largest share of a covariance for which the bounds below are taken: beyond, they are of no use.
@@ -38,8 +39,8 @@ def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
     of itself (kurtosis up to 5). Deviations of what is linear change by at most x.
 
     Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (a + b) / (1 - a). The deviation of DoLP
-    changes as its gradient does: by no more than that over the deviation, and where polarised light is clear of its
-    noise by no more than (2 b / P + 3 a) times the largest deviation of a Stokes parameter over the least.
+    changes as its gradient does: by no more than (2 b / P + 3 a) times the largest deviation of a Stokes parameter over
+    the least, and where polarised light is not clear of its noise by no more than the change over the deviation.
 
     References
     ----------
@@ -48,7 +49,7 @@ def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
     if found.is_nothing:
         return Bound()
     tail = _TAIL * np.sqrt(bracket.cov_high[0, 0]) / bracket.s0_low if bracket.is_known else np.inf
-    if not (tail < 0.9 and found.s0 < 0.5 and found.polarised < 0.5 and found.share < _LARGEST_SHARE):
+    if not (tail < _LARGEST_TAIL and found.s0 < 0.5 and found.polarised < 0.5 and found.share < _LARGEST_SHARE):
         return _EVERYTHING
     shift = (found.s0 + found.polarised) / (1.0 - found.s0)
     divergence = _divergence(found.share)
@@ -58,9 +59,9 @@ def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
     spread += _of_gradient(bracket, found, shift=shift, low=low, dolp_low=dolp_low)
     if not spread < 0.5:
         return _EVERYTHING
-    snr = shift / ((1.0 - tail) * max(dolp_low, low)) if shift > 0.0 else 0.0
+    snr = (shift / ((1.0 - tail) * dolp_low) if dolp_low > 0.0 else np.inf) if shift > 0.0 else 0.0
     return Bound(
-        radiance=max(found.s0, found.polarised, found.s0 + found.polarised) + found.factor + found.counts,
+        radiance=_of_counts(bracket, found, shift),
         ratios=shift / (1.0 - tail) + divergence * high,
         deviations=(spread + divergence + snr + found.factor) / (1.0 - spread),
     )
@@ -111,19 +112,25 @@ def deviation_limits(bracket: RegionBracket) -> tuple[float, float]:
     return least, most
 
 
-def _of_gradient(
-    bracket: RegionBracket, found: Disturbance, *, shift: float, low: float, dolp_low: float
-) -> float:
-    """Relative change of the deviation of DoLP by another mean."""
+def _of_gradient(bracket: RegionBracket, found: Disturbance, *, shift: float, low: float, dolp_low: float) -> float:
+    """Relative change of the deviations of DoLP, S1/S0 and S2/S0 by another mean."""
     if shift == 0.0:
         return 0.0
-    least = low * bracket.s0_high
+    if low == 0.0 or dolp_low == 0.0:
+        return np.inf
     most = np.sqrt(float(np.linalg.eigvalsh(bracket.cov_high)[-1]))
-    by_shift = 1.5 * shift / low if low > 0.0 else np.inf
-    if not bracket.polarised_low > _CLEAR * most:
-        return by_shift
-    by_gradient = most / least * (2.0 * found.polarised / dolp_low + 3.0 * found.s0)
-    return float(min(by_shift, by_gradient))
+    by_gradient = most / (low * bracket.s0_high) * (2.0 * found.polarised / dolp_low + 3.0 * found.s0)
+    by_shift = 0.0 if bracket.polarised_low > _CLEAR * most else 1.5 * shift / low
+    return float(max(by_gradient, by_shift))
+
+
+def _of_counts(bracket: RegionBracket, found: Disturbance, shift: float) -> float:
+    """Change of the Stokes parameters over S0, and of counts each over itself."""
+    moved = shift + found.counts
+    if moved == 0.0:
+        return found.factor
+    darkest = float(np.min(bracket.signal_low))
+    return moved * max(1.0, bracket.s0_high / darkest if darkest > 0.0 else np.inf) + found.factor
 
 
 def _shift_in_deviations(found: Disturbance, moved: RegionBracket, seen: RegionBracket) -> float:
@@ -138,4 +145,3 @@ def _shift_in_deviations(found: Disturbance, moved: RegionBracket, seen: RegionB
 def _divergence(share: float) -> float:
     """Root of the chi-square divergence of two normal laws of three components; x of 0 gives 0 without rounding."""
     return float(np.sqrt(np.expm1(-1.5 * np.log1p(-(share**2)))))
-

@@ -14,6 +14,7 @@ from model.effects.air_bounds import AirBounds, depth_below, path_bound
 from model.field_of_view import FieldPart, off_axis
 from model.illumination import illuminate
 from model.lit_scene import Air, LitRegion, LitScene
+from model.scenario import RegionLight
 from model.scene import aperture_lights
 from model.surface.pbrdf import Surface, mueller
 from model.view import View
@@ -21,7 +22,7 @@ from model.view import View
 FloatArray = NDArray[np.float64]
 
 # Steps over the hemisphere in the search of the largest pBRDF, and what it is taken times for what they miss.
-_ZENITHS, _AZIMUTHS, _MISSED = 91, 61, 1.5
+_ZENITHS, _AZIMUTHS, _MISSED = 46, 31, 1.5
 # Over a field the beam's light is known at nine directions; between them it may go this much farther.
 _BETWEEN = 2.0
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
@@ -41,6 +42,8 @@ class SunLight:
         Upper limits of what sky, path and surroundings add.
     spread
         Upper limit of the difference between a direction of the field and the axis, over S0.
+    texture, field_cov
+        Covariance of the texture and over the field, shape (3, 3), where they are known [(W m-2 sr-1)^2].
     """
 
     beams: FloatArray
@@ -52,6 +55,8 @@ class SunLight:
     path: float = 0.0
     adjacency: float = 0.0
     spread: float = 0.0
+    texture: FloatArray | None = None
+    field_cov: FloatArray | None = None
 
     @property
     def added(self) -> float:
@@ -59,12 +64,29 @@ class SunLight:
         return self.sky + self.path + self.adjacency
 
 
-def given_light(radiance: FloatArray) -> SunLight:
-    """Return the limits of a region whose radiance is given: all of them that."""
-    polarised = float(np.hypot(radiance[1], radiance[2]))
-    s0 = float(radiance[0])
+def known_light(light: RegionLight, *, margin: float = 0.0) -> SunLight:
+    """Return the limits of a region whose light is known.
+
+    Parameters
+    ----------
+    light
+        Of the region.
+    margin
+        By which its radiance may be off, as a share: what was left out of it, 0 or more.
+    """
+    stokes = np.asarray(light.stokes_radiance, dtype=np.float64)
+    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
+    apart = margin * s0
+    off = np.array([2.0 * apart, 0.0, 0.0])
+    texture = light.texture_rms**2 * np.outer(stokes, stokes) + light.texture_cov
     return SunLight(
-        beams=radiance[np.newaxis], s0_low=s0, s0_high=s0, polarised_low=polarised, polarised_high=polarised
+        beams=np.stack([stokes - off, stokes + off]),
+        s0_low=s0 - apart,
+        s0_high=s0 + apart,
+        polarised_low=max(polarised - apart, 0.0),
+        polarised_high=polarised + apart,
+        texture=(1.0 + margin) ** 2 * texture,
+        field_cov=light.field_cov,
     )
 
 
@@ -171,8 +193,8 @@ def largest_pbrdf(surface: Surface, theta_r_rad: FloatArray) -> float:
     zenith = np.unique(np.clip(np.concatenate([grid, *(one + near for one in theta_r_rad)]), 0.0, 0.5 * np.pi - 1e-6))
     azimuth = np.unique(np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)]))
     found = [
-        mueller(zenith[:, np.newaxis], float(one), azimuth, surface=surface)[..., 0, 0] * np.cos(zenith)[:, np.newaxis]
-        for one in theta_r_rad
+        mueller(zenith[:, np.newaxis], one, azimuth, surface=surface)[..., 0, 0] * np.cos(zenith)[:, np.newaxis]
+        for one in sorted({round(float(angle), 3) for angle in theta_r_rad})
     ]
     return float(_MISSED * np.max(found))
 
@@ -186,12 +208,12 @@ def black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
 def _beams_between(beams: FloatArray, *, is_counted: bool) -> SunLight:
     """Limits of the beam's light between directions at which it is known; none where it does not count."""
     if not is_counted:
-        return SunLight(
-            beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0
-        )
+        return SunLight(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
     apart = (_BETWEEN - 1.0) * float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
     polarised = np.hypot(beams[:, 1], beams[:, 2])
-    edges = np.concatenate([beams + [apart, 0.0, 0.0], beams - [apart, 0.0, 0.0]]) if apart > 0.0 else beams
+    # A channel gets at most half of S0 and of the polarised light, 0.71 of the length of a change.
+    reach = np.array([2.0 * apart, 0.0, 0.0])
+    edges = np.concatenate([beams + reach, beams - reach])
     return SunLight(
         beams=edges,
         s0_low=max(float(beams[:, 0].min()) - apart, 0.0),

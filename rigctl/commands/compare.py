@@ -73,8 +73,12 @@ def show(compared: ComparedRun, out: Path) -> None:
     comparison, console = compared.comparison, results()
     if comparison.scale is not None:
         console.print(comparison.scale.remark)
+    for check in comparison.flags:
+        console.print(f"flagged, {check.name}: {check.text}", markup=False)
     tests = sum(row.agrees is not None for row in comparison.rows)
-    if comparison.agrees:
+    if tests == 0:
+        console.print("nothing was tested: " + "; ".join(comparison.not_tested), markup=False)
+    elif comparison.agrees:
         console.print(f"model and measurement agree: {tests} numbers tested at alpha = {comparison.alpha:g}")
     else:
         off = sorted(comparison.disagreements, key=lambda row: -abs(row.z or 0.0))
@@ -82,4 +86,6 @@ def show(compared: ComparedRun, out: Path) -> None:
         console.print(row_table(off[:_SHOWN], title=""))
         for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
             console.print(f"points to {cause}: {advice}", markup=False)
-    console.print(f"report: {out / 'report.html'}", markup=False)
+        if comparison.explanation is not None:
+            console.print(f"what would explain it: {comparison.explanation.remark}", markup=False)
+    console.print(f"report: {out / 'report.html'}, {out / 'report.pdf'}", markup=False)

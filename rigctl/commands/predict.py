@@ -20,7 +20,7 @@ from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
 from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
 from rigctl.reports.tables_json import prediction_json
-from rigctl.skies.engine import Engine
+from rigctl.skies.engine import Engine, require_engine
 from rigctl.terminal import print_json, progress, results, warn
 from rigctl.utc_time import utc_text
 
@@ -50,6 +50,7 @@ def command(
     Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
     scene_file = load_scene(scene)
+    require_engine(engine, tier=None if scene_file.atmosphere is None else scene_file.atmosphere.tier)
     calibration = None if noise is None else _fitting_noise(noise, bit_depth=scene_file.sensor.bit_depth)
     predictor = ScenePredictor(scene_file, calibration, light=SceneLight(engine=engine), source=light)
     if key_and_range is not None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.polarimeter.registration import register
+from model.moments import Moments
 from model.processing.block_means import block_means
 from model.processing.input_inference import chi_square_tail
 from model.processing.redundancy import linear_response, pair_sum_excess, residual_chi_square
@@ -56,7 +57,6 @@ def run_checks(measurement: Measurement) -> tuple[Check, ...]:
         _linear(measurement),
         _registration(measurement),
         _drift(measurement),
-        *_residuals(measurement),
     )
 
 
@@ -91,7 +91,8 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
             verdict=verdict,
             text=f"pairs of orthogonal angles, each of which holds all of the light, differ by {excess:.2%} +- "
             f"{error:.2%}; flagged above {_PAIRS_FLAGGED:.0%}, refused above {_PAIRS_REFUSED:.0%}: light that changed, "
-            "unequal exposures or throughput, a dark level that is wrong, or an angle that is",
+            "unequal exposures or throughput, a dark level that is wrong, or an angle that is"
+            + _residual(measurement, moments),
         )
 
 
@@ -162,20 +163,13 @@ def _false_dolp(measurement: Measurement, drift: float) -> float:
     return float(dolp(measurement.plan.inverse @ unpolarised))
 
 
-def _residuals(measurement: Measurement) -> Iterable[Check]:
-    if measurement.plan.redundancy == 0:
-        return
-    for name, region in measurement.regions.items():
-        moments = region.channels_mean
-        try:
-            chi_square, freedom = residual_chi_square(measurement.plan, moments.mean, moments.cov)
-        except ValueError as error:
-            yield Check(name=f"residual of {name}", verdict="not testable", text=str(error))
-            continue
-        p_value = chi_square_tail(chi_square, freedom)
-        yield Check(
-            name=f"residual of {name}",
-            verdict="sound" if p_value > 1e-4 else "flagged",
-            text=f"chi-square of the weighted fit {chi_square:.2f} with {freedom} degree(s) of freedom "
-            f"(p = {p_value:.2g}); flagged below 1e-4: the mean of many pixels sees what single ones hide",
-        )
+def _residual(measurement: Measurement, moments: Moments) -> str:
+    try:
+        chi_square, freedom = residual_chi_square(measurement.plan, moments.mean, moments.cov)
+    except ValueError as error:
+        return f"; no residual of the weighted fit: {error}"
+    plural = "degree" if freedom == 1 else "degrees"
+    p_value = chi_square_tail(chi_square, freedom)
+    return (
+        f"; residual of the weighted fit: chi-square {chi_square:.1f}, {freedom} {plural} of freedom, p = {p_value:.2g}"
+    )

@@ -12,6 +12,7 @@ from model.prediction import RegionPrediction, predict_region
 from model.processing.agreement import propagate_inputs
 from model.processing.law_check import check_dolp_law
 from model.processing.sample_moments import Sample, deviation
+from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose
 from rigctl.comparison.rows import Row, decide, pair, scored
@@ -89,11 +90,11 @@ class _RegionLoop:
         # What the noise of one cycle adds to the spread of the mean of all.
         self._added_to_channels = np.diag(temporal) * (1.0 - 1.0 / self._cycles)
         self._added = self._stokes_cov(self._added_to_channels)
-        self.prediction = self._predicted(temporal)
+        self.prediction = with_ratios({name: self._predicted(temporal)})[name]
 
     def rows(self) -> list[Row]:
         """Return the region's rows: tests with scores, the rest without."""
-        paired = list(pair(self._name, self.prediction.quantities, self._region.quantities))
+        paired = list(pair(self._name, self.prediction.quantities, measured_with_ratios(self._region)))
         tests = [*self._temporal_rows(paired), *self._half_rows(), *self._law_rows()]
         tested = {(row.quantity, row.statistic) for row in tests}
         fitted = [row for row in paired if (row.quantity, row.statistic) not in tested]

@@ -9,7 +9,6 @@ from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.transfer.phase import AerosolKind
 from model.field_light import FieldLight
 from model.illumination import Illumination
-from model.lit_scene import Air
 from rigctl.comparison.lit_scene import file_settings, lit_region
 from rigctl.comparison.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
 from rigctl.errors import ConfigError
@@ -57,7 +56,7 @@ class SceneLight:
         """
         try:
             return self._lights.illumination(
-                self._air(scene, values),
+                air_of(sky_request(scene, values)),
                 file_settings(scene),
                 sun_azimuth_rad=sun_azimuth_rad(values),
             )
@@ -76,20 +75,12 @@ class SceneLight:
             return self._lights.region(
                 lit_region(scene, region, values),
                 file_settings(scene),
-                air=self._air(scene, values),
+                air=air_of(sky_request(scene, values)),
                 view=camera_view(scene, values),
                 sun_azimuth_rad=sun_azimuth_rad(values),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
-
-    def _air(self, scene: SceneFile, values: Values) -> Air:
-        air = air_of(sky_request(scene, values))
-        if self._engine != "own" and not air.is_solved:
-            raise ConfigError(
-                f"--engine {self._engine}: solves the tiers fast and standard; tier '{air.tier}' calls no solver"
-            )
-        return air
 
     def remarks(self, scene: SceneFile, values: Values) -> tuple[str, ...]:
         """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""

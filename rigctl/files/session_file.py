@@ -55,8 +55,11 @@ class Take(Section):
 
     @model_validator(mode="after")
     def _one_angle_for_flats(self) -> "Take":
-        if self.kind == "flat" and self.angles_deg is not None and len(self.angles_deg) > 1:
-            raise ValueError("flats for a noise calibration are taken at one angle: give one, or leave angles_deg out")
+        if self.kind == "flat" and len(self.exposures_s) > 1 and len(self.polarizer_angles_deg) > 1:
+            raise ValueError(
+                "flats for a noise calibration are taken at one angle: give one, or leave angles_deg out; flat fields "
+                "at several angles are taken with one exposure"
+            )
         return self
 
     @model_validator(mode="after")

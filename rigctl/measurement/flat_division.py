@@ -1,10 +1,12 @@
 """Frames divided by the flat field of their polarizer angle, and what that does to noise."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.files.regions import Region, masks
 from rigctl.measurement.frame_grid import FrameGrid
 from rigctl.polarimeter.flat_file import Flats
 
@@ -12,6 +14,8 @@ FloatArray = NDArray[np.float64]
 
 # A pixel that answers with less than this share of the others says nothing of the scene.
 _DEAD = 0.1
+# A region this far from the mean of the flat field has another noise than is predicted.
+_UNLIKE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,3 +63,16 @@ def flat_division(grid: FrameGrid, flats: Flats) -> FlatDivision:
         variance_factor=np.mean(response[:, alive] ** -2.0, axis=1),
         error=np.sqrt(np.mean(np.square(errors[:, alive] / response[:, alive]), axis=1)),
     )
+
+
+def flat_remarks(flat: FlatDivision, regions: list[Region]) -> Iterable[str]:
+    """Return what dividing by flat fields does to the prediction of each region, where it is worth a word."""
+    for name, inside in masks(regions, width=flat.dead.shape[1], height=flat.dead.shape[0]).items():
+        response = float(flat.response[:, inside].mean())
+        if abs(response - 1.0) > _UNLIKE:
+            yield (
+                f"{name}: the flat field is {response:.2f} of its mean there; its noise is predicted as for 1, "
+                f"{'smaller' if response < 1.0 else 'larger'} than it is by {abs(response**-0.5 - 1.0):.0%}"
+            )
+    worst = float(flat.error.max())
+    yield f"frames were divided by flat fields, whose own error adds a pattern of up to {worst:.2%} to single pixels"

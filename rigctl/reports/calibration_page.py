@@ -2,6 +2,7 @@
 
 import base64
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ def calibration_page(calibration: FrameCalibration, content: dict[str, Any]) -> 
     template = environment.from_string((files("rigctl") / "data" / "calibration.html.j2").read_text(encoding="utf-8"))
     rows = calibration_rows(content)
     return template.render(
-        title=calibration.frames.source.path,
+        title=Path(calibration.frames.source.path).name,
         facts=_facts(content),
         rows=rows,
         remarks=_remarks(content),

@@ -16,11 +16,16 @@ from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.measurement.flat_division import flat_remarks
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.polarimeter.flat_file import read_fitting_flats
 from rigctl.polarimeter.registration_file import read_registration_file, require_registration_fits
+from rigctl.reports.blocks import Report
+from rigctl.reports.compare_content import compare_report
+from rigctl.reports.pdf import pdf
 from rigctl.reports.report import render
+from rigctl.reports.rows_csv import rows_csv
 from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
 from rigctl.runs.run_folder import MANIFEST_FILE, Run, read_run
 from rigctl.version import VERSION
@@ -45,7 +50,7 @@ class ComparedRun:
         return comparison_json(self.comparison, self.measurement, provenance=self.provenance)
 
     def write(self, out: Path) -> None:
-        """Write comparison.json, prediction.json, measurement.json and report.html into a folder."""
+        """Write comparison.json, comparison.csv, prediction.json, measurement.json, report.html and report.pdf."""
         out.mkdir(parents=True, exist_ok=True)
         for name, content in (
             ("prediction.json", prediction_json(self.comparison.predictions, remarks=self.comparison.remarks)),
@@ -53,9 +58,20 @@ class ComparedRun:
             ("comparison.json", self.as_json()),
         ):
             write_durably(out / name, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
-        title = f"{self.measurement.run.path.name} beside the model"
-        html = render(self.comparison, self.measurement, self.regions, title=title, provenance=self.provenance)
-        write_durably(out / "report.html", html.encode())
+        write_durably(out / "comparison.csv", rows_csv(self.comparison.rows).encode())
+        report = self.report()
+        write_durably(out / "report.html", render(report).encode())
+        write_durably(out / "report.pdf", pdf(report))
+
+    def report(self) -> Report:
+        """Return what the report says."""
+        return compare_report(
+            self.comparison,
+            self.measurement,
+            self.regions,
+            title=f"{self.measurement.run.path.name} beside the model",
+            provenance=self.provenance,
+        )
 
 
 def compare_run(
@@ -109,6 +125,7 @@ def compare_run(
     doubts = _doubts(run, noise, radiometric, registration)
     flats, flat_doubts = (None, ()) if flat_path is None else read_fitting_flats(flat_path, run)
     measurement = measure(run, regions=regions, noise=noise, registration=registration, flats=flats)
+    flat_said = () if measurement.flat is None else tuple(flat_remarks(measurement.flat, regions))
     checks = run_checks(measurement)
     require_sound(checks, run=str(run_path))
     if scene is not None:
@@ -129,7 +146,7 @@ def compare_run(
         "manifest": run_path / MANIFEST_FILE,
     }
     return ComparedRun(
-        comparison=replace(comparison, remarks=(*doubts, *flat_doubts, *comparison.remarks), checks=checks),
+        comparison=replace(comparison, remarks=(*doubts, *flat_doubts, *flat_said, *comparison.remarks), checks=checks),
         measurement=measurement,
         regions=regions,
         provenance=_provenance(run, {what: path for what, path in files.items() if path is not None}),

@@ -15,7 +15,7 @@ def cycle_figure(history: CycleHistory) -> bytes:
     figure, axes = subplots(3, 1, size=(8.0, 7.0))
     looks = [look for look in history.looks if history.reference in look.regions]
     _draw_light(axes[0], looks, history)
-    for name in history.looks[0].regions if history.looks else ():
+    for name in dict.fromkeys(name for look in history.looks for name in look.regions):
         _draw(axes[1], history, {look: look.regions[name].dolp for look in history.looks if name in look.regions}, name)
     axes[1].set_ylabel("DoLP")
     axes[1].legend(fontsize=7)

@@ -1,12 +1,14 @@
 """Pictures and plots of a measurement and a comparison, as PNG."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.moments import Moments
 from model.prediction import RegionPrediction
-from model.processing import dolp
+from model.processing import dolp, normalized_stokes
 from model.processing.reconstruction import reconstruct
 from model.stokes import aolp_rad
 from model.stokes import dolp as degree_of_polarization
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FloatArray = NDArray[np.float64]
+Law = Callable[[FloatArray], FloatArray]
 
 _BINS = 60
 # Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
@@ -31,7 +34,7 @@ def scene_pictures(measurement: Measurement, regions: list[Region]) -> bytes:
     stokes = reconstruct(measurement.plan, measurement.channels)
     figure, axes = subplots(1, 2, size=picture_size(stokes[0], columns=2))
     _picture(axes[0], stokes[0], title="S0 (panchromatic)", label=f"S0 [{measurement.grid.unit}]", cmap="gray")
-    _picture(axes[1], dolp_image(measurement, stokes), title="DoLP", label="DoLP", cmap="viridis")
+    _picture(axes[1], dolp_image(measurement, stokes), title="DoLP", label="DoLP", cmap="viridis", most=1.0)
     for ax in axes:
         _outline(ax, regions)
     return png(figure)
@@ -71,20 +74,18 @@ def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
 
 
 def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction]) -> bytes:
-    """Return histograms of s1, s2 and DoLP of each region's pixels with the predicted laws, as [MK14] Fig. 8."""
+    """Return histograms of s1, s2 and DoLP of each region's pixels with their exact laws, as [MK14] Fig. 8."""
     names = list(predictions)
-    figure, axes = subplots(len(names), 3, size=(11.0, 2.7 * len(names)))
+    figure, axes = subplots(len(names), 3, size=(11.0, 2.9 * len(names)))
     for line, name in enumerate(names):
-        pixels = measurement.regions[name].stokes_pixels
-        quantities, stokes = predictions[name].quantities, predictions[name].stokes_dn
-        for column, (key, index) in enumerate((("s1n", 1), ("s2n", 2))):
-            law = quantities[key]
-            title = f"{name}: s{index} = S{index}/S0"
-            _histogram(
-                axes[3 * line + column], pixels[index] / pixels[0], _normal(law["mean"], law["std"]), title=title
-            )
-        values = degree_of_polarization(pixels.T)
-        _histogram(axes[3 * line + 2], values, lambda x, s=stokes: dolp.pdf(x, s.mean, s.cov), title=f"{name}: DoLP")
+        pixels, stokes = measurement.regions[name].stokes_pixels, predictions[name].stokes_dn
+        lit = pixels[:, pixels[0] > 0.0]
+        for column, component in enumerate((1, 2)):
+            ax = axes[3 * line + column]
+            _histogram(ax, lit[component] / lit[0], _ratio_law(stokes, component), title=name)
+            ax.set_xlabel(f"s{component} = S{component}/S0")
+        _histogram(axes[3 * line + 2], degree_of_polarization(lit.T), _dolp_law(stokes), title=name)
+        axes[3 * line + 2].set_xlabel("DoLP")
     axes[0].legend(fontsize=8)
     return png(figure)
 
@@ -116,8 +117,9 @@ def _unusable(measurement: Measurement) -> NDArray[np.bool_]:
     return np.asarray(measurement.saturated | measurement.missing)
 
 
-def _picture(ax: "Axes", image: FloatArray, *, title: str, label: str, cmap: str) -> None:
+def _picture(ax: "Axes", image: FloatArray, *, title: str, label: str, cmap: str, most: float = np.inf) -> None:
     low, high = np.nanpercentile(image, _SHOWN_PERCENTILES)
+    high = min(high, most)
     shown = ax.imshow(image, cmap=cmap, vmin=low, vmax=high, interpolation="nearest")
     finish_picture(ax.figure, ax, shown, title=title, label=label)
 
@@ -147,7 +149,7 @@ def _bars(ax: "Axes", rows: list[Row]) -> None:
     ax.set_xticks(places, [row.quantity.removeprefix("dn_") for row in rows])
 
 
-def _histogram(ax: "Axes", values: FloatArray, law: Any, *, title: str) -> None:
+def _histogram(ax: "Axes", values: FloatArray, law: Law, *, title: str) -> None:
     ax.hist(values, bins=_BINS, density=True, color=MEASURED, alpha=0.55, label="measured pixels")
     low, high = float(values.min()), float(values.max())
     x = np.linspace(low, high, 300)
@@ -156,5 +158,9 @@ def _histogram(ax: "Axes", values: FloatArray, law: Any, *, title: str) -> None:
     ax.set_ylabel("density")
 
 
-def _normal(mean: float, std: float) -> Any:
-    return lambda x: np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
+def _ratio_law(stokes: Moments, component: int) -> Law:
+    return lambda x: normalized_stokes.law(x, stokes.mean, stokes.cov, component=component).density
+
+
+def _dolp_law(stokes: Moments) -> Law:
+    return lambda x: np.asarray(dolp.pdf(x, stokes.mean, stokes.cov))

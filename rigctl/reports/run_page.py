@@ -52,7 +52,7 @@ def run_page(run: Run) -> str:
         pictures += [("Frames", _contact_sheet(run)), ("Mean counts", _count_plot(run, means))]
     if any(record.sun_elevation_deg is not None for record in run.frames):
         pictures.append(("Sun", _sun_plot(run)))
-    if history is not None and history.looks:
+    if history is not None and any(look.regions for look in history.looks):
         pictures.append(("Light and polarization by cycle", cycle_figure(history)))
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(_TEMPLATE)
     return template.render(

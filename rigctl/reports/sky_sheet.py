@@ -12,7 +12,7 @@ from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
-from rigctl.skies.engine import Engine
+from rigctl.skies.engine import Engine, require_engine
 
 FloatArray = NDArray[np.float64]
 
@@ -122,6 +122,7 @@ def sky_sheet(scene: SceneFile, *, engine: Engine = "own") -> SkySheet:
         missing.append("a band of the sensor (band_nm or response)")
     if missing:
         raise ConfigError(f"scene {scene.name}: a sky also needs {', '.join(missing)}")
+    require_engine(engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
     light = SceneLight(engine=engine)
     values = ScenePredictor(scene, None, light=light).inputs.named
     illumination = light.illumination(scene, values)

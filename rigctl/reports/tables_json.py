@@ -11,6 +11,7 @@ from typing import Any
 from model.performance import PairDetection, pair_detections, polarization_strength
 from model.prediction import RegionPrediction
 from model.processing.texture import Texture
+from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.explanation import Explanation
 from rigctl.comparison.rows import Row
@@ -160,7 +161,7 @@ def _pixels(region: MeasuredRegion) -> dict[str, float]:
 
 def _measured(region: MeasuredRegion) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
-    for quantity, statistics in region.quantities.items():
+    for quantity, statistics in measured_with_ratios(region).items():
         found[quantity] = {}
         for statistic, sample in statistics.items():
             found[quantity][statistic] = sample.value

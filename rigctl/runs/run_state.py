@@ -1,6 +1,7 @@
 """Where a session stands, as far as its run folder tells."""
 
 import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,11 +15,10 @@ State = Literal["running", "holding", "waiting", "finished", "stopped", "interru
 TALLY_EVENT = "camera tally"
 """Counts of a camera's pictures, at the end of each part of a session."""
 
-# Events that come in any state.
-_SAYS_NOTHING = ("interlock", TALLY_EVENT)
 _LAST_EVENTS = 5
+_BYTES_PER_MB = 1e6
 # Remarks on the side: they tell nothing of how a session stands.
-_ASIDE = ("interlock", "camera tally", "disk is short")
+_ASIDE = ("interlock", TALLY_EVENT, "disk is short")
 _STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
 
 
@@ -37,6 +37,8 @@ class RunState:
         The process that writes into it.
     frames : int
         How many frames are durable.
+    disk_free_mb : float
+        What is free on the disk of the run [MB].
     live : dict or None
         What the session last said of itself: frames planned, remaining time, numbers per angle.
     events : tuple of dict
@@ -47,6 +49,7 @@ class RunState:
     state: State
     process: int | None
     frames: int
+    disk_free_mb: float
     live: dict[str, Any] | None
     events: tuple[dict[str, Any], ...]
 
@@ -67,6 +70,7 @@ def state_of(path: Path) -> RunState:
         state=_state(process, [str(event["event"]) for event in events]),
         process=process,
         frames=len(contents.frames),
+        disk_free_mb=shutil.disk_usage(path).free / _BYTES_PER_MB,
         live=read_status(path),
         events=tuple(events[-_LAST_EVENTS:]),
     )
@@ -90,7 +94,7 @@ def read_event_lines(path: Path) -> list[dict[str, Any]]:
 
 
 def _state(process: int | None, events: list[str]) -> State:
-    last = next((name for name in reversed(events) if name not in _SAYS_NOTHING), "")
+    last = next((name for name in reversed(events) if name not in _ASIDE), "")
     if process is not None:
         return _STATES.get(last, "running")
     if last == "finished":

@@ -10,6 +10,9 @@ from rigctl.sessions.thermometer import Thermometer
 from rigctl.sessions.trip import Trip
 from rigctl.terminal import warn
 
+# A frame has room for some remarks only; the events have all of them.
+_MOST_REMARKS = 5
+
 
 class Surroundings:
     """Looks around, and remembers what frames have to say of it.
@@ -66,7 +69,7 @@ class Surroundings:
         locks = self._guard.locks
         jump = clock_trip(self._utc.jump_s(), locks)
         for trip in self._guard.watched(filter(None, [jump])):
-            self.remarks = (*self.remarks, trip.message)
+            self.remarks = (*self.remarks, trip.message)[-_MOST_REMARKS:]
             self._guard.react(trip, cleared=lambda: False)
         self._react_while(lambda: disk_trip(self._run, locks))
         self._look_at_temperature()

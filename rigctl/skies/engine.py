@@ -3,21 +3,26 @@
 import importlib.util
 from typing import Literal
 
+from model.atmosphere.lighting.tiers import TIERS, Tier
 from rigctl.errors import ConfigError
 
 # The project's own solver, or an independent one beside it as a check.
 Engine = Literal["own", "sasktran2"]
 
 
-def require_engine(engine: Engine) -> None:
-    """Refuse a program that is not installed.
+def require_engine(engine: Engine, *, tier: Tier | None = None) -> None:
+    """Refuse a program that is not installed, or for which a tier has no work.
 
     Raises
     ------
     ConfigError
-        It is not.
+        It is so.
     """
-    if engine == "sasktran2" and importlib.util.find_spec("sasktran2") is None:
+    if engine == "own":
+        return
+    if tier is not None and TIERS[tier].settings is None:
+        raise ConfigError(f"--engine {engine}: solves the tiers fast and standard; tier '{tier}' calls no solver")
+    if importlib.util.find_spec("sasktran2") is None:
         raise ConfigError(
             "--engine sasktran2: is not installed; run pip install 'rigctl[check]', or leave --engine out"
         )

@@ -64,6 +64,7 @@ class FaultyPower:
         self._faults = faults
         self._power_down, self._power_up, self._forget = power_down, power_up, forget
         self._pictures = 0
+        self._is_for_good = False
         self._is_over = threading.Event()
         self._switch = threading.Event()
         self._thread = threading.Thread(target=self._watch_switch, name="power of a simulated camera", daemon=True)
@@ -84,6 +85,8 @@ class FaultyPower:
         if number == faults.hang:
             self._is_over.wait(faults.hang_s)
         if number in (faults.die, faults.restart):
+            # Another picture may be counted before the power goes.
+            self._is_for_good = number == faults.die
             self._switch.set()
 
     def after_picture(self) -> None:
@@ -94,9 +97,8 @@ class FaultyPower:
     def _watch_switch(self) -> None:
         while self._switch.wait() and not self._is_over.is_set():
             self._switch.clear()
-            is_for_good = self._pictures == self._faults.die
             self._power_down()
             self._pictures = 0
-            if is_for_good or self._is_over.wait(self._faults.off_s):
+            if self._is_for_good or self._is_over.wait(self._faults.off_s):
                 return
             self._power_up()

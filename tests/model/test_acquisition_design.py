@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from model.acquisition_design import Disturbances, Session, cycle_light, dolp_budget
+from model.electrons import electrons_per_radiance
 from model.frame_order import PATTERNS
 from model.moments import Moments
-from model.electrons import electrons_per_radiance
 from tests.model.sensors import sensor
 
 ANGLES = tuple(np.radians([0.0, 90.0, 45.0, 135.0]))

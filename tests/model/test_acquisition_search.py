@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.acquisition_design import Disturbances, Session, cycle_light, dolp_budget
-from model.acquisition_search import Scheme, Wanted, detection, fewest_cycles, shortest
+from model.acquisition_search import Scheme, Wanted, fewest_cycles, shortest
 from model.moments import Moments
 from tests.model.sensors import sensor
 from tests.model.test_acquisition_design import ANGLES, LIGHT, drawn_dolp
@@ -89,7 +89,7 @@ def test_fewest_cycles_for_a_detection():
     reached = found(wanted, made=made, pair=("panel", "road"))
     assert reached.p_detection >= 0.9
     assert reached.session.cycles > 1
-    fewer = detection(made, ("panel", "road"), cycles=reached.session.cycles - 1, p_false_alarm=1e-3)
+    fewer = made.detection(("panel", "road"), cycles=reached.session.cycles - 1, p_false_alarm=1e-3)
     assert fewer < 0.9
 
 
@@ -111,7 +111,7 @@ def test_probability_of_detection_is_that_of_drawn_pixels():
 
     threshold = np.quantile(statistic(background), 1.0 - p_false_alarm)
     rate = np.mean(statistic(target) > threshold)
-    predicted = detection(made, ("panel", "road"), cycles=cycles, p_false_alarm=p_false_alarm)
+    predicted = made.detection(("panel", "road"), cycles=cycles, p_false_alarm=p_false_alarm)
     # Binomial error of the rate, and of the false alarms that set the threshold (400 of them: 5 %), which at this
     # slope of the curve (below 0.2 for a factor e) moves the rate by 0.01; four of each.
     assert rate == pytest.approx(predicted, abs=4.0 * (0.5 / np.sqrt(draws) + 0.01))

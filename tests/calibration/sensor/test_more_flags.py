@@ -54,6 +54,10 @@ NEW = {
     "light_not_constant",
     "response_not_linear",
     "unsteady_lamp",
+    "banded_light",
+    "darks_brighter_than_flats",
+    "negative_dark_current",
+    "quantum_efficiency_above_one",
 }
 
 
@@ -121,6 +125,72 @@ def test_noise_that_a_line_shares_is_flagged(axis: int) -> None:
     flag = flags(levels(striped))["row_noise"]
     assert not flag.refuses
     assert f"DN by {('row', 'column')[axis]}" in flag.message
+
+
+@pytest.mark.parametrize(("depth", "refuses"), [(0.004, False), (0.02, True)])
+def test_a_lamp_that_makes_bands_on_a_rolling_shutter(depth: float, refuses: bool) -> None:
+    draws = np.random.default_rng(5)
+    phases = 2.0 * np.pi * np.arange(SHAPE[0])[:, None] / 17.0
+
+    def banded(frame: Frame) -> Frame:
+        light = 1.0 + depth * np.sin(phases + draws.uniform(0.0, 2.0 * np.pi))
+        return np.rint(60.0 + light * (frame - 60.0)).astype(np.uint16)
+
+    # 0.4 % of 1800 DN, 5 DN rms, beside 20 DN of photons: some per cent of the variance.
+    assert flags(levels(banded, kinds="flat"))["banded_light"].refuses is refuses
+
+
+def test_darks_and_flats_that_are_mixed_up_are_refused() -> None:
+    swapped = [replace(level, kind="dark" if level.kind == "flat" else "flat") for level in levels()]
+    assert flags(swapped)["darks_brighter_than_flats"].refuses
+
+
+def sweep_flags(sensor: SyntheticSensor, *, factor: float = 1.0) -> dict[str, Flag]:
+    sweep = SyntheticCamera(sensor, 23).sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S)
+    return flags([replace(level, exposure_s=factor * (level.exposure_s or 0.0)) for level in sweep])
+
+
+def test_an_absurd_dark_current_is_flagged() -> None:
+    # 2000 e-/s over 12 ms, the times read as a thousandth: 2e6 e-/s.
+    sensor = SyntheticSensor(shape=(160, 160), dark_current_e_per_s=5000.0, dsnu_e=1.0)
+    found = sweep_flags(sensor, factor=1e-3)["wrong_time_unit"]
+    assert not found.refuses
+    assert "nanoseconds" in found.message
+
+
+def test_a_dark_mean_that_falls_with_exposure_is_flagged() -> None:
+    rising = levels()
+    longest = max(EXPOSURES_S)
+    falling = [
+        replace(level, mean_dn=level.mean_dn - 20.0 * (level.exposure_s or 0.0) / longest)
+        if level.kind == "dark"
+        else level
+        for level in rising
+    ]
+    assert "negative_dark_current" in flags(falling)
+
+
+def test_more_electrons_than_photons_are_flagged() -> None:
+    stated = [
+        replace(level, photons=5e5 * (level.exposure_s or 0.0)) if level.kind == "flat" else level for level in levels()
+    ]
+    assert "quantum_efficiency_above_one" in flags(stated)
+
+
+def test_dim_flats_with_row_noise_are_not_called_filtered_or_banded() -> None:
+    draws = np.random.default_rng(6)
+    camera = SyntheticCamera(SyntheticSensor(shape=SHAPE), 24)
+
+    def striped(kind: LevelKind, light_e: float, exposure_s: float) -> LevelStatistics:
+        frames = camera.frames(2, light_e=light_e, exposure_s=exposure_s)
+        noisy = [np.rint(frame + draws.normal(0.0, 2.0, (SHAPE[0], 1))).astype(np.uint16) for frame in frames]
+        return level_statistics(noisy, kind=kind, exposure_s=exposure_s)
+
+    # 200 e- at most: 2 DN of each row's noise beside 2.5 DN of read noise and 3.5 DN of photons.
+    dim = [striped("flat", 20.0 * place, 1e-3 * place) for place in range(1, 11)]
+    found = flags([*dim, *(striped("dark", 0.0, 1e-3 * place) for place in range(1, 11))])
+    assert "row_noise" in found
+    assert not {"correlated_noise", "banded_light"} & set(found)
 
 
 def test_a_digital_gain_is_flagged() -> None:

@@ -105,7 +105,7 @@ def test_sky_at_the_horizon():
         for engine in (solve, sasktran2_solution)
     )
     # What it states of the sky at 0.06 deg in place of that at 0.
-    np.testing.assert_allclose(theirs, ours, atol=6e-3 * ours[0])
+    np.testing.assert_allclose(theirs, ours, atol=2e-2 * ours[0])
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ def run(tmp_path):
 def test_status_tells_sum_rule_dolp_and_drift_with_their_sigma(run, capsys):
     text = _said(capsys, "status", run).out
     assert "8 of 8" in text
+    assert " MB free" in text
     for what in ("(I0 + I90) / (I45 + I135)  ", "DoLP of picture  0.3", "drift of picture  ", " +/- "):
         assert what in text
 

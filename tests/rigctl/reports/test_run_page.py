@@ -1,11 +1,15 @@
 """The page on how a session went."""
 
+import pytest
+
+from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
 from rigctl.reports.run_page import run_page
 from rigctl.runs.run_folder import read_run
 from rigctl.sessions.take_session import take_session
-from tests.rigctl.sessions.made_rig import RIG_FILE, MadeWorld
+from tests.rigctl.sessions.made_rig import RIG_FILE, MadeWorld, stalled
 from tests.rigctl.sessions.test_schedule import RIG_AT_SITE, _session
+from tests.rigctl.sessions.watched_sessions import take_watched
 
 
 def _run(tmp_path, rig, schedule):
@@ -35,13 +39,18 @@ def test_it_says_how_the_light_drifted(tmp_path):
     assert "Drift within rounds: not known" in page
 
 
+def test_a_session_that_was_cut_off_in_its_first_cycle_has_no_polarization_yet(tmp_path):
+    world = MadeWorld(stage_faults={2: stalled()})
+    with pytest.raises(DeviceFaultError):
+        take_watched(world, tmp_path)
+    assert run_page(read_run(tmp_path / "run")).count("data:image/png;base64,") == 2
+
+
 def test_a_session_without_a_frame_has_its_events(tmp_path):
     world = MadeWorld()
-    session = _session({"every_min": 30, "duration_h": 1})
-    take_session(
-        RIG_FILE, session, tmp_path / "run", files={}, clock=world.time.clock, opener=world.open,
-        until_ns=world.time.clock.utc_ns() + 1,
-    )  # fmt: skip
+    world.stage.is_homed = False
+    with pytest.raises(LimitError):
+        take_watched(world, tmp_path)
     page = run_page(read_run(tmp_path / "run"))
     assert "base64" not in page
-    assert "time is up" in page
+    assert "reference mark" in page

@@ -228,6 +228,18 @@ def test_a_clock_set_back_an_hour_is_noted_and_the_frames_keep_their_order(tmp_p
     assert monotonic == sorted(monotonic)
 
 
+def test_a_clock_that_is_set_again_and_again_fills_no_header(tmp_path):
+    world = MadeWorld()
+
+    def set_on():
+        world.time.set_ns += 10 * NS
+
+    world.time.wakes.append(set_on)
+    take_watched(world, tmp_path, take={"cycles": 30})
+    assert_whole(tmp_path, frames=120)
+    assert len(read_run(tmp_path / "run").frames[-1].remarks) == 5
+
+
 def test_a_disk_that_is_nearly_full_holds_until_there_is_room(tmp_path, monkeypatch):
     world, free = MadeWorld(), iter([500, 500, 100, 100, 100, 100, *[500] * 100])
 

@@ -1,0 +1,54 @@
+"""What the figures themselves say against a calibration: numbers that no sensor has, each by its own name."""
+
+from calibration.estimate import Estimate
+from calibration.flags import Flag
+
+_SIGMA = 5.0
+# Warm cameras for visible light have tens to thousands of electrons a second.
+_ABSURD_E_PER_S = 1e5
+
+
+def figure_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
+    """Return what is odd in the figures.
+
+    Parameters
+    ----------
+    dark_current_e_per_s : Estimate or None
+        By the dark mean.
+    quantum_efficiency : Estimate or None
+        Electrons per photon, where photons are stated.
+    """
+    found = (_absurd(dark_current_e_per_s), _negative(dark_current_e_per_s), _too_efficient(quantum_efficiency))
+    return tuple(flag for flag in found if flag is not None)
+
+
+def _absurd(found: Estimate | None) -> Flag | None:
+    if found is None or found.value - _SIGMA * found.std_error < _ABSURD_E_PER_S:
+        return None
+    return Flag(
+        name="wrong_time_unit",
+        message=f"the dark current is {found.value:.3g} +- {found.std_error:.2g} e-/s (a camera for visible light has "
+        f"less than {_ABSURD_E_PER_S:g}): are the exposures stated in another unit than is wanted (a descriptor of "
+        f"EMVA 1288 wants nanoseconds), or did light reach the dark frames? Check both",
+    )
+
+
+def _negative(found: Estimate | None) -> Flag | None:
+    if found is None or found.value > -_SIGMA * found.std_error:
+        return None
+    return Flag(
+        name="negative_dark_current",
+        message=f"the dark mean falls with exposure, by {-found.value:.3g} +- {found.std_error:.2g} e-/s: the camera "
+        f"takes off more than its dark signal, its black level drifts, or exposures are mixed up; see the dark "
+        f"current by variance",
+    )
+
+
+def _too_efficient(found: Estimate | None) -> Flag | None:
+    if found is None or found.value - _SIGMA * found.std_error < 1.0:
+        return None
+    return Flag(
+        name="quantum_efficiency_above_one",
+        message=f"there are {found.value:.3g} +- {found.std_error:.2g} electrons a photon, of which there can be one "
+        f"at most: the photons are not those of one pixel and one exposure, or irradiance or pixel area are wrong",
+    )

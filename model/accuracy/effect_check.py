@@ -1,0 +1,111 @@
+"""What leaving effects out truly changes: the chain evaluated with and without them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+from model.accuracy.chain import ChainResult, evaluate, scenario_of
+from model.accuracy.light_store import LightStore
+from model.accuracy.quantities import Reading, Readings, differences, readings
+from model.accuracy.settings import Settings
+from model.effects.bound import Bound
+from model.effects.names import ALL, Effect
+from model.lit_scene import LitScene
+
+_RADIANCE = frozenset({"radiance", "s0", "s1", "s2"})
+_RATIOS = frozenset({"dolp", "dolp_pixels", "s1n", "s2n"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedEffect:
+    """An effect with what leaving it out truly changes.
+
+    Attributes
+    ----------
+    effect
+        Which.
+    bound, actual
+        Promised and found.
+    with_s, without_s
+        Time of the chain with all effects and without this one, nothing being kept from before [s].
+    """
+
+    effect: Effect
+    bound: Bound
+    actual: Bound
+    with_s: float
+    without_s: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the change is within its bound."""
+        return self.bound.holds(self.actual)
+
+
+def check_effects(
+    scene: LitScene,
+    settings: Settings,
+    bounds: dict[Effect, Bound],
+    *,
+    make_store: Callable[[], LightStore] = LightStore,
+) -> tuple[CheckedEffect, ...]:
+    """Return what leaving out each of some effects changes, one at a time.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    settings
+        Numerical settings of both evaluations.
+    bounds
+        Effects to leave out, with their bounds.
+    make_store
+        Gives an empty store of lights; every evaluation has its own, so that times can be compared.
+
+    Raises
+    ------
+    ValueError
+        A number of the scene is outside its range.
+    """
+    whole, whole_s = _evaluated(scene, settings, ALL, make_store())
+    found = []
+    for effect, bound in bounds.items():
+        without, without_s = _evaluated(scene, settings, ALL - {effect}, make_store())
+        actual = change(whole, without)
+        found.append(CheckedEffect(effect=effect, bound=bound, actual=actual, with_s=whole_s, without_s=without_s))
+    return tuple(found)
+
+
+def change(whole: Readings, without: Readings) -> Bound:
+    """Return the largest difference of each kind between two sets of readings."""
+    found = Bound()
+    for reading, apart in differences(whole, without).items():
+        found = found.worse(Bound(**{kind_of(reading): apart}))
+    return found
+
+
+def kind_of(reading: Reading) -> str:
+    """Return which number of a `Bound` speaks of a reading."""
+    if reading.quantity == "p_detection" or reading.quantity == "auc":
+        return "detection"
+    if reading.quantity in _RATIOS and reading.statistic == "mean":
+        return "ratios"
+    is_level = reading.quantity in _RADIANCE or reading.quantity.startswith("dn_")
+    if is_level and (reading.statistic == "mean" or reading.quantity == "radiance"):
+        return "radiance"
+    return "deviations"
+
+
+def readings_of(result: ChainResult, scene: LitScene, store: LightStore) -> Readings:
+    """Return all that a tolerance speaks of, of one evaluation."""
+    scenario = scenario_of(scene, result.settings, effects=result.effects, store=store)
+    return readings(scenario, result.predictions, result.detections)
+
+
+def _evaluated(
+    scene: LitScene, settings: Settings, effects: frozenset[Effect], store: LightStore
+) -> tuple[Readings, float]:
+    result = evaluate(scene, settings, effects=effects, store=store)
+    return readings_of(result, scene, store), sum(result.stage_s.values())
+
+
+KINDS = tuple(one.name for one in fields(Bound))

@@ -1,0 +1,120 @@
+"""From errors of the light to errors of what a user reads: per knob, and their sum."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.accuracy.chain import ChainResult
+from model.accuracy.knobs import DOLP, ROC, TILES
+from model.accuracy.light_error import LightError
+from model.accuracy.quantities import Reading, readings
+from model.accuracy.sensitivity import Changes, Sensitivity, changes, sensitivity
+from model.lit_scene import LitScene
+from model.scenario import RegionLight
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Budget:
+    """Estimated numerical errors of a prediction, in the units of a tolerance.
+
+    Attributes
+    ----------
+    by_knob
+        Knob to reading to error; readings that a knob does not touch are left out.
+    total
+        Reading to the sum over the knobs: all are of one kind, may have one sign, and are added as they are.
+    """
+
+    by_knob: Mapping[str, Mapping[Reading, float]]
+    total: Mapping[Reading, float]
+
+    def worst(self, knob: str) -> float:
+        """Return the largest error of a knob."""
+        return max(self.by_knob.get(knob, {}).values(), default=0.0)
+
+
+def error_budget(
+    scene: LitScene, result: ChainResult, lights: Mapping[str, Mapping[str, LightError]], *, tolerance: float
+) -> Budget:
+    """Return the estimated errors of all readings of a result.
+
+    Parameters
+    ----------
+    scene, result
+        What was evaluated, and what was found.
+    lights
+        Knob to region to the error of its light.
+    tolerance
+        That is asked for.
+
+    References
+    ----------
+    Definition: first order in the errors of the light, whose signs are not known.
+    """
+    by_knob: dict[str, dict[Reading, float]] = {knob: defaultdict(float) for knob in lights}
+    for region in result.scenario.regions:
+        if region.name not in result.lights:
+            continue
+        moves = sensitivity(scene, result, region, tolerance=tolerance)
+        for knob, errors in lights.items():
+            if region.name in errors:
+                _add(by_knob[knob], _moved(moves, errors[region.name]))
+        if region.name in lights[TILES]:
+            _add(by_knob[TILES], _widened(scene, result, region, lights[TILES][region.name]))
+    by_knob |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
+    every = readings(result.scenario, result.predictions, result.detections)
+    total = {key: sum(errors.get(key, 0.0) for errors in by_knob.values()) for key in every}
+    return Budget(by_knob={knob: dict(errors) for knob, errors in by_knob.items()}, total=total)
+
+
+def _add(errors: dict[Reading, float], more: Changes) -> None:
+    for key, error in more.items():
+        errors[key] += error
+
+
+def _moved(moves: Sensitivity, error: LightError) -> Changes:
+    """Sum of what the components move, and of what the field's spread does."""
+    found: dict[Reading, float] = defaultdict(float)
+    for change, size in zip((*moves.by_stokes, moves.by_field), (*error.stokes, error.field), strict=True):
+        if size > 0.0:
+            _add(found, {key: each * float(size) for key, each in change.items()})
+    return found
+
+
+def _widened(scene: LitScene, result: ChainResult, region: RegionLight, error: LightError) -> Changes:
+    """What a wrong covariance over the field changes."""
+    if not np.any(error.cov):
+        return {}
+    wider = RegionLight(
+        name=region.name,
+        stokes_radiance=region.stokes_radiance,
+        texture_rms=region.texture_rms,
+        texture_cov=region.texture_cov + error.cov,
+    )
+    return changes(scene, result, wider)
+
+
+def _of_dolp(result: ChainResult) -> dict[Reading, float]:
+    """What the law of DoLP says of itself."""
+    found = {}
+    for name, one in result.predictions.items():
+        numbers = one.quantities.get("dolp_pixels")
+        if numbers is None:
+            continue
+        mean, std = one.dolp_mean_error, one.dolp_std_error / numbers["std"]
+        found[Reading(name, "dolp_pixels", "mean")] = mean
+        found[Reading(name, "dolp_pixels", "std")] = std
+        found[Reading(name, "dolp_snr", "mean")] = mean / numbers["mean"] + std
+    return found
+
+
+def _of_detection(result: ChainResult) -> dict[Reading, float]:
+    found = {}
+    for pair in result.detections:
+        place = f"{pair.target} on {pair.background}"
+        for rate, error in zip(pair.p_false_alarm, pair.p_detection_error, strict=True):
+            found[Reading(place, "p_detection", f"{rate:g}")] = float(error)
+        found[Reading(place, "auc", "whole curve")] = pair.auc_error
+    return found

@@ -1,0 +1,122 @@
+"""What parts of the light, the field and the band change of a region at most."""
+
+import numpy as np
+
+from model.effects.air_bounds import depth
+from model.effects.bound import NOTHING, UNKNOWN, Disturbance
+from model.effects.bracket import RegionBracket
+from model.effects.sun_light import SunLight
+from model.falloff import cosine_fourth
+from model.lit_scene import LitScene
+
+# Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
+_POWER = 4.2
+
+
+def skylight(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+    """Return what the sky adds: the largest reflectance times all of its light (`model.effects.sun_light`)."""
+    return _added(scene, region, light.sky) if scene.source in ("total", "reflected", "reflected_sky") else NOTHING
+
+
+def path_radiance(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+    """Return what the air adds between region and camera (`model.effects.air_bounds.path_bound`)."""
+    return _added(scene, region, light.path) if scene.source in ("total", "path") else NOTHING
+
+
+def adjacency(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+    """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
+
+    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T <= (1 - b) tau / mu arrive.
+    """
+    return _added(scene, region, light.adjacency) if scene.source in ("total", "path") else NOTHING
+
+
+def field_of_view(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+    """Return the largest difference over the field from the axis, as a shift of the mean and as a spread.
+
+    Notes
+    -----
+    The beam's light is known at the axis, the middle, the edges and the corners, and may go twice as far between. The
+    reflected sky changes by at most 2 (1 / m + 4 / mu) of itself per radian, m being the rms slope, the path by
+    2 / mu + 10.
+    """
+    if light.spread == 0.0:
+        return NOTHING
+    if not (region.is_known and np.isfinite(light.spread)):
+        return UNKNOWN
+    moved = _moved(scene, region, light.spread, light.spread)
+    spread = region.to_channels(2.0 * (light.spread * region.s0_high) ** 2 * np.eye(3))
+    return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + region.spatial_share(spread))
+
+
+def wavelengths(scene: LitScene, region: RegionBracket) -> Disturbance:
+    """Return what one wavelength in the middle of the band misses of sky, path and transmittance.
+
+    Notes
+    -----
+    Light L of a depth tau ~ lambda^-4.2 changes by at most K per relative wavelength, K = 4.2 (1 + 2 tau / mu0 +
+    2 tau / mu_v), and its curvature is at most K (K + 5). The error of the middle of a band of half width d, whose
+    weight has its mean c beside the middle, is K c + K (K + 5) d^2 / 2.
+    """
+    if region.region.surface is None or scene.air is None or scene.view is None:
+        return NOTHING
+    air = scene.air
+    if air.table is not None:
+        return NOTHING
+    shortest, longest = air.band.limits_m
+    middle = 0.5 * (shortest + longest)
+    half = 0.5 * (longest - shortest) / middle
+    weight = air.band.weighted
+    mean = np.sum(np.gradient(air.band.wavelength_m) * weight * air.band.wavelength_m)
+    mean /= np.sum(np.gradient(air.band.wavelength_m) * weight)
+    slants = 1.0 / np.cos(air.sun_zenith_rad) + 1.0 / np.cos(scene.view.zenith_rad)
+    steepness = _POWER * (1.0 + 2.0 * depth(air) * slants)
+    missed = steepness * abs(mean / middle - 1.0) + 0.5 * steepness * (steepness + 5.0) * half**2
+    return _moved(scene, region, missed, missed) if np.isfinite(missed) and region.is_known else UNKNOWN
+
+
+def falloff(scene: LitScene, region: RegionBracket) -> Disturbance:
+    """Return mean and variance of cos^4 over the region's part of the field: both are closed integrals.
+
+    Notes
+    -----
+    A factor common to the Stokes vector with mean m and variance v leaves ratios of the mean alone; noise over light
+    changes by at most 1 / m^2 - 1, and v S S' is added to the covariance.
+    """
+    part = region.region.part
+    if part is None or not scene.imperfections.off_axis_falloff:
+        return NOTHING
+    if not region.is_known:
+        return UNKNOWN
+    found = cosine_fourth(part)
+    apart = region.to_channels(found.var / found.mean**2 * 2.0 * region.s0_high**2 * np.eye(3))
+    return Disturbance(factor=1.0 / found.mean - 1.0, share=found.mean**-4 - 1.0 + region.spatial_share(apart))
+
+
+def _added(scene: LitScene, region: RegionBracket, radiance: float) -> Disturbance:
+    if radiance == 0.0:
+        return NOTHING
+    if not (region.is_known and np.isfinite(radiance)):
+        return UNKNOWN
+    share = region.counts_per_radiance * radiance / region.s0_low
+    return _moved(scene, region, share, share)
+
+
+def _moved(scene: LitScene, region: RegionBracket, s0: float, polarised: float) -> Disturbance:
+    """Return a shift of the mean, with what it does to the shot noise and to the texture."""
+    noise = scene.sensor.noise
+    counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
+    variance = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * counts)
+    share = region.temporal_share(variance) if noise.shot_noise else 0.0
+    return Disturbance(s0=s0, polarised=polarised, share=share + _of_texture(scene, region, s0 + polarised))
+
+
+def _of_texture(scene: LitScene, region: RegionBracket, shift: float) -> float:
+    """Share by which texture and pattern, which go with the light, change: 2 b + b^2 of a part with amplitude b."""
+    one, noise = region.region, scene.sensor.noise
+    relative = np.sqrt(2.0) * (one.texture_rms + noise.prnu + max(one.texture_diagonal))
+    if relative == 0.0:
+        return 0.0
+    cov = region.to_channels((relative * shift * region.s0_high) ** 2 * np.eye(3))
+    amplitude = np.sqrt(region.spatial_share(cov, is_part=False))
+    return float(2.0 * amplitude + amplitude**2)

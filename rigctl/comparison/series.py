@@ -1,0 +1,166 @@
+"""Many runs of one rig, such as an afternoon: both sides against time and sun, residuals, drift, trend."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from model.processing.drift_line import DriftLine, drift_line
+from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.rows import Row, off_prediction
+from rigctl.comparison.trends import Trend, trend
+from rigctl.errors import DataError
+from rigctl.measurement.measurement import Measurement
+from rigctl.runs.run_folder import Run
+
+QUANTITIES = ("s0", "s1n", "s2n", "dolp", "aolp_deg")
+_S_PER_H = 3600.0
+_LEAST_RUNS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeriesPoint:
+    """One run of a series.
+
+    Attributes
+    ----------
+    name : str
+        Of the run folder.
+    comparison, measurement
+        Of that run.
+    start : datetime or None
+        Of its first frame.
+    sun_zenith_deg : float or None
+        As the prediction took it.
+    """
+
+    name: str
+    comparison: Comparison
+    measurement: Measurement
+    start: datetime | None
+    sun_zenith_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeriesDrift:
+    """How the residual of a quantity of a region drifts."""
+
+    region: str
+    quantity: str
+    line: DriftLine
+
+    @property
+    def z(self) -> float:
+        """Slope over its standard error."""
+        return self.line.slope / self.line.std_error
+
+
+def require_one_instrument(runs: Sequence[Run]) -> None:
+    """Refuse runs that are not of one camera as it was set, one stage, and one axis of the polarizer.
+
+    Raises
+    ------
+    DataError
+        With every run that does not belong, and in what it differs from the first.
+    """
+    first = _instrument(runs[0])
+    strangers = []
+    for run in runs[1:]:
+        own = _instrument(run)
+        wrong = [f"{what} {own[what]!r}, not {first[what]!r}" for what in first if own[what] != first[what]]
+        if wrong:
+            strangers.append(f"{run.path}: {', '.join(wrong)}")
+    if strangers:
+        raise DataError(f"these runs do not belong with {runs[0].path}: " + "; ".join(strangers))
+
+
+def hours_of(points: Sequence[SeriesPoint]) -> list[float] | None:
+    """Return the time of each run from the first [h]; None where a run does not say when it was."""
+    starts = [point.start for point in points if point.start is not None]
+    if len(starts) != len(points):
+        return None
+    return [(start - min(starts)).total_seconds() / _S_PER_H for start in starts]
+
+
+def mean_row(point: SeriesPoint, region: str, quantity: str) -> Row | None:
+    """Return the row of the mean of a quantity, if there is one."""
+    wanted = (region, quantity, "mean")
+    return next((r for r in point.comparison.rows if (r.region, r.quantity, r.statistic) == wanted), None)
+
+
+def drifts_of(points: Sequence[SeriesPoint]) -> tuple[SeriesDrift, ...]:
+    """Return how residuals drift with time, per hour; nothing with fewer than three runs or without their times.
+
+    Notes
+    -----
+    Errors are those of the measurement: those of the inputs are common to all runs, and move all residuals alike.
+    """
+    hours = hours_of(points)
+    if hours is None or len(points) < _LEAST_RUNS or np.ptp(hours) == 0.0:
+        return ()
+    found = []
+    for region, quantity, rows in _complete(points):
+        residuals = [off_prediction(row, row.measured) for row in rows]
+        errors = [row.std_error or 0.0 for row in rows]
+        if min(errors) > 0.0:
+            found.append(SeriesDrift(region=region, quantity=quantity, line=drift_line(hours, residuals, errors)))
+    return tuple(found)
+
+
+def trends_over_runs(points: Sequence[SeriesPoint]) -> tuple[Trend, ...]:
+    """Return whether the order of runs is as predicted, for each region and quantity that has an order."""
+    if len(points) < _LEAST_RUNS:
+        return ()
+    return tuple(
+        trend(
+            rows,
+            over=f"runs of {region}",
+            predicted_cov=_joint_cov(points, rows),
+            measured_cov=np.diag([(row.std_error or 0.0) ** 2 for row in rows]),
+        )
+        for region, quantity, rows in _complete(points)
+        if quantity != "aolp_deg"
+    )
+
+
+def _complete(points: Sequence[SeriesPoint]) -> Iterable[tuple[str, str, list[Row]]]:
+    """Return the quantities that every run has."""
+    for region in points[0].measurement.regions:
+        for quantity in QUANTITIES:
+            rows = [mean_row(point, region, quantity) for point in points]
+            known = [row for row in rows if row is not None]
+            if len(known) == len(points):
+                yield region, quantity, known
+
+
+def _joint_cov(points: Sequence[SeriesPoint], rows: Sequence[Row]) -> Any:
+    """Return the covariance of one prediction over the runs: the same inputs are off in all of them."""
+    names = list(dict.fromkeys(n for p in points if p.comparison.inputs is not None for n in p.comparison.inputs.names))
+    effects = np.zeros((len(points), len(names)))
+    for k, (point, row) in enumerate(zip(points, rows, strict=True)):
+        inputs, propagation = point.comparison.inputs, point.comparison.propagation
+        if inputs is None or propagation is None:
+            continue
+        place = point.comparison.rows.index(row)
+        for name, effect in zip(inputs.names, propagation.effects[place], strict=True):
+            effects[k, names.index(name)] = effect
+    return effects @ effects.T
+
+
+def _instrument(run: Run) -> Mapping[str, object]:
+    scene = next((record for record in run.frames if record.kind == "scene"), None)
+    if scene is None:
+        raise DataError(f"{run.path}: holds no scene frames")
+    polarizer = (run.session.get("rig") or {}).get("polarizer") or {}
+    return {
+        "camera": (scene.camera_model, scene.camera_serial),
+        "gain [dB]": scene.gain_db,
+        "bit depth": scene.bit_depth,
+        "picture": (scene.width, scene.height),
+        "stage": (scene.stage_model, scene.stage_serial),
+        "polarizer sense": polarizer.get("sense"),
+        "polarizer offset [deg]": polarizer.get("offset_deg"),
+        "extinction ratio": polarizer.get("extinction_ratio"),
+    }

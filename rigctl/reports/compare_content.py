@@ -1,0 +1,243 @@
+"""What the report of a comparison says, section by section."""
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.explanation import Explanation
+from rigctl.files.regions import Region
+from rigctl.measurement.measurement import Measurement
+from rigctl.reports import budget_figure, compare_tables, figures
+from rigctl.reports.blocks import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.tables_json import STATISTICS
+
+# So many disagreements are shown at the head of the report; all stand in its tables.
+_SHOWN_DISAGREEMENTS = 12
+_DEG_PER_RAD = 57.29577951308232
+_SOURCE = (
+    "Model ([MK14]: Meng & Kerekes, IEEE TGRS 2014, doi:10.1109/TGRS.2014.2299272) beside measurement. {kind} "
+    "comparison. {origin}"
+)
+_SIMULATED = "The frames are simulated; the numbers of the simulated sensor and scene are assumed."
+
+
+def compare_report(
+    comparison: Comparison,
+    measurement: Measurement,
+    regions: list[Region],
+    *,
+    title: str,
+    provenance: dict[str, Any],
+    effects: Table | None = None,
+) -> Report:
+    """Return the report of a comparison.
+
+    Parameters
+    ----------
+    comparison, measurement
+        What to report.
+    regions : list of Region
+        Drawn on the pictures.
+    title : str
+        Heading.
+    provenance : dict
+        Files, hashes, devices and versions that the numbers rest on, as JSON can hold them.
+    effects : Table or None
+        Which effects the prediction took and which it skipped, with the reason.
+    """
+    simulated = measurement.run.session.get("origin") == "simulated"
+    return Report(
+        title=title,
+        source=_SOURCE.format(kind=comparison.kind.capitalize(), origin=_SIMULATED if simulated else ""),
+        good=comparison.agrees,
+        verdict=verdict(comparison),
+        reasons=tuple(_reasons(comparison)),
+        sections=[
+            *_first(comparison, measurement),
+            *_explained(comparison.explanation),
+            *_figures(comparison, measurement, regions),
+            *_uncertainty(comparison),
+            *([] if effects is None else [Section(title="Effects taken and skipped", blocks=(effects,))]),
+            Section(title="The run by itself", blocks=(compare_tables.check_table(comparison.checks),)),
+            *_strength(comparison),
+            *_numbers(comparison, measurement),
+            *_limits(comparison),
+            *_sources(measurement, provenance),
+        ],
+    )
+
+
+def verdict(comparison: Comparison) -> str:
+    """Return the verdict in a sentence."""
+    if not any(row.agrees is not None for row in comparison.rows):
+        return "Nothing was tested."
+    return "Model and measurement agree." if comparison.agrees else "Model and measurement disagree."
+
+
+def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
+    tests = sum(row.agrees is not None for row in comparison.rows)
+    alpha = f"{comparison.alpha:g}"
+    rule = (
+        f"{tests} numbers were tested; {len(comparison.disagreements)} disagree. Holm's rule at alpha = {alpha}: if "
+        f"all agree in truth, the chance that any one is called a disagreement is at most {alpha}."
+    )
+    yield "", rule
+    for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
+        yield f"Points to {cause}:", advice
+    if comparison.explanation is not None and not comparison.agrees:
+        yield "What would explain it:", comparison.explanation.remark + "."
+    for check in comparison.flags:
+        yield f"Flagged: {check.name}:", check.text
+
+
+def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
+    yield Section(title="In short", blocks=(compare_tables.summary_table(comparison, measurement),))
+    if comparison.disagreements:
+        worst = list(compare_tables.disagreeing(comparison, _SHOWN_DISAGREEMENTS))
+        text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
+        table = compare_tables.row_table(worst, with_region=True)
+        yield Section(title="What disagrees", blocks=(table, Paragraph(text=text)))
+    if comparison.trends:
+        note = Paragraph(
+            text="Order of numbers, whatever their scale. A pair is known where it differs by more than two standard "
+            "errors on both sides; the trend is predicted where every known pair is in order. The chance is that of so "
+            "good an order by accident: few numbers make weak evidence."
+        )
+        yield Section(title="Trends", blocks=(compare_tables.trend_table(comparison.trends), note))
+
+
+def _explained(explanation: Explanation | None) -> Iterable[Section]:
+    if explanation is None:
+        return
+    all_of_it = (
+        f"chi-square of the residuals {explanation.chi_square:.1f} with {explanation.degrees_of_freedom} degrees of "
+        f"freedom, p = {explanation.p_value:.2g}, in the errors of measurement and inputs together"
+    )
+    method = Paragraph(
+        text=f"{explanation.remark[:1].upper()}{explanation.remark[1:]} ({all_of_it}). For each input alone: how far "
+        "it would have to move, in its own standard uncertainties, to remove what it can of the residuals; the score, "
+        "standard normal where nothing is wrong; the chance of what is left; the share of its stated variance that "
+        "these data resolve; and the inputs that they cannot tell from it were it off by five standard uncertainties."
+    )
+    blocks: tuple[Any, ...] = (method,)
+    if explanation.moves:
+        blocks += (compare_tables.move_table(explanation),)
+    if explanation.unseen:
+        blocks += (Paragraph(text="The data say nothing of: " + ", ".join(explanation.unseen) + "."),)
+    yield Section(title="What would explain the residuals", blocks=blocks)
+    fitted = Paragraph(
+        text="FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
+        "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
+    )
+    yield Section(
+        title="Inputs fitted to this run", blocks=(fitted, compare_tables.fitted_table(explanation)), folded=True
+    )
+
+
+def _figures(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Iterable[Section]:
+    pictures = Picture(
+        png=figures.scene_pictures(measurement, regions),
+        caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
+    )
+    yield Section(title="Pictures", blocks=(pictures,))
+    if any(row.z is not None for row in comparison.rows):
+        scores = Picture(
+            png=figures.scores(comparison),
+            caption="Each tested number of a region: difference over the standard error of both sides. Numbers of one "
+            "region share pixels and inputs and are not independent.",
+        )
+        yield Section(title="Standard scores", blocks=(scores,))
+    bars = Picture(
+        png=figures.channel_bars(comparison.rows, unit=measurement.grid.unit),
+        caption="Mean and deviation of the counts behind each polarizer angle (compare [MK14] Fig. 7). Error bars: one "
+        "standard error of both sides.",
+    )
+    yield Section(title="Counts by channel", blocks=(bars,))
+    laws = Picture(
+        png=figures.histograms(measurement, comparison.predictions),
+        caption="Pixels of one cycle, and the exact laws that the model predicts (compare [MK14] Fig. 8).",
+    )
+    yield Section(title="Histograms", blocks=(laws,))
+
+
+def _uncertainty(comparison: Comparison) -> Iterable[Section]:
+    known = [found for found in comparison.budgets if found.parts]
+    if not known:
+        return
+    picture = Picture(
+        png=budget_figure.budget_bars(known),
+        caption="Standard uncertainty of each region's mean by cause, to first order; the bar on top is all of them "
+        "together. S0 as a share of itself.",
+    )
+    yield Section(
+        title="Uncertainty budget",
+        blocks=(picture, Paragraph(text="Of DoLP, in numbers:"), compare_tables.budget_table(known, "dolp")),
+    )
+
+
+def _strength(comparison: Comparison) -> Iterable[Section]:
+    strength = Paragraph(
+        text="By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; how mean and deviation "
+        "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
+        "light of this intensity would show by temporal noise."
+    )
+    blocks: tuple[Any, ...] = (strength, compare_tables.strength_table(comparison))
+    detection = compare_tables.detection_table(comparison)
+    if detection.rows:
+        text = (
+            "Probability of detection by RX on Stokes parameters ([MK14] eq. 30), exact law, at a probability of false "
+            "alarm of:"
+        )
+        blocks += (Paragraph(text=text), detection)
+    yield Section(title="Strength of polarization, and detection", blocks=blocks)
+
+
+def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
+    meanings = "; ".join(f"{name}: {text}" for name, text in STATISTICS.items())
+    yield Section(
+        title="All numbers",
+        blocks=(
+            Paragraph(
+                text=f"Counts and Stokes parameters in {measurement.grid.unit}, dark level taken off. ratio_ANGLE: "
+                f"counts behind an angle over the mean of all. Deviations: {meanings}. Rows without a verdict are no "
+                "tests: their prediction was made from this very number."
+            ),
+        ),
+    )
+    for name in measurement.regions:
+        rows = [row for row in comparison.rows if row.region == name]
+        yield Section(title=f"Numbers of {name}", blocks=(compare_tables.row_table(rows),), folded=True)
+
+
+def _limits(comparison: Comparison) -> Iterable[Section]:
+    yield Section(title="What this does not test", blocks=(Bullets(items=comparison.not_tested),))
+    if comparison.remarks:
+        yield Section(title="Assumed, overruled, left out", blocks=(Bullets(items=comparison.remarks),))
+
+
+def _sources(measurement: Measurement, provenance: dict[str, Any]) -> Iterable[Section]:
+    rows = tuple(_facts(measurement).items())
+    yield Section(
+        title="Where it comes from", blocks=(Table(header=("what", "which"), rows=rows, left=(0, 1), wide=1),)
+    )
+    yield Section(title="Provenance in full", blocks=(Verbatim(text=json.dumps(provenance, indent=2)),), folded=True)
+
+
+def _facts(measurement: Measurement) -> dict[str, str]:
+    grid, first = measurement.grid, measurement.grid.records[0][0]
+    exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
+    return {
+        "run": str(measurement.run.path),
+        "frames come from": str(measurement.run.session.get("origin", "not said")),
+        "camera": f"{first.camera_model or 'not known'}, serial number {first.camera_serial or 'not known'}",
+        "stage": f"{first.stage_model or 'not known'}, serial number {first.stage_serial or 'not known'}",
+        "polarizer angles, measured [deg]": ", ".join(f"{a * _DEG_PER_RAD:.3f}" for a in grid.polarizer_angles_rad),
+        "extinction ratio of the polarizer": f"{measurement.extinction_ratio:g}",
+        "cycles": str(grid.cycles),
+        "exposure [ms]": exposures,
+        "dark level": measurement.dark_level.source,
+        "saturated pixels in the picture": str(int(measurement.saturated.sum())),
+        "missing pixels in the picture": str(int(measurement.missing.sum())),
+        "first frame": first.start_utc or "not known",
+    }

@@ -1,0 +1,282 @@
+"""Many runs beside one scene: from their files to one table, one report, and a report of each."""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rigctl.comparison.run_geometry import scene_of_run
+from rigctl.comparison.scene_numbers import light_numbers
+from rigctl.comparison.series import (
+    QUANTITIES,
+    SeriesDrift,
+    SeriesPoint,
+    drifts_of,
+    hours_of,
+    mean_row,
+    require_one_instrument,
+    trends_over_runs,
+)
+from rigctl.comparison.trends import Trend
+from rigctl.config import sha256_of
+from rigctl.durable_file import write_durably
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import load_scene
+from rigctl.measurement.measurement import Measurement
+from rigctl.reports import compare_tables, series_figure
+from rigctl.reports.blocks import NOTHING, Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.compare_run import ComparedRun, compare_run
+from rigctl.reports.number_text import signed, to_digits
+from rigctl.reports.pdf import pdf
+from rigctl.reports.report import render
+from rigctl.reports.rows_csv import rows_csv
+from rigctl.reports.tables_json import SCHEMA_VERSION
+from rigctl.runs.run_folder import read_run
+
+# Of a drift that is worth a word, in standard errors.
+_DRIFTS = 4.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedSeries:
+    """Many runs beside one scene."""
+
+    runs: tuple[ComparedRun, ...]
+    points: tuple[SeriesPoint, ...]
+    drifts: tuple[SeriesDrift, ...]
+    trends: tuple[Trend, ...]
+    alpha: float
+    scene: dict[str, str]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every run agrees."""
+        return all(point.comparison.agrees for point in self.points)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of series.json."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "agrees": self.agrees,
+            "alpha": self.alpha,
+            "scene": self.scene,
+            "runs": [_point_json(point) for point in self.points],
+            "drifts": [
+                {"region": d.region, "quantity": d.quantity, "z": d.z, "per_hour": asdict(d.line)} for d in self.drifts
+            ],
+            "trends": [
+                {"quantity": t.quantity, "over": t.over, "predicted": t.predicted} | asdict(t.order)
+                for t in self.trends
+            ],
+            "provenance": [run.provenance for run in self.runs],
+        }
+
+    def write(self, out: Path) -> None:
+        """Write series.json, series.csv, series.html and series.pdf, and the files of each run in a folder of its name."""
+        out.mkdir(parents=True, exist_ok=True)
+        for point, run in zip(self.points, self.runs, strict=True):
+            run.write(out / point.name)
+        content = json.dumps(self.as_json(), indent=2, allow_nan=False) + "\n"
+        write_durably(out / "series.json", content.encode())
+        rows = [row for point in self.points for row in point.comparison.rows]
+        facts = [_facts(point) for point in self.points for _ in point.comparison.rows]
+        write_durably(out / "series.csv", rows_csv(rows, facts).encode())
+        report = series_report(self)
+        write_durably(out / "series.html", render(report).encode())
+        write_durably(out / "series.pdf", pdf(report))
+
+
+def compare_series(run_paths: Sequence[Path], *, scene_path: Path, alpha: float, **options: Any) -> ComparedSeries:
+    """Return many runs beside one scene.
+
+    Parameters
+    ----------
+    run_paths : sequence of Path
+        Run folders, two or more of different names.
+    scene_path : Path
+        Scene file; each run has its own sun.
+    alpha : float
+        Chance of any false disagreement over all runs.
+    options
+        As `compare_run` takes them.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, a run is unfit, or does not belong with the others.
+    """
+    names = [path.resolve().name for path in run_paths]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"run folders of a series need different names; found {', '.join(names)}")
+    require_one_instrument([read_run(path) for path in run_paths])
+    scene = load_scene(scene_path)
+    runs = [
+        compare_run(path, scene_path=scene_path, alpha=alpha / len(run_paths), **({"regions_path": None} | options))
+        for path in run_paths
+    ]
+    points = tuple(_point(name, run, scene) for name, run in zip(names, runs, strict=True))
+    return ComparedSeries(
+        runs=tuple(runs),
+        points=points,
+        drifts=drifts_of(points),
+        trends=trends_over_runs(points),
+        alpha=alpha,
+        scene={"path": str(scene_path), "sha256": sha256_of(scene_path)},
+    )
+
+
+def series_report(series: ComparedSeries) -> Report:
+    """Return what the report of many runs says."""
+    points = series.points
+    off = [point for point in points if not point.comparison.agrees]
+    drifting = [d for d in series.drifts if abs(d.z) > _DRIFTS]
+    reasons = [
+        ("", f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together."),
+        *(("Disagrees:", f"{point.name}: {_why(point)}") for point in off),
+        *(
+            ("Drifts:", f"{d.quantity} of {d.region} against its prediction, by {d.line.slope:+.3g} an hour ({d.z:+.1f})")
+            for d in drifting
+        ),
+    ]
+    return Report(
+        title=f"{len(points)} runs beside the model",
+        source="Each run with its own sun, time and exposure, and one scene file for all.",
+        good=series.agrees,
+        verdict="Model and measurement agree." if series.agrees else "Model and measurement disagree.",
+        reasons=tuple(reasons),
+        sections=[
+            *_figures(points),
+            Section(title="All runs", blocks=(_table(points),)),
+            *_drift_sections(series),
+            Section(title="What this does not test", blocks=(Bullets(items=_not_tested(points)),)),
+            Section(
+                title="Provenance in full",
+                blocks=(Verbatim(text=json.dumps([run.provenance["files"] for run in series.runs], indent=2)),),
+                folded=True,
+            ),
+        ],
+    )
+
+
+def _point(name: str, run: ComparedRun, scene: Any) -> SeriesPoint:
+    first = run.measurement.grid.records[0][0].start_utc
+    return SeriesPoint(
+        name=name,
+        comparison=run.comparison,
+        measurement=run.measurement,
+        start=None if first is None else datetime.fromisoformat(first),
+        sun_zenith_deg=_sun_zenith_deg(run.measurement, scene),
+    )
+
+
+def _sun_zenith_deg(measurement: Measurement, scene: Any) -> float | None:
+    frames = [record for cycle in measurement.grid.records for record in cycle]
+    changed, _ = scene_of_run(scene, measurement.run, frames)
+    sun = light_numbers(changed).get("sun.zenith_deg")
+    return None if sun is None else sun.value
+
+
+def _why(point: SeriesPoint) -> str:
+    comparison = point.comparison
+    text = f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.diagnosis.points_to) or 'no cause'}"
+    return text if comparison.explanation is None else f"{text}; {comparison.explanation.remark}"
+
+
+def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:
+    hours = hours_of(points)
+    zeniths = [point.sun_zenith_deg for point in points if point.sun_zenith_deg is not None]
+    axes: list[tuple[str, list[float], str]] = []
+    if hours is None:
+        axes.append(("order", [float(k) for k in range(1, len(points) + 1)], "run, as given"))
+    else:
+        axes.append(("time", hours, "time from the first run [h]"))
+    if len(zeniths) == len(points) and len(set(zeniths)) > 1:
+        axes.append(("sun", zeniths, "sun from the zenith [deg]"))
+    for name, at, label in axes:
+        pictures = tuple(
+            Picture(
+                png=series_figure.series_figure(
+                    points, at, region=region, quantities=QUANTITIES, label=label, unit=points[0].measurement.grid.unit
+                ),
+                caption=f"{region}, both sides and residuals against the {name}; bars of residuals: both errors.",
+            )
+            for region in points[0].measurement.regions
+        )
+        yield Section(title=f"Against the {name}", blocks=pictures)
+
+
+def _table(points: Sequence[SeriesPoint]) -> Table:
+    rows, off = [], []
+    for point in points:
+        for region in point.measurement.regions:
+            for quantity in QUANTITIES:
+                row = mean_row(point, region, quantity)
+                if row is not None:
+                    error = ((row.std_error or 0.0) ** 2 + (row.std_error_inputs or 0.0) ** 2) ** 0.5
+                    when = NOTHING if point.start is None else point.start.strftime("%Y-%m-%d %H:%M")
+                    sun = NOTHING if point.sun_zenith_deg is None else f"{point.sun_zenith_deg:.1f}"
+                    numbers = (to_digits(row.predicted, error), to_digits(row.measured, error))
+                    rows.append((point.name, when, sun, region, quantity, *numbers, f"{error:.1e}", signed(row.z)))
+                    off.append(row.agrees is False)
+    return Table(
+        header=("run", "first frame", "sun zenith", "region", "quantity", "predicted", "measured", "error", "z, both"),
+        rows=tuple(rows),
+        off=tuple(off),
+        left=(0, 1, 3, 4),
+    )
+
+
+def _drift_sections(series: ComparedSeries) -> Iterable[Section]:
+    if series.drifts:
+        note = Paragraph(
+            text="Straight line through measured less predicted, weighted by the errors of the measurement. Errors of "
+            "the inputs are common to all runs and no reason for a drift, unless they change with the sun."
+        )
+        table = Table(
+            header=("region", "quantity", "drift an hour", "its error", "z", "chi-square left"),
+            rows=tuple(
+                (
+                    d.region,
+                    d.quantity,
+                    f"{d.line.slope:+.3g}",
+                    f"{d.line.std_error:.2g}",
+                    signed(d.z),
+                    f"{d.line.chi_square:.1f} / {d.line.degrees_of_freedom}",
+                )
+                for d in series.drifts
+            ),
+            off=tuple(abs(d.z) > _DRIFTS for d in series.drifts),
+            left=(0, 1),
+        )
+        yield Section(title="Drift of the residuals", blocks=(table, note))
+    if series.trends:
+        yield Section(title="Trends", blocks=(compare_tables.trend_table(series.trends),))
+
+
+def _not_tested(points: Sequence[SeriesPoint]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(text for point in points for text in point.comparison.not_tested))
+
+
+def _facts(point: SeriesPoint) -> dict[str, Any]:
+    start = None if point.start is None else point.start.isoformat()
+    return {"run": point.name, "first_frame_utc": start, "sun_zenith_deg": point.sun_zenith_deg}
+
+
+def _point_json(point: SeriesPoint) -> dict[str, Any]:
+    comparison = point.comparison
+    return _facts(point) | {
+        "agrees": comparison.agrees,
+        "disagreements": len(comparison.disagreements),
+        "points_to": list(comparison.diagnosis.points_to),
+        "explanation": None if comparison.explanation is None else comparison.explanation.remark,
+        "means": {
+            region: {
+                quantity: asdict(row)
+                for quantity in QUANTITIES
+                if (row := mean_row(point, region, quantity)) is not None
+            }
+            for region in point.measurement.regions
+        },
+    }

@@ -1,0 +1,16 @@
+"""Numbers as text in a report."""
+
+from rigctl.reports.blocks import NOTHING
+
+
+def to_digits(value: float, error: float) -> str:
+    """Return a number to two digits of its error, or to four digits where there is none."""
+    if error == 0.0:
+        return f"{value:.4g}"
+    exponent = int(f"{error:.1e}".partition("e")[2])
+    return f"{value:.{max(0, 1 - exponent)}f}"
+
+
+def signed(score: float | None) -> str:
+    """Return a standard score."""
+    return NOTHING if score is None else f"{score:+.2f}"

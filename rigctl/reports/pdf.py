@@ -1,0 +1,185 @@
+"""A report as PDF, by reportlab, the same bytes for the same report."""
+
+import io
+from collections.abc import Callable, Iterable
+from typing import Any
+from xml.sax.saxutils import escape
+
+from reportlab.lib import colors
+from reportlab.lib.pagesizes import A4
+from reportlab.lib.styles import ParagraphStyle
+from reportlab.lib.units import mm
+from reportlab.lib.utils import ImageReader
+from reportlab.pdfbase.pdfmetrics import stringWidth
+from reportlab.platypus import Image, KeepTogether, Preformatted, SimpleDocTemplate, Spacer
+from reportlab.platypus import Paragraph as Text
+from reportlab.platypus import Table as Grid
+
+from rigctl.reports.blocks import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+
+_MARGIN = 17 * mm
+_WIDTH = A4[0] - 2 * _MARGIN
+_HEIGHT = A4[1] - 2 * _MARGIN - 12 * mm
+# In print a provenance longer than this says no more than its JSON file does.
+_VERBATIM_LINES, _VERBATIM_COLUMNS = 120, 118
+_TABLE_POINTS, _LEAST_POINTS = 7.0, 4.6
+_BLUE, _ORANGE, _PALE = colors.HexColor("#0072b2"), colors.HexColor("#d55e00"), colors.HexColor("#fbe9df")
+# The standard fonts of PDF have these only.
+_TRANSLATED = str.maketrans({"–": "-", "−": "-", "±": "±"})
+
+_BODY = ParagraphStyle("body", fontName="Helvetica", fontSize=8.5, leading=11.5, spaceAfter=4)
+_CELL = ParagraphStyle("cell", fontName="Helvetica", fontSize=_TABLE_POINTS, leading=_TABLE_POINTS + 1.5)
+_CAPTION = ParagraphStyle("caption", parent=_BODY, fontSize=7.5, leading=9.5, textColor=colors.HexColor("#444444"))
+_TITLE = ParagraphStyle("title", fontName="Helvetica-Bold", fontSize=15, leading=19, spaceAfter=3)
+_HEADING = ParagraphStyle("heading", fontName="Helvetica-Bold", fontSize=11, leading=14, spaceBefore=9, spaceAfter=4)
+_CODE = ParagraphStyle("code", fontName="Courier", fontSize=6, leading=7.2)
+
+
+def pdf(report: Report) -> bytes:
+    """Return the report as the bytes of a PDF file.
+
+    Notes
+    -----
+    Without a date and with fixed identifiers: the same report gives the same bytes.
+    """
+    buffer = io.BytesIO()
+    document = SimpleDocTemplate(
+        buffer,
+        pagesize=A4,
+        leftMargin=_MARGIN,
+        rightMargin=_MARGIN,
+        topMargin=_MARGIN,
+        bottomMargin=_MARGIN,
+        title=_plain(report.title),
+        author="rigctl",
+        invariant=1,
+    )
+    document.build(list(_flow(report)), onFirstPage=_page_number, onLaterPages=_page_number)
+    return buffer.getvalue()
+
+
+def _flow(report: Report) -> Iterable[Any]:
+    yield Text(_safe(report.title), _TITLE)
+    yield Text(_safe(report.source), _CAPTION)
+    yield Spacer(1, 4)
+    yield _verdict(report)
+    for section in report.sections:
+        yield from _section(section)
+
+
+def _verdict(report: Report) -> Grid:
+    lines = [Text(f"<b>{_safe(report.verdict)}</b>", ParagraphStyle("v", parent=_BODY, fontSize=11, leading=14))]
+    lines += [Text((f"<b>{_safe(word)}</b> " if word else "") + _safe(text), _BODY) for word, text in report.reasons]
+    style = [
+        ("BACKGROUND", (0, 0), (-1, -1), colors.HexColor("#f4f6f8")),
+        ("LINEBEFORE", (0, 0), (0, -1), 4, _BLUE if report.good else _ORANGE),
+        ("LEFTPADDING", (0, 0), (-1, -1), 9),
+    ]
+    return Grid([[line] for line in lines], colWidths=[_WIDTH], style=style)
+
+
+def _section(section: Section) -> Iterable[Any]:
+    heading = Text(_safe(section.title), _HEADING)
+    for place, block in enumerate(section.blocks):
+        drawn = _DRAWN[type(block)](block)
+        # A heading stays with what stands under it, a picture with its caption; a table may be longer than a page.
+        if isinstance(block, Table | Verbatim):
+            heading.keepWithNext = place == 0
+            yield from [heading, *drawn] if place == 0 else drawn
+        else:
+            yield KeepTogether([heading, *drawn] if place == 0 else drawn)
+
+
+def _paragraph(block: Paragraph) -> list[Any]:
+    return [Text(_safe(block.text), _BODY)]
+
+
+def _bullets(block: Bullets) -> list[Any]:
+    return [Text(_safe(text), _BODY, bulletText="-") for text in block.items]
+
+
+def _picture(block: Picture) -> list[Any]:
+    width, height = ImageReader(io.BytesIO(block.png)).getSize()
+    scale = min(_WIDTH / width, 0.8 * _HEIGHT / height)
+    image = Image(io.BytesIO(block.png), width=scale * width, height=scale * height)
+    return [image, Text(_safe(block.caption), _CAPTION)]
+
+
+def _verbatim(block: Verbatim) -> list[Any]:
+    lines = _plain(block.text).splitlines()
+    shown = [line[:_VERBATIM_COLUMNS] for line in lines[:_VERBATIM_LINES]]
+    if len(lines) > len(shown):
+        shown.append(f"... {len(lines) - len(shown)} more lines in comparison.json")
+    return [Preformatted("\n".join(shown), _CODE)]
+
+
+def _table(block: Table) -> list[Any]:
+    if not block.rows:
+        return []
+    points, widths = _fitted(block)
+    cell = ParagraphStyle("fitted", parent=_CELL, fontSize=points, leading=points + 1.5)
+    bold = ParagraphStyle("header", parent=cell, fontName="Helvetica-Bold")
+    right, bold_right = (ParagraphStyle(f"{s.name}-right", parent=s, alignment=2) for s in (cell, bold))
+    grid = [
+        [Text(_safe(text), bold if k in block.left else bold_right) for k, text in enumerate(block.header)],
+        *([Text(_safe(text), cell if k in block.left else right) for k, text in enumerate(row)] for row in block.rows),
+    ]
+    style: list[Any] = [
+        ("LINEBELOW", (0, 0), (-1, 0), 0.6, colors.grey),
+        ("LINEBELOW", (0, 1), (-1, -1), 0.2, colors.lightgrey),
+        ("VALIGN", (0, 0), (-1, -1), "TOP"),
+        *((side, (0, 0), (-1, -1), 2) for side in ("LEFTPADDING", "RIGHTPADDING")),
+        *((side, (0, 0), (-1, -1), 1) for side in ("TOPPADDING", "BOTTOMPADDING")),
+        *(("BACKGROUND", (0, k + 1), (-1, k + 1), _PALE) for k in range(len(block.rows)) if block.is_off(k)),
+    ]
+    return [Grid(grid, colWidths=widths, style=style, repeatRows=1, hAlign="LEFT"), Spacer(1, 4)]
+
+
+def _fitted(block: Table) -> tuple[float, list[float]]:
+    """Return size of the type and widths of the columns, so that a table fits the page."""
+
+    def natural(points: float) -> list[float]:
+        found = []
+        for k, name in enumerate(block.header):
+            # A header breaks between words; cells do not, but for the wide column.
+            longest = max(stringWidth(word, "Helvetica-Bold", points) for word in _plain(name).split())
+            cells = [stringWidth(_plain(row[k]), "Helvetica", points) for row in block.rows]
+            found.append(max(longest, *cells) + 5.5)
+        return found
+
+    points = _TABLE_POINTS
+    widths = natural(points)
+    if block.wide is None:
+        while sum(widths) > _WIDTH and points > _LEAST_POINTS:
+            points -= 0.2
+            widths = natural(points)
+        scale = min(1.0, _WIDTH / sum(widths))
+        return points, [scale * width for width in widths]
+    others = sum(width for k, width in enumerate(widths) if k != block.wide)
+    widths[block.wide] = max(_WIDTH - others, 0.25 * _WIDTH)
+    scale = min(1.0, _WIDTH / sum(widths))
+    return points, [scale * width for width in widths]
+
+
+_DRAWN: dict[type, Callable[[Any], list[Any]]] = {
+    Paragraph: _paragraph,
+    Bullets: _bullets,
+    Picture: _picture,
+    Verbatim: _verbatim,
+    Table: _table,
+}
+
+
+def _page_number(canvas: Any, document: Any) -> None:
+    canvas.saveState()
+    canvas.setFont("Helvetica", 7)
+    canvas.drawRightString(A4[0] - _MARGIN, 10 * mm, f"page {document.page}")
+    canvas.restoreState()
+
+
+def _plain(text: str) -> str:
+    return text.translate(_TRANSLATED)
+
+
+def _safe(text: str) -> str:
+    return escape(_plain(text))

@@ -1,0 +1,215 @@
+"""Frames divided by flat fields: a sensor with uneven pixels, and dust that sits at another place at each angle."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.polarimeter.flat_field import flat_field
+from model.channels import ChannelMoments
+from model.prediction import as_processed
+from model.scenario import Readout
+from rigctl.cli import EXIT_DATA, main
+from rigctl.errors import DataError
+from rigctl.files.regions import Rectangle, Region
+from rigctl.measurement.flat_division import flat_remarks
+from rigctl.measurement.measurement import Measurement, measure
+from rigctl.polarimeter.flat_file import read_fitting_flats
+from rigctl.runs.run_folder import Run
+from tests.rigctl.made_runs import at, make_run
+
+FloatArray = NDArray[np.float64]
+
+SIZE = (100, 120)
+ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+PASSED = (1.0, 0.99, 1.01, 1.0)
+GAIN, BLACK_DN, PRNU, DUST = 0.25, 64.0, 0.03, 0.05
+FLAT_E, SCENE_E, FLATS, CYCLES = 10_000.0, 4000.0, 8, 4
+REGION = Region(name="a", rectangle=Rectangle(x=5, y=5, width=110, height=90))
+
+
+def responses() -> FloatArray:
+    draws = np.random.default_rng(3)
+    response = np.repeat((1.0 + PRNU * draws.standard_normal(SIZE))[None], 4, axis=0)
+    for k in range(4):
+        response[k, 20 + 15 * k : 30 + 15 * k, 30:60] -= DUST
+    response[:, 50, 60] = 0.02
+    return response
+
+
+def frame(electrons: FloatArray, draws: np.random.Generator) -> FloatArray:
+    return np.rint(BLACK_DN + GAIN * draws.poisson(electrons))
+
+
+def flats_run(path: Path, *, dark: bool = True) -> Run:
+    draws = np.random.default_rng(1)
+    frames = [
+        (
+            at(angle, kind="flat", exposure_s=0.01, black_level_dn=None, stage_serial="7"),
+            frame(FLAT_E * passed * response, draws),
+        )
+        for response, angle, passed in zip(responses(), ANGLES_DEG, PASSED, strict=True)
+        for _ in range(FLATS)
+    ]
+    darks = [({"kind": "dark", "exposure_s": 0.01}, np.full(SIZE, BLACK_DN))] * (2 if dark else 0)
+    return make_run(path, [*frames, *darks])
+
+
+def scene_run(path: Path, *, angles_deg: tuple[float, ...] = ANGLES_DEG, **facts: Any) -> Run:
+    draws = np.random.default_rng(2)
+    known = {"exposure_s": 0.01, "black_level_dn": BLACK_DN} | facts
+    return make_run(
+        path,
+        [
+            (at(angle, cycle=cycle, **known), frame(SCENE_E * response, draws))
+            for cycle in range(CYCLES)
+            for response, angle in zip(responses(), angles_deg, strict=True)
+        ],
+    )
+
+
+@pytest.fixture(scope="module")
+def flat_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("flats")
+    run, out = flats_run(folder / "flats"), folder / "flat.npz"
+    assert main(["calibrate", "flat", str(run.path), "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def divided(flat_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Measurement:
+    run = scene_run(tmp_path_factory.mktemp("scene") / "run")
+    flats, _ = read_fitting_flats(flat_file, run)
+    return measure(run, regions=[REGION], flats=flats)
+
+
+def test_the_numbers_of_a_flat_are_found(flat_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with np.load(flat_file) as kept:
+        facts = json.loads(kept["facts"].tobytes())
+    for row, passed in zip(facts["angles"], PASSED, strict=True):
+        assert row["frames"] == FLATS
+        # 8 frames of 12 000 pixels of 10 000 e-, and the error from 8 means is itself good to a quarter.
+        assert abs(row["throughput"]["value"] - passed) < 5.0 * 0.01 / np.sqrt(FLATS * 12_000)
+        assert row["throughput"]["std_error"] < 2.0 * 0.01 / np.sqrt(FLATS * 12_000)
+        # Shot noise of 1 % over sqrt(8), with the rounding to whole counts: 2 % of variance.
+        assert row["noise_rms"] == pytest.approx(0.01 / np.sqrt(FLATS), rel=0.02)
+        # PRNU of 3 %, the patch of dust (300 pixels) and the dead pixel.
+        dust = DUST * np.sqrt(300.0 / 12_000.0)
+        assert row["pattern_rms"] == pytest.approx(np.hypot(PRNU, dust), rel=0.06)
+
+
+def test_pixels_are_even_but_for_noise_and_the_flats_own_error(divided: Measurement) -> None:
+    region = divided.regions["a"]
+    assert divided.flat is not None
+    for k, name in enumerate(divided.grid.channel_names):
+        mean = region.channels_mean.mean[k]
+        temporal = (GAIN * mean + 1.0 / 12.0) * divided.noise_factor[k] / CYCLES
+        predicted = np.sqrt(temporal + (mean * divided.flat.error[k]) ** 2)
+        sample = region.quantities[name]["std_spatial_mean"]
+        # 9900 pixels: 0.7 % each.
+        assert sample.value == pytest.approx(predicted, rel=5.0 * 0.0071)
+        assert sample.value < 0.5 * PRNU * mean
+
+
+def test_dust_makes_no_polarization(divided: Measurement) -> None:
+    undivided = measure(divided.run, regions=[REGION])
+    dust = np.s_[20:30, 30:60]
+    s0, s1, _ = np.einsum("kn,nij->kij", undivided.plan.inverse, undivided.channels)
+    before = s1[dust].mean() / s0[dust].mean()
+    s0, s1, _ = np.einsum("kn,nij->kij", divided.plan.inverse, divided.channels)
+    after = s1[dust].mean() / s0[dust].mean()
+    # 5 % less in one of four channels.
+    assert before == pytest.approx(-DUST / 2.0, rel=0.1)
+    # 300 pixels, four frames, 1.6 % of shot noise, and the flats': 0.06 %.
+    assert abs(after) < 5.0 * 0.0006
+
+
+def test_a_dead_pixel_is_missing(divided: Measurement) -> None:
+    assert np.argwhere(divided.missing).tolist() == [[50, 60]]
+    assert divided.regions["a"].excluded == 1
+
+
+def test_an_angle_without_a_flat_is_refused(flat_file: Path, tmp_path: Path) -> None:
+    run = scene_run(tmp_path / "run", angles_deg=(0.0, 30.0, 90.0, 135.0))
+    flats, _ = read_fitting_flats(flat_file, run)
+    with pytest.raises(DataError, match="no flat field at 30"):
+        measure(run, regions=[], flats=flats)
+
+
+def test_flats_of_another_stage_or_size_are_refused(flat_file: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="stage serial number: calibrated 7, used 8"):
+        read_fitting_flats(flat_file, scene_run(tmp_path / "run", stage_serial="8"))
+    small = make_run(tmp_path / "small", [(at(angle), np.full((4, 5), 100.0)) for angle in ANGLES_DEG])
+    with pytest.raises(DataError, match="the run"):
+        read_fitting_flats(flat_file, small)
+
+
+def test_what_is_no_flat_file_says_what_makes_one(tmp_path: Path) -> None:
+    run, path = scene_run(tmp_path / "run"), tmp_path / "flat.npz"
+    np.savez(path, other=np.ones(3))
+    with pytest.raises(DataError, match="rigctl calibrate flat"):
+        read_fitting_flats(path, run)
+    path.write_text("not an archive")
+    with pytest.raises(DataError, match="rigctl calibrate flat"):
+        read_fitting_flats(path, run)
+
+
+def test_stokes_divides(flat_file: Path, tmp_path: Path) -> None:
+    run = scene_run(tmp_path / "run")
+    assert main(["stokes", str(run.path), "--flat", str(flat_file), "--out", str(tmp_path / "stokes")]) == 0
+
+
+def test_flats_without_a_dark_level_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = flats_run(tmp_path / "run", dark=False)
+    assert main(["calibrate", "flat", str(run.path), "--out", str(tmp_path / "f.npz")]) == EXIT_DATA
+    assert "no dark frames" in capsys.readouterr().err
+
+
+def test_a_run_without_flats_says_how_to_take_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "flat", str(scene_run(tmp_path / "run").path), "--out", str(tmp_path / "f")]) == EXIT_DATA
+    assert 'kind = "flat" with angles_deg' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("frames", "problem"), [(1, "two or more"), (2, "not brighter")])
+def test_one_frame_or_no_light_is_refused(frames: int, problem: str) -> None:
+    with pytest.raises(CalibrationError, match=problem):
+        flat_field([np.full((3, 4), 60, dtype=np.uint16)] * frames, np.full((3, 4), 60.0))
+
+
+def test_a_region_in_the_shade_of_the_lens_is_spoken_of(divided: Measurement) -> None:
+    assert divided.flat is not None
+    (only,) = flat_remarks(divided.flat, [REGION])
+    assert "divided by flat fields" in only
+    response = divided.flat.response.copy()
+    response[:, :20, :20] = 0.7
+    flat = replace(divided.flat, response=response)
+    shade = Region(name="corner", rectangle=Rectangle(x=0, y=0, width=20, height=20))
+    assert next(iter(flat_remarks(flat, [shade]))).startswith("corner: the flat field is 0.70 of its mean there")
+
+
+def test_the_error_of_a_flat_is_a_pattern_of_each_angle_by_itself() -> None:
+    channels = ChannelMoments(
+        mean_dn=np.array([100.0, 200.0]),
+        dark_signal_dn=0.0,
+        scene_cov_dn2=np.zeros((2, 2)),
+        temporal_var_dn2=np.array([3.0, 4.0]),
+        fixed_pattern_cov_dn2=np.ones((2, 2)),
+        saturation_probability=np.zeros(2),
+        warnings=(),
+    )
+    readout = Readout(
+        angles_rad=np.zeros(2),
+        channel_names=("a", "b"),
+        cycles=1,
+        extinction_ratio=np.inf,
+        noise_factor=np.array([0.5, 2.0]),
+        flat_error=np.array([0.01, 0.02]),
+    )
+    found = as_processed(channels, readout)
+    assert found.temporal_var_dn2.tolist() == [1.5, 8.0]
+    assert found.fixed_pattern_cov_dn2 == pytest.approx(np.array([[2.0, 1.0], [1.0, 17.0]]), rel=1e-12)
