@@ -85,6 +85,33 @@ def budget(mean_dn: FloatArray, causes: Mapping[str, FloatArray], *, plan: Desig
     }
 
 
+def shift_cause(pictures: FloatArray, inside: NDArray[np.bool_], *, shift_pixels: FloatArray) -> FloatArray:
+    """Return the covariance that shifts between pictures give the mean of a region in each of them.
+
+    Parameters
+    ----------
+    pictures
+        Mean picture of each channel, shape (N, H, W).
+    inside
+        Pixels of the region, shape (H, W).
+    shift_pixels
+        How far each picture may lie from its place, in x and y, shape (N, 2).
+
+    Returns
+    -------
+    array of float64, shape (N, N)
+        Diagonal: the mean gradient of the region times the shift, squared.
+
+    References
+    ----------
+    Definition, to first order in the shift.
+    """
+    images = np.asarray(pictures, dtype=np.float64)
+    down, right = (np.asarray(np.gradient(images, axis=axis)) for axis in (1, 2))
+    moved = np.stack([right[:, inside].mean(axis=1), down[:, inside].mean(axis=1)], axis=1) * shift_pixels
+    return np.diag(np.sum(moved**2, axis=1))
+
+
 def _deviation(gradient: FloatArray, cov: FloatArray) -> float:
     # What is common to all channels leaves only rounding of a ratio, of either sign.
     return math.sqrt(max(float(gradient @ cov @ gradient), 0.0))

@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
 FloatArray = NDArray[np.float64]
@@ -123,7 +124,7 @@ class SampledSky:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Aureole:
-    """Radiance as a function of the angle from the sun alone: a sum of Henyey-Greenstein functions.
+    """Radiance as a function of the angle from the sun alone: a sum of Henyey-Greenstein functions, and a correction.
 
     Attributes
     ----------
@@ -131,17 +132,25 @@ class Aureole:
         Where the sun is [rad].
     asymmetries, weights
         Of the functions, shape (K,), weights above 0.
+    correction
+        Logarithm of what the sum is to be multiplied by, over the square root of the angle from the sun in radians;
+        None for none. The aureole of large particles has rings that the sum does not follow.
     """
 
     sun_zenith_rad: float
     asymmetries: FloatArray
     weights: FloatArray
+    correction: CubicSpline | None = None
 
     def __call__(self, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
         """Return the radiance of the sum in directions [W m-2 sr-1]."""
         across = np.sin(zenith_rad) * np.sin(self.sun_zenith_rad) * (1.0 - np.cos(phi_rad))
         cosine = np.cos(zenith_rad - self.sun_zenith_rad) - across
-        return np.asarray(_henyey_greenstein(self.asymmetries, cosine) @ self.weights)
+        smooth = np.asarray(_henyey_greenstein(self.asymmetries, cosine) @ self.weights)
+        if self.correction is None:
+            return smooth
+        root = np.sqrt(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        return np.asarray(smooth * np.exp(self.correction(np.minimum(root, self.correction.x[-1]))))
 
 
 def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
@@ -202,7 +211,19 @@ def _aureole(sky: Sky, sun_zenith_rad: float) -> Aureole:
     scale = np.max(columns, axis=0)
     weights = nnls(columns / scale, np.ones(_AUREOLE_SAMPLES), maxiter=_FIT_STEPS)[0] / scale
     used = weights > 0.0
-    return Aureole(sun_zenith_rad=sun_zenith_rad, asymmetries=_ASYMMETRIES[used], weights=weights[used])
+    left = np.log(radiance / (_henyey_greenstein(_ASYMMETRIES[used], np.cos(from_sun)) @ weights[used]))
+    return Aureole(
+        sun_zenith_rad=sun_zenith_rad,
+        asymmetries=_ASYMMETRIES[used],
+        weights=weights[used],
+        correction=CubicSpline(np.sqrt(from_sun), left * _faded(from_sun / from_sun[-1]), bc_type="clamped"),
+    )
+
+
+def _faded(share: FloatArray) -> FloatArray:
+    """Weight that falls smoothly from 1 at the middle of the aureole to 0 at its edge."""
+    step = np.clip(2.0 * share - 1.0, 0.0, 1.0)
+    return np.asarray(1.0 - step**2 * (3.0 - 2.0 * step))
 
 
 def _henyey_greenstein(asymmetries: FloatArray, cosine: FloatArray) -> FloatArray:

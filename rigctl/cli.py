@@ -61,6 +61,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "dolp": ("rigctl.commands.dolp", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),
     "fit": ("rigctl.commands.fit", "Fit the parameters of a surface to measured regions."),
     "sky": ("rigctl.commands.sky", "The polarized sky of a scene: S0, S1, S2, DoLP, with the sun marked."),
+    "effects": ("rigctl.commands.effects", "Which effects a scene calls for, and why."),
     "predict": ("rigctl.commands.predict", "What the analytical model says that a scene will give."),
     "detect": ("rigctl.commands.detect", "Detect a target by its polarization: RX map and ROC of a run."),
     "compare": ("rigctl.commands.compare", "Set model and measurement side by side, with a verdict."),

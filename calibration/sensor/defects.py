@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2
 from calibration.sensor.frame_statistics import LevelPicture
 
 SingleArray = NDArray[np.float32]
@@ -17,6 +18,8 @@ DEFECT_SIGMA = 6.0
 _CHANCE = 2e-9
 _NEIGHBOURHOOD = 5
 _SIGMA_PER_MAD = 1.4826
+# What is smaller is rounding [DN].
+_LEAST_DN = 1.0
 _MANY_PIXELS, _STEP = 100_000, 7
 
 
@@ -75,7 +78,8 @@ def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) ->
     the 5 x 5 pixels around, so that uneven light does not count, and by a standard deviation from the median absolute
     deviation, which defects do not widen. Noisy: temporal variance in the dark, against the law of chi-squared with the
     degrees of freedom of consecutive differences. Jumping: a difference of two frames beyond 6 standard deviations,
-    which may be a cosmic hit. The more frames a stack has, the smaller the defects that are seen.
+    which may be a cosmic hit. Less than one count is no defect. The more frames a stack has, the smaller the defects
+    that are seen.
 
     References
     ----------
@@ -83,8 +87,9 @@ def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) ->
     """
     of_dark = local_deviation(dark.mean_dn)
     response = flat.mean_dn - dark.mean_dn
-    of_response = local_deviation(response) / max(float(np.median(some_pixels(response))), 1.0)
-    limits = DEFECT_SIGMA * _robust_sigma(of_dark), DEFECT_SIGMA * _robust_sigma(of_response)
+    signal_dn = max(float(np.median(some_pixels(response))), 1.0)
+    of_response = local_deviation(response) / np.float32(signal_dn)
+    limits = _limit(of_dark, least=_LEAST_DN), _limit(of_response, least=_LEAST_DN / signal_dn)
     noise_limit = _noise_limit(dark.temporal_variance_dn2, n_dark_frames)
     found = {
         Defect.HOT: of_dark > limits[0],
@@ -120,9 +125,9 @@ def some_pixels(picture: SingleArray) -> SingleArray:
     return picture.ravel()[::step]
 
 
-def _robust_sigma(deviation: SingleArray) -> float:
+def _limit(deviation: SingleArray, *, least: float) -> float:
     some = some_pixels(deviation)
-    return _SIGMA_PER_MAD * float(np.median(np.abs(some - np.median(some))))
+    return max(DEFECT_SIGMA * _SIGMA_PER_MAD * float(np.median(np.abs(some - np.median(some)))), least)
 
 
 def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
@@ -130,5 +135,6 @@ def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
     differences = n_frames - 1
     # Consecutive differences share frames: two of n - 1 have a covariance of a quarter of their variance.
     freedom = 2.0 * differences**2 / (3.0 * n_frames - 4.0)
-    typical = float(np.median(some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
-    return typical * float(chdtri(freedom, _CHANCE))
+    per_freedom = float(np.median(some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
+    # Where rounding hides the noise, half of the pixels may never change, which does not make the others noisy.
+    return max(per_freedom, QUANTISATION_LIMIT_DN2 / freedom) * float(chdtri(freedom, _CHANCE))

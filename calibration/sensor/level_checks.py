@@ -174,6 +174,6 @@ def _uneven_light(levels: Sequence[LevelStatistics]) -> Flag | None:
     return Flag(
         name="uneven_light",
         message=f"{share:.0%} of the spatial variance of {describe_level(level)} is smooth across the picture (at most "
-        f"{_UNEVEN_SHARE:.0%} is expected of pixels alone): the PRNU given here holds uneven light of the lamp, or "
-        f"shading of the lens, too; use an integrating sphere without lens to tell them apart",
+        f"{_UNEVEN_SHARE:.0%} is expected of pixels alone): uneven light of the lamp, or shading of the lens; it is "
+        f"left out of the best PRNU, that of EMVA 1288 holds it: use an integrating sphere without lens to have it right",
     )

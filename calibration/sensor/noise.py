@@ -39,7 +39,8 @@ class NoiseCalibration:
     saturation_e : Estimate or None
         Signal of largest temporal variance [e-].
     prnu : Estimate or None
-        Standard deviation of the response from pixel to pixel, relative to its mean.
+        Standard deviation of the response from pixel to pixel, relative to its mean; without what is smooth on a
+        sixteenth of the picture.
     dsnu_e : Estimate or None
         Standard deviation of the dark signal from pixel to pixel [e-].
     covariance : JointCovariance
@@ -101,8 +102,8 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     good to a few per cent of themselves when the relative errors are below 10 %.
 
     PRNU and DSNU are those of a population from which this sensor's pixels are drawn, taken from the levels
-    with the most frames, of those the flat nearest to half of saturation; no high-pass filter is applied, so
-    uneven light counts as PRNU (flag ``uneven_light``).
+    with the most frames, of those the flat nearest to half of saturation. What is smooth across the picture is taken off the
+    PRNU: uneven light and shading of a lens cannot be told from a sensor's own.
 
     References
     ----------

@@ -57,7 +57,7 @@ def pattern_parts(picture_dn: SingleArray, *, spatial_variance_dn2: float, noise
 
 
 def large_scale_variance(picture_dn: SingleArray, *, variance_dn2: float) -> float:
-    """Return the variance of block means beyond what independent pixels would give them [DN^2].
+    """Return the variance of what is smooth across a picture: of block means, beyond that by pixels [DN^2].
 
     Parameters
     ----------
@@ -66,14 +66,27 @@ def large_scale_variance(picture_dn: SingleArray, *, variance_dn2: float) -> flo
     variance_dn2 : float
         Its variance, what is left of temporal noise included [DN^2].
     """
-    side = max(2, min(picture_dn.shape) // _BLOCKS_ACROSS)
-    rows, columns = picture_dn.shape[0] // side, picture_dn.shape[1] // side
-    if rows * columns < 2:
+    side = _block_side(picture_dn.shape)
+    if side == 0:
         return 0.0
+    rows, columns = picture_dn.shape[0] // side, picture_dn.shape[1] // side
     whole = picture_dn[: rows * side, : columns * side]
     # By whole numbers, area interpolation is the mean of each block.
     blocks = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
-    return float(blocks.var(ddof=1, dtype=np.float64) - variance_dn2 / side**2)
+    of_blocks = float(blocks.var(ddof=1, dtype=np.float64))
+    return (of_blocks - variance_dn2 / side**2) / (1.0 - side**-2)
+
+
+def small_scale_freedom(shape: tuple[int, int]) -> float:
+    """Return the share of the pixels' degrees of freedom that is left once block means are taken off."""
+    side = _block_side(shape)
+    return 1.0 - side**-2 if side else 1.0
+
+
+def _block_side(shape: tuple[int, ...]) -> int:
+    """Return the side of a block, 0 where there are not two of them."""
+    side = max(2, min(shape) // _BLOCKS_ACROSS)
+    return side if (shape[0] // side) * (shape[1] // side) > 1 else 0
 
 
 def mosaic_contrast(picture_dn: SingleArray) -> float:

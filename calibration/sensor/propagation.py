@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.sensor.dark_signal import DarkMatch, DarkSignal
 from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.pattern_parts import small_scale_freedom
 from calibration.sensor.photon_transfer import PhotonTransfer
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +37,7 @@ def measured_covariance(
     """Return the (6, 6) covariance of what is measured in DN, before division by the gain.
 
     In this order: gain [DN/e-], dark temporal variance at no exposure [DN^2], spatial variance of the flat level
-    less that of its darks [DN^2], spatial variance of the dark level [DN^2], black level [DN], slope of the
+    less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level [DN], slope of the
     dark mean [DN/s]; zeros for what does not exist.
 
     Notes
@@ -54,6 +55,8 @@ def measured_covariance(
     scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
     covariance[GAIN, GAIN] += float(scattered @ scattered) * transfer.fit.scatter**2
     covariance[GAIN, GAIN] += transfer.gain_error_of_linearity_dn_per_e**2
+    # The fixed pattern with light is what is left within blocks, which have fewer degrees of freedom.
+    covariance[FLAT_SPATIAL, FLAT_SPATIAL] /= small_scale_freedom(flats[spatial.flat].shape)
     size = len(dark.mean_fit.parameters)
     covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance
     level = darks[spatial.dark]

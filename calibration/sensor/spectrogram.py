@@ -13,6 +13,8 @@ _ROWS_AT_A_TIME = 64
 _LOWEST_PERIODIC_PER_PIXEL = 0.02
 _LEAST_SHARE, _CHANCE = 0.1, 10.0
 _SIGMA = 8.0
+# The power of fewer lines scatters too much.
+_LEAST_LINES = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,8 +37,8 @@ class Spectrogram:
 
     @property
     def median(self) -> float:
-        """Median of the amplitude, which peaks do not change."""
-        return float(np.median(self.amplitude))
+        """Median of the amplitude, which peaks do not change; 0 for lines of one pixel."""
+        return float(np.median(self.amplitude)) if self.amplitude.size else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +102,7 @@ def spectral_peak(found: Spectrogram, *, variance: float) -> SpectralPeak | None
     6 times the mean, 2 % of the variance. With few frequencies the limit is higher by so much.
     """
     periodic = found.frequency_per_pixel >= _LOWEST_PERIODIC_PER_PIXEL
-    if not periodic.any() or variance <= 0.0:
+    if not periodic.any() or variance <= 0.0 or found.n_lines < _LEAST_LINES:
         return None
     frequencies = len(found.amplitude)
     power = np.square(found.amplitude[periodic]) - found.median**2

@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_names import level_names
 from calibration.sensor.photon_transfer import SATURATED_FRACTION
+
+FloatArray = NDArray[np.float64]
 
 _SIGMA = 5.0
 # Spreading charge correlates the noise of neighbours by a per cent at most.
@@ -89,16 +92,14 @@ def _colour_mosaic(levels: Sequence[LevelStatistics]) -> Flag | None:
 
 def _row_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
     darks = [level for level in levels if level.kind == "dark"]
-    shares = {
-        "row": [(v.texture.row_variance_dn2, v.texture.row_std_error_dn2, v.temporal_variance_dn2) for v in darks],
-        "column": [
-            (v.texture.column_variance_dn2, v.texture.column_std_error_dn2, v.temporal_variance_dn2) for v in darks
-        ],
-    }
-    found = {line: np.mean(values, axis=0) for line, values in shares.items() if values}
+    if not darks:
+        return None
+    variances = np.mean([_of_lines(level) for level in darks], axis=0)
+    errors = np.mean([_errors_of_lines(level) for level in darks], axis=0)
+    total = float(np.mean([level.temporal_variance_dn2 for level in darks]))
     shared = {
         line: float(np.sqrt(variance))
-        for line, (variance, error, total) in found.items()
+        for line, variance, error in zip(("row", "column"), variances, errors, strict=True)
         if variance > _SIGMA * error and variance > _SHARED_VARIANCE * total
     }
     if not shared:
@@ -112,20 +113,25 @@ def _row_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
     )
 
 
+def _of_lines(level: LevelStatistics) -> FloatArray:
+    return np.array([level.texture.row_variance_dn2, level.texture.column_variance_dn2])
+
+
+def _errors_of_lines(level: LevelStatistics) -> FloatArray:
+    return np.array([level.texture.row_std_error_dn2, level.texture.column_std_error_dn2])
+
+
 def _banded_light(levels: Sequence[LevelStatistics]) -> Flag | None:
     flats = _bright_flats(levels)
     if not flats:
         return None
-    darks = [level.texture for level in levels if level.kind == "dark"]
-    shares, errors = [], []
-    for lines in ("row", "column"):
-        # Lines that share noise in the dark are a finding of its own.
-        in_dark = float(np.mean([getattr(dark, f"{lines}_variance_dn2") for dark in darks]))
-        found = [(getattr(v.texture, f"{lines}_variance_dn2") - in_dark) / _variance(v) for v in flats]
-        shares.append(float(np.mean(found)))
-        errors.append(float(np.mean([getattr(v.texture, f"{lines}_std_error_dn2") / _variance(v) for v in flats])))
-    share, error = max(zip(shares, errors, strict=True))
-    if share < _BANDED or share < _SIGMA * error / np.sqrt(len(flats)):
+    # Lines that share noise in the dark are a finding of its own.
+    in_dark = np.mean([_of_lines(level) for level in levels if level.kind == "dark"], axis=0)
+    shares = np.mean([(_of_lines(flat) - in_dark) / _variance(flat) for flat in flats], axis=0)
+    errors = np.mean([_errors_of_lines(flat) / _variance(flat) for flat in flats], axis=0) / np.sqrt(len(flats))
+    worst = int(np.argmax(shares))
+    share = float(shares[worst])
+    if share < _BANDED or share < _SIGMA * errors[worst]:
         return None
     return Flag(
         name="banded_light",

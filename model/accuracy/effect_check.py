@@ -1,7 +1,7 @@
 """What leaving effects out truly changes: the chain evaluated with and without them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from model.accuracy.chain import ChainResult, evaluate, scenario_of
 from model.accuracy.light_store import LightStore
@@ -75,6 +75,17 @@ def check_effects(
     return tuple(found)
 
 
+def chain_time_s(scene: LitScene, settings: Settings, effects: frozenset[Effect]) -> float:
+    """Return the time of one evaluation with some effects, nothing being kept from before [s].
+
+    Parameters
+    ----------
+    scene, settings, effects
+        As `model.accuracy.chain.evaluate` takes them.
+    """
+    return sum(evaluate(scene, settings, effects=effects, store=LightStore()).stage_s.values())
+
+
 def change(whole: Readings, without: Readings) -> Bound:
     """Return the largest difference of each kind between two sets of readings."""
     found = Bound()
@@ -85,7 +96,7 @@ def change(whole: Readings, without: Readings) -> Bound:
 
 def kind_of(reading: Reading) -> str:
     """Return which number of a `Bound` speaks of a reading."""
-    if reading.quantity == "p_detection" or reading.quantity == "auc":
+    if reading.quantity in {"p_detection", "auc"}:
         return "detection"
     if reading.quantity in _RATIOS and reading.statistic == "mean":
         return "ratios"
@@ -106,6 +117,3 @@ def _evaluated(
 ) -> tuple[Readings, float]:
     result = evaluate(scene, settings, effects=effects, store=store)
     return readings_of(result, scene, store), sum(result.stage_s.values())
-
-
-KINDS = tuple(one.name for one in fields(Bound))

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,13 +87,7 @@ def _widened(scene: LitScene, result: ChainResult, region: RegionLight, error: L
     """What a wrong covariance over the field changes."""
     if not np.any(error.cov):
         return {}
-    wider = RegionLight(
-        name=region.name,
-        stokes_radiance=region.stokes_radiance,
-        texture_rms=region.texture_rms,
-        texture_cov=region.texture_cov + error.cov,
-    )
-    return changes(scene, result, wider)
+    return changes(scene, result, replace(region, texture_cov=region.texture_cov + error.cov))
 
 
 def _of_dolp(result: ChainResult) -> dict[Reading, float]:

@@ -32,6 +32,14 @@ _LOWEST_RAD = float(np.radians(88.0))
 # A grid of the sky whose largest error, near the horizon, is below this share of the tolerance needs no closer look.
 _HARMLESS = 0.05
 _BETWEEN = 1.5
+# Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
+_PARTS = {
+    "total": ("reflected_sky", "path", "reflected"),
+    "reflected": ("reflected_sky", "reflected"),
+    "reflected_sun": ("reflected",),
+    "reflected_sky": ("reflected_sky", "reflected"),
+    "path": ("path",),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,12 +107,17 @@ def _between(pair: Pair, light: FieldLight, tilt: Tilt, scene: LitScene) -> Ligh
     height_m = seen[0].view.height_m
     paths = [each.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi) for each in (pair.one, pair.other)]
     through = [each.transmittance(height_m=height_m, zenith_rad=zenith) for each in (pair.one, pair.other)]
-    parts = {
-        "reflected_sky": np.full(3, abs(light.mean("reflected_sky")[0]) * _sky_difference(pair, seen, tilt, scene)),
-        "path": np.max(np.abs(paths[1] - paths[0]), axis=0),
-        "reflected": float(np.max(np.abs(through[1] / through[0] - 1.0))) * np.abs(light.mean("reflected")),
-    }
-    return _counted(light, scene, {name: pair.factor * part for name, part in parts.items()})
+    share = _sky_difference(pair, seen, tilt, scene)
+    sky = np.array([abs(one.reflected_sky[0]) for one in seen])
+    reflected = np.abs(np.stack([one.reflected for one in seen]))
+    return _counted(
+        scene,
+        {
+            "reflected_sky": pair.factor * (share * sky)[:, np.newaxis] * np.ones(3),
+            "path": pair.factor * (paths[1] - paths[0]),
+            "reflected": pair.factor * (through[1] / through[0] - 1.0)[:, np.newaxis] * reflected,
+        },
+    )
 
 
 def _of_grid(
@@ -119,7 +132,8 @@ def _of_grid(
     band = _first_band(illumination.lighting)
     if share * sky > _HARMLESS * tolerance * everything and band is not None:
         share = _BETWEEN * _grid_difference(_looked_at(light)[-1], region, illumination, band, result.settings)
-    return _counted(light, scene, {"reflected_sky": np.full(3, sky * share)})
+    each = np.array([abs(one.reflected_sky[0]) for one in _looked_at(light)])
+    return _counted(scene, {"reflected_sky": share * each[:, np.newaxis] * np.ones(3)})
 
 
 def _grid_difference(
@@ -143,8 +157,8 @@ def _grid_difference(
 def _of_hemisphere(light: FieldLight, illumination: Illumination, scene: LitScene) -> LightError:
     """Error of the integral over the hemisphere as its rules estimate it, without that of the sky's grid."""
     grid = illumination.skylight.relative_error
-    each = [max(one.error - grid * abs(one.reflected_sky[0]), 0.0) for one in light.lights]
-    return _counted(light, scene, {"reflected_sky": np.full(3, float(np.array(light.weights) @ each))})
+    each = np.array([max(one.error - grid * abs(one.reflected_sky[0]), 0.0) for one in _looked_at(light)])
+    return _counted(scene, {"reflected_sky": each[:, np.newaxis] * np.ones(3)})
 
 
 def _of_tiles(light: FieldLight, scene: LitScene) -> LightError:
@@ -154,19 +168,16 @@ def _of_tiles(light: FieldLight, scene: LitScene) -> LightError:
     return LightError(stokes=found.mean, field=0.0, cov=found.cov)
 
 
-def _counted(light: FieldLight, scene: LitScene, parts: dict[str, FloatArray]) -> LightError:
-    """Sum of the errors of the parts that the source has; that of Q and U in any frame is the larger of theirs."""
-    has = {
-        "total": ("reflected_sky", "path", "reflected"),
-        "reflected": ("reflected_sky", "reflected"),
-        "reflected_sun": ("reflected",),
-        "reflected_sky": ("reflected_sky", "reflected"),
-        "path": ("path",),
-    }[scene.source]
-    stokes = np.sum([parts.get(name, np.zeros(3)) for name in has], axis=0)
-    stokes[1:] = np.hypot(stokes[1], stokes[2]) if "path" in has else stokes[1:]
-    several = len(light.lights) > 1
-    return LightError(stokes=stokes, field=float(np.max(stokes)) if several else 0.0, cov=np.zeros((3, 3)))
+def _counted(scene: LitScene, parts: dict[str, FloatArray]) -> LightError:
+    """Sum of the errors (V, 3) of those parts that the source has, at V lines of sight."""
+    has = _PARTS[scene.source]
+    size = np.sum(
+        [np.max(np.abs(part), axis=0) for name, part in parts.items() if name in has] or [np.zeros(3)], axis=0
+    )
+    # The true frame is turned against the meridian's over a field, and with a camera that rolls.
+    size[1:] = np.hypot(size[1], size[2]) if "path" in has and "path" in parts else size[1:]
+    apart = [float(np.max(np.ptp(part, axis=0))) for name, part in parts.items() if name in has]
+    return LightError(stokes=size, field=0.5 * sum(apart), cov=np.zeros((3, 3)))
 
 
 def _looked_at(light: FieldLight) -> list[ApertureLight]:
@@ -175,9 +186,9 @@ def _looked_at(light: FieldLight) -> list[ApertureLight]:
     return [light.lights[k] for k in dict.fromkeys((0, count - 1, count // 2))]
 
 
-def _sky_difference(pair: Pair, seen: list[ApertureLight], tilt: Tilt, scene: LitScene) -> float:
-    """Difference of two skies over their S0: where the region mirrors the camera, and over all."""
-    zenith, phi = _mirrored(seen, tilt, scene.sun_azimuth_rad)
+def _sky_difference(pair: Pair, seen: list[ApertureLight], tilt: Tilt, scene: LitScene) -> FloatArray:
+    """Difference of two skies over their S0 for each line of sight (V,): over all, or where it is mirrored if that is more."""
+    zenith, phi, above = _mirrored(seen, tilt, scene.sun_azimuth_rad)
     directions = {
         "zenith_rad": np.concatenate([_ZENITH_RAD.ravel(), zenith]),
         "phi_rad": np.concatenate([_PHI_RAD.ravel(), phi]),
@@ -187,18 +198,19 @@ def _sky_difference(pair: Pair, seen: list[ApertureLight], tilt: Tilt, scene: Li
     apart = np.zeros(lit.size)
     apart[lit] = np.linalg.norm(other[lit] - one[lit], axis=1) / one[lit, 0]
     over_all = _BETWEEN * float(np.sqrt(np.mean(apart[: _ZENITH_RAD.size] ** 2)))
-    return max(over_all, float(np.max(apart[_ZENITH_RAD.size :], initial=0.0)))
+    return np.maximum(over_all, np.where(above, apart[_ZENITH_RAD.size :], 0.0))
 
 
-def _mirrored(seen: list[ApertureLight], tilt: Tilt, sun_azimuth_rad: float) -> tuple[FloatArray, FloatArray]:
-    """Zenith angles and azimuths from the sun at which a region mirrors the sky to the camera."""
+def _mirrored(
+    seen: list[ApertureLight], tilt: Tilt, sun_azimuth_rad: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Zenith angles and azimuths from the sun at which a region mirrors what is above, and whether that is the sky."""
     cameras = geometry.direction(
         zenith_rad=[one.view.zenith_rad for one in seen], azimuth_rad=[one.view.azimuth_rad for one in seen]
     )
-    mirrored = 2.0 * (cameras @ tilt.normal)[:, np.newaxis] * tilt.normal - cameras
-    east, north, up = mirrored[mirrored[:, 2] > 0.0].T
+    east, north, up = (2.0 * (cameras @ tilt.normal)[:, np.newaxis] * tilt.normal - cameras).T
     zenith = np.minimum(np.arctan2(np.hypot(east, north), up), _LOWEST_RAD)
-    return zenith, sun_azimuth_rad - np.arctan2(east, north)
+    return zenith, sun_azimuth_rad - np.arctan2(east, north), up > 0.0
 
 
 def _first_band(lighting: Lighting) -> BandLighting | None:

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 # Slant depths, in vertical ones, of the functions of the optical depth that stand for scattered light.
 _SLANTS = (0.3, 1.0, 3.0)
-# Below this share a rule's error on one of them is rounding, and says nothing.
+# Of which the sums over the spectrum are certain.
 _ROUNDING = 1e-11
 
 
@@ -47,8 +47,8 @@ def left_out(lighting: BandLighting, *, band: SolarBand, state: AtmosphereState)
 
     Notes
     -----
-    The ratio is the largest that functions of the optical depth have which are known at all wavelengths:
-    1 - exp(-m tau), light scattered once, and its square, light scattered twice.
+    The ratio is that of functions of the optical depth, which is known at all wavelengths: 1 - exp(-m tau), light
+    scattered once, and its square, light scattered twice.
 
     References
     ----------
@@ -65,8 +65,8 @@ def left_out(lighting: BandLighting, *, band: SolarBand, state: AtmosphereState)
     at_nodes = optical_depth(state, wavelength_m=nodes_m)
     full = np.array(band.integral(ozone * _shapes(depth)))
     by_all, by_fewer = _shapes(at_nodes) @ lighting.irradiance, _shapes(at_nodes)[:, kept] @ fewer
-    rounding = _ROUNDING * np.abs(full)
-    ratio = float(np.max((np.abs(by_all - full) + rounding) / (np.abs(by_fewer - by_all) + rounding)))
+    error, step = (by_all - full) / full, (by_fewer - by_all) / full
+    ratio = float((np.linalg.norm(error) + _ROUNDING) / (np.linalg.norm(step) + _ROUNDING))
     return LeftOut(
         lighting=replace(
             lighting,

@@ -156,7 +156,7 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBracke
         noise_high=noise_high,
         texture=texture,
         cov_high=noise_high
-        + _spatial_high(scene, light, texture, plan.inverse, high, s0_high)
+        + _spatial_high(scene, texture, plan.inverse, high, s0_high)
         + _over_field(scene, region, light, s0_high=s0_high, scale=most * scale),
         cycles=readout.cycles,
     )
@@ -200,7 +200,7 @@ def _over_field(scene: LitScene, region: LitRegion, light: SunLight, *, s0_high:
 
 
 def _spatial_high(
-    scene: LitScene, light: SunLight, texture: FloatArray, inverse: FloatArray, high: FloatArray, s0_high: float
+    scene: LitScene, texture: FloatArray, inverse: FloatArray, high: FloatArray, s0_high: float
 ) -> FloatArray:
     """Upper bound of the covariance from texture, pattern, shifts and scatter of angles."""
     noise, session = scene.sensor.noise, scene.imperfections

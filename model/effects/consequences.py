@@ -9,9 +9,10 @@ from model.effects.bracket import RegionBracket, share_of
 FloatArray = NDArray[np.float64]
 
 _EVERYTHING = Bound(radiance=np.inf, ratios=np.inf, deviations=np.inf, detection=np.inf)
-# S0 falls this many deviations below its mean in one pixel of 1e9; nearer to zero nothing is promised.
-_TAIL = 6.0
-_LARGEST_TAIL = 0.6
+# S0 falls this many deviations below its mean in one pixel of three million. Where that is nearer to zero than a
+# quarter of the mean nothing is promised: the pixels' DoLP then has hardly any moments.
+_TAIL = 5.0
+_LARGEST_TAIL = 0.75
 # Polarised light so many deviations above its noise is as good as normal.
 _CLEAR = 8.0
 # Largest share of a covariance for which the bounds below are taken: beyond, they are of no use.

@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from rigctl.commands.acquire_calibrations import open_calibrated_rig
+from rigctl.commands.target_cycles import with_target
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
@@ -47,14 +48,23 @@ def command(
     polarizer: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: the rig file has to agree with it.")
     ] = None,
+    scene: Annotated[Path | None, typer.Option(metavar="FILE", help="Scene file, for --target-dolp-sigma.")] = None,
+    target_dolp_sigma: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Take as many cycles as bring the error of a pixel's DoLP in --scene to this."),
+    ] = None,
 ) -> None:
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
 
     Exit codes: 0 finished, 75 stopped before its end by a signal or by `rigctl stop`, 2, 3 and 4 as everywhere.
 
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels
+    Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels --scene
+    examples/scene-panels.toml --target-dolp-sigma 0.01
     """
     rig_file, session_file = load_rig(rig), load_session(session)
+    noise_content = None if noise is None else read_noise_file(noise)
+    session_file = with_target(session_file, noise_content, scene=scene, target_dolp_sigma=target_dolp_sigma)
     grouping = grouping_cost(session_file)
     if grouping is not None:
         warn(grouping)
@@ -62,7 +72,6 @@ def command(
         steps = plan_steps(session_file)
         _print_steps(steps, estimate(steps, rig_file))
         return
-    noise_content = None if noise is None else read_noise_file(noise)
     opener = partial(
         open_calibrated_rig,
         rig_file,

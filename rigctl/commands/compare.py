@@ -1,13 +1,15 @@
 """``rigctl compare``: model beside measurement."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rigctl.cli import EXIT_DISAGREES
 from rigctl.comparison.scale import ScaleKind
+from rigctl.errors import ConfigError
 from rigctl.reports.compare_run import ComparedRun, compare_run
+from rigctl.reports.compare_series import compare_series
 from rigctl.reports.number_table import row_table
 from rigctl.terminal import print_json, results
 
@@ -15,9 +17,11 @@ _SHOWN = 20
 
 
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")],
-    scene: Annotated[Path | None, typer.Argument(metavar="[SCENE.toml]", help="Scene file.")] = None,
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="RUN... [SCENE.toml]", help="Run folders; a scene file may stand last.")
+    ],
     *,
+    scene: Annotated[Path | None, typer.Option(metavar="FILE", help="Scene file, if it does not stand last.")] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report and numbers.")],
     regions: Annotated[
         Path | None,
@@ -34,11 +38,14 @@ def command(
     register: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
     ] = None,
+    polarizer: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
+    ] = None,
     flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
     alpha: Annotated[float, typer.Option(metavar="A", help="Chance of any false disagreement.")] = 1e-3,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
-    """Set a run beside what the model says of it; write report.html, comparison.json and the numbers of both sides.
+    """Set a run beside what the model says of it; write report.html, report.pdf and the numbers as JSON and CSV.
 
     With a scene file the model predicts the run from the radiance of its regions. With --regions it predicts
     deviations and the law of DoLP from the run's own means. Ends with 0 where they agree, with 5 where not.
@@ -46,25 +53,58 @@ def command(
     --scale absolute takes optics and efficiency from the scene file; panel takes the counts per radiance of a
     radiometric calibration; free fits one factor to S0 of the run, and says it with its error.
 
+    Several runs of one rig, such as an afternoon, share a scene file; each has its own sun: series.html has both sides
+    against time and sun, a folder for each run has its own report. A run of another camera, gain or axis is refused.
+
+    Numbers of the scene file may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }: then errors of the inputs
+    stand beside those of the measurement, and a disagreement says which input would explain it.
+
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
     """
-    compared = compare_run(
-        run,
-        scene_path=scene,
-        regions_path=regions,
-        noise_path=noise,
-        alpha=alpha,
-        scale=scale,
-        radiometric_path=radiometric,
-        registration_path=register,
-        flat_path=flat,
-    )
+    runs, scene = _runs_and_scene(paths, scene)
+    options: dict[str, Any] = {
+        "regions_path": regions,
+        "noise_path": noise,
+        "scale": scale,
+        "radiometric_path": radiometric,
+        "registration_path": register,
+        "flat_path": flat,
+        "polarizer_path": polarizer,
+    }
+    if len(runs) > 1:
+        _compare_many(runs, scene, out=out, alpha=alpha, as_json=as_json, options=options)
+        return
+    compared = compare_run(runs[0], scene_path=scene, alpha=alpha, **options)
     compared.write(out)
     if as_json:
         print_json(compared.as_json())
     else:
         show(compared, out)
     if not compared.comparison.agrees:
+        raise typer.Exit(EXIT_DISAGREES)
+
+
+def _runs_and_scene(paths: list[Path], scene: Path | None) -> tuple[list[Path], Path | None]:
+    if scene is None and len(paths) > 1 and paths[-1].suffix == ".toml":
+        return paths[:-1], paths[-1]
+    return paths, scene
+
+
+def _compare_many(
+    runs: list[Path], scene: Path | None, *, out: Path, alpha: float, as_json: bool, options: dict[str, Any]
+) -> None:
+    if scene is None:
+        raise ConfigError("several runs are compared with one scene: give a scene file last, or with --scene")
+    series = compare_series(runs, scene_path=scene, alpha=alpha, **options)
+    series.write(out)
+    if as_json:
+        print_json(series.as_json())
+    else:
+        for point in series.points:
+            off = len(point.comparison.disagreements)
+            results().print(f"{point.name}: " + ("agrees" if off == 0 else f"DISAGREES in {off} numbers"), markup=False)
+        results().print(f"report: {out / 'series.html'}, {out / 'series.pdf'}", markup=False)
+    if not series.agrees:
         raise typer.Exit(EXIT_DISAGREES)
 
 

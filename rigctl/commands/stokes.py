@@ -6,13 +6,10 @@ from typing import Annotated, Any
 import typer
 
 from rigctl.files.regions import load_regions
-from rigctl.measurement.measurement import measure
 from rigctl.measurement.region_texture import region_textures
 from rigctl.measurement.temporal_noise import temporal_noise
-from rigctl.noise.noise_file import read_fitting_noise
-from rigctl.polarimeter.flat_file import read_fitting_flats
-from rigctl.polarimeter.registration_file import read_fitting_registration
 from rigctl.reports.number_table import quantity_tables
+from rigctl.reports.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
 from rigctl.reports.stokes_files import write_stokes
 from rigctl.reports.tables_json import measurement_json
 from rigctl.runs.run_folder import read_run
@@ -29,6 +26,9 @@ def command(
     register: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
     ] = None,
+    polarizer: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
+    ] = None,
     flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
@@ -40,12 +40,12 @@ def command(
     """
     areas = [] if regions is None else load_regions(regions)
     folder = read_run(run)
-    calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)
-    moves, more_doubts = (None, ()) if register is None else read_fitting_registration(register, folder)
-    flats, flat_doubts = (None, ()) if flat is None else read_fitting_flats(flat, folder)
-    for doubt in (*doubts, *more_doubts, *flat_doubts):
-        warn(doubt)
-    measurement = measure(folder, regions=areas, noise=calibration, registration=moves, flats=flats)
+    paths = CalibrationPaths(noise=noise, registration=register, flat=flat, polarizer=polarizer)
+    given = read_calibrations(paths, folder)
+    measurement = given.measure(folder, areas)
+    for remark in (*given.doubts, *correction_remarks(measurement, areas)):
+        warn(remark)
+    calibration = given.noise
     content = measurement_json(
         measurement, None if calibration is None else region_textures(measurement, temporal_noise(calibration))
     )

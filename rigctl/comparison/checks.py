@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.registration import register
+from calibration.polarimeter.registration import Registration
 from model.moments import Moments
 from model.processing.block_means import block_means
 from model.processing.input_inference import chi_square_tail
@@ -50,12 +49,12 @@ class Check:
     text: str
 
 
-def run_checks(measurement: Measurement) -> tuple[Check, ...]:
-    """Return every check of a run."""
+def run_checks(measurement: Measurement, registration: Registration | str) -> tuple[Check, ...]:
+    """Return every check of a run, with how its pictures lie on one another, or why that cannot be told."""
     return (
         *_pair_sums(measurement),
         _linear(measurement),
-        _registration(measurement),
+        _registration(measurement, registration),
         _drift(measurement),
     )
 
@@ -112,14 +111,12 @@ def _linear(measurement: Measurement) -> Check:
     )
 
 
-def _registration(measurement: Measurement) -> Check:
+def _registration(measurement: Measurement, found: Registration | str) -> Check:
     name = "registration"
     if measurement.walk is not None:
         return Check(name=name, verdict="sound", text="frames were moved by a registration that was given")
-    try:
-        found = register(measurement.channels)
-    except CalibrationError as error:
-        return Check(name=name, verdict="not testable", text=str(error))
+    if isinstance(found, str):
+        return Check(name=name, verdict="not testable", text=found)
     sizes = np.linalg.norm(found.shift_pixels, axis=1)
     errors = np.linalg.norm(found.std_error_pixels, axis=1)
     worst = int(np.argmax(sizes))

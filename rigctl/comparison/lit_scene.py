@@ -8,6 +8,7 @@ import numpy as np
 from model.accuracy.settings import Settings, settings_of_tier
 from model.atmosphere.lighting.tiers import Tier
 from model.field_light import Source
+from model.imperfections import Imperfections
 from model.lit_scene import LitRegion, LitScene
 from model.scenario import Readout
 from model.sensor import Sensor
@@ -57,6 +58,7 @@ def lit_scene(
             readout=readout,
             source=source,
             pairs=tuple(permutations((region.name for region in scene.regions), 2)),
+            imperfections=_imperfections(scene, frames=readout.angles_rad.size),
         )
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}: {error}") from error
@@ -100,3 +102,18 @@ def file_settings(scene: SceneFile) -> Settings:
     if field is None:
         return settings
     return replace(settings, tiles_per_side=field.tiles_per_side, tile_rule=field.rule)
+
+
+def _imperfections(scene: SceneFile, *, frames: int) -> Imperfections:
+    """What the session adds; angles of the file are in the order of time, those of the readout rise."""
+    errors = scene.errors
+    in_time = np.argsort([angle % 180.0 for angle in scene.acquisition.angles_deg], kind="stable").tolist()
+    return Imperfections(
+        polarizer_angle_std_rad=np.deg2rad(errors.polarizer_angle_std_deg).item(),
+        misregistration_pixels=errors.misregistration_px,
+        texture_correlation_pixels=errors.texture_correlation_px,
+        drift=errors.illumination_drift,
+        drift_order=tuple(in_time) if len(in_time) == frames else (),
+        surround_albedo=errors.surround_albedo,
+        off_axis_falloff=errors.off_axis_falloff,
+    )

@@ -12,6 +12,8 @@ from rigctl.files.scene_file import RigSection
 from rigctl.measurement.measurement import Measurement
 
 OFFSET, EXPOSURE, DRIFT = "rig.polarizer_offset_deg", "rig.exposure_ratio", "rig.light_drift"
+# Before the name of each angle.
+ANGLE = "rig.angle_deg."
 _SIGNED = frozenset({OFFSET, DRIFT})
 
 
@@ -31,7 +33,7 @@ def with_rig(inputs: Inputs, section: RigSection, measurement: Measurement) -> I
     values, deviations = (np.array(column) for column in zip(*numbers.values(), strict=True))
     if not np.any(deviations) and np.array_equal(values, [0.0, 1.0, 0.0]):
         return inputs
-    signed = [name in _SIGNED or name.startswith("rig.angle_deg.") for name in numbers]
+    signed = [name in _SIGNED or name.startswith(ANGLE) for name in numbers]
     cov = np.zeros((len(inputs.names) + len(numbers),) * 2)
     cov[: len(inputs.names), : len(inputs.names)] = inputs.cov
     cov[len(inputs.names) :, len(inputs.names) :] = np.diag(deviations**2)
@@ -63,7 +65,7 @@ def frame_order(measurement: Measurement) -> NDArray[np.intp]:
 
 
 def _angle_names(measurement: Measurement) -> tuple[str, ...]:
-    return tuple(f"rig.angle_deg.{name.removeprefix('dn_')}" for name in measurement.grid.channel_names)
+    return tuple(f"{ANGLE}{name.removeprefix('dn_')}" for name in measurement.grid.channel_names)
 
 
 def _offset_std_deg(measurement: Measurement) -> float:

@@ -13,7 +13,7 @@ def run_readout(measurement: Measurement) -> Readout:
         channel_names=grid.channel_names,
         cycles=grid.cycles,
         extinction_ratio=measurement.extinction_ratio,
-        noise_factor=None if measurement.walk is None and measurement.flat is None else measurement.noise_factor,
+        noise_factor=measurement.noise_factor if measurement.corrections.is_any else None,
         flat_error=None if measurement.flat is None else measurement.flat.error,
     )
 

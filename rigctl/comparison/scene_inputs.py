@@ -11,6 +11,7 @@ from model.accuracy.chain import scenario_of
 from model.field_light import Source
 from model.scenario import Readout, Scenario
 from model.sensor import Sensor, SensorNoise
+from rigctl.comparison.effect_choice import acting_effects, choice_remarks
 from rigctl.comparison.lit_scene import file_settings, lit_scene
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_numbers import Stated, assumed_materials, light_numbers, region_numbers, sensor_numbers
@@ -89,7 +90,7 @@ def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
         values=np.array([values[name] for name in names]),
         cov=_covariance(names, deviations, noise),
         least=np.array([stated[name].least for name in names]),
-        remarks=(*remarks, *assumed_materials(scene)),
+        remarks=(*remarks, *assumed_materials(scene), *choice_remarks(scene)),
     )
 
 
@@ -126,11 +127,12 @@ def build_scenario(
     """
     sensor = build_sensor(scene, values, exposure_s)
     lit = lit_scene(scene, values, sensor=sensor, readout=readout, source=source)
+    effects = acting_effects(scene)
     if not scene.has_materials:
-        return scenario_of(lit, file_settings(scene))
+        return scenario_of(lit, file_settings(scene), effects=effects)
     computer = SceneLight() if light is None else light
     try:
-        return scenario_of(lit, file_settings(scene), store=computer.lights)
+        return scenario_of(lit, file_settings(scene), effects=effects, store=computer.lights)
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}: {error}") from error
 

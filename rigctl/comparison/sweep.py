@@ -7,10 +7,13 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
+from model.performance import PairDetection, pair_detections
 from model.prediction import Quantities
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 
+# At which detection is predicted.
+P_FALSE_ALARM = (1e-4, 1e-3, 1e-2, 1e-1)
 MOST_STEPS = 10_000
 _SUGGESTED = 4
 
@@ -27,11 +30,14 @@ class Sweep:
         In the unit of the file.
     quantities : tuple of dict
         For each value, region to quantities.
+    detections : tuple of tuple of PairDetection
+        For each value, every ordered pair of regions at `P_FALSE_ALARM`.
     """
 
     key: str
     values: NDArray[np.float64]
     quantities: tuple[dict[str, Quantities], ...]
+    detections: tuple[tuple[PairDetection, ...], ...]
 
     @property
     def regions(self) -> tuple[str, ...]:
@@ -42,6 +48,16 @@ class Sweep:
         """Return one number of a region at each value; not a number where it does not exist."""
         found = [step[region].get(quantity, {}).get(statistic, math.nan) for step in self.quantities]
         return np.array(found, dtype=np.float64)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Target and background of each pair."""
+        return tuple((found.target, found.background) for found in self.detections[0])
+
+    def detection(self, pair: tuple[str, str], p_false_alarm: float) -> NDArray[np.float64]:
+        """Return the probability of detection of a pair at each value, at one of `P_FALSE_ALARM`."""
+        place, rate = self.pairs.index(pair), P_FALSE_ALARM.index(p_false_alarm)
+        return np.array([step[place].p_detection[rate] for step in self.detections], dtype=np.float64)
 
 
 def sweep(predictor: ScenePredictor, request: str) -> Sweep:
@@ -65,7 +81,8 @@ def sweep(predictor: ScenePredictor, request: str) -> Sweep:
         raise ConfigError(f"--sweep: the scene has no number {key!r}; {_alike(key, tuple(numbers))}")
     steps = [predictor.predictions({key: value}) for value in values.tolist()]
     quantities = tuple({name: region.quantities for name, region in step.items()} for step in steps)
-    return Sweep(key=key, values=values, quantities=quantities)
+    detections = tuple(pair_detections(step, P_FALSE_ALARM) for step in steps)
+    return Sweep(key=key, values=values, quantities=quantities, detections=detections)
 
 
 def parse_sweep(request: str) -> tuple[str, NDArray[np.float64]]:

@@ -10,6 +10,7 @@ from model.channels import ChannelMoments
 from model.error_budget import budget, noise_causes
 from model.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
+from rigctl.comparison.rig_inputs import ANGLE, DRIFT, OFFSET
 from rigctl.comparison.rows import Row
 from rigctl.comparison.scene_inputs import Inputs
 from rigctl.measurement.measurement import Measurement
@@ -134,8 +135,8 @@ def _inputs(
 
 
 def _kind(name: str) -> str:
-    if name.startswith(("rig.polarizer", "rig.angle")):
+    if name.startswith((OFFSET, ANGLE)):
         return "angle"
-    if name == "rig.light_drift":
+    if name == DRIFT:
         return "drift"
-    return "inputs: " + name.partition(".")[0]
+    return "inputs"

@@ -10,6 +10,7 @@ from model.surface.material_library import MATERIALS
 from model.surface.shadowing import Shadowing
 from rigctl.config import Fraction, NotNegative, Positive, Section, Uncertain, load
 from rigctl.errors import ConfigError
+from rigctl.files.effect_sections import EffectsSection, ErrorsSection
 from rigctl.files.light_sections import AtmosphereSection, FieldSection, ResponseSection, SunSection
 from rigctl.files.material_file import find_material
 from rigctl.files.place import GeometrySection, SiteSection
@@ -163,6 +164,8 @@ class SceneFile(Section):
     acquisition: AcquisitionSection
     background_radiance: Annotated[float, Field(gt=0)] = 20.0
     rig: RigSection = RigSection()
+    errors: ErrorsSection = ErrorsSection()
+    effects: EffectsSection = EffectsSection()
     site: SiteSection | None = None
     sun: SunSection | None = None
     geometry: GeometrySection | None = None

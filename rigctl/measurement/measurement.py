@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from model.processing.reconstruction import Design, design
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
+from rigctl.measurement.corrections import NOTHING, Corrections
 from rigctl.measurement.dark_level import DarkLevel, find_dark_level
 from rigctl.measurement.flat_division import FlatDivision, flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
+from rigctl.measurement.throughput import throughput_of
 from rigctl.measurement.walk_back import WalkBack, walk_back
 from rigctl.polarimeter.flat_file import Flats
 from rigctl.runs.run_folder import FrameRecord, Run
@@ -45,10 +47,8 @@ class Measurement:
         Pixels that are so in any frame.
     regions : dict
         Name to what its pixels say.
-    walk : WalkBack or None
-        How frames were moved to lie on one another; None where they were not.
-    flat : FlatDivision or None
-        What frames were divided by; None where they were not.
+    corrections : Corrections
+        What was done to frames after the dark level.
     """
 
     run: Run
@@ -60,14 +60,22 @@ class Measurement:
     saturated: NDArray[np.bool_]
     missing: NDArray[np.bool_]
     regions: dict[str, MeasuredRegion]
-    walk: WalkBack | None = None
-    flat: FlatDivision | None = None
+    corrections: Corrections = NOTHING
+
+    @property
+    def walk(self) -> WalkBack | None:
+        """How frames were moved to lie on one another; None where they were not."""
+        return self.corrections.walk
+
+    @property
+    def flat(self) -> FlatDivision | None:
+        """What frames were divided by, pixel by pixel; None where they were not."""
+        return self.corrections.flat
 
     @property
     def noise_factor(self) -> FloatArray:
-        """What flat fields and moving frames make of the variance of their noise, shape (N,)."""
-        divided = np.ones(self.grid.angles) if self.flat is None else self.flat.variance_factor
-        return divided if self.walk is None else divided * self.walk.variance_factor
+        """What the corrections make of the variance of noise, shape (N,)."""
+        return self.corrections.noise_factor(self.grid.angles)
 
 
 def measure(
@@ -77,6 +85,7 @@ def measure(
     noise: dict[str, Any] | None = None,
     registration: Mapping[str, Any] | None = None,
     flats: Flats | None = None,
+    polarizer: Mapping[str, Any] | None = None,
 ) -> Measurement:
     """Return the Stokes pictures of a run and the numbers of its regions.
 
@@ -92,6 +101,8 @@ def measure(
         A registration as its file holds it: frames are moved back by it.
     flats : Flats or None
         Flat fields: frames are divided by them, before they are moved.
+    polarizer : mapping or None
+        A polarizer calibration as its file holds it: frames are divided by the throughput of their angle.
 
     Raises
     ------
@@ -106,9 +117,12 @@ def measure(
     dark_level = find_dark_level(run, grid, noise)
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer)
-    walk = None if registration is None else walk_back(run, grid, registration)
-    flat = None if flats is None else flat_division(grid, flats)
-    frames = _Frames(run, grid, dark_level, walk, flat)
+    corrections = Corrections(
+        throughput=None if polarizer is None else throughput_of(grid, polarizer),
+        flat=None if flats is None else flat_division(grid, flats),
+        walk=None if registration is None else walk_back(run, grid, registration),
+    )
+    frames = _Frames(run, grid, dark_level, corrections)
     pixels = {name: np.empty((grid.cycles, grid.angles, int(mask.sum()))) for name, mask in inside.items()}
     for cycle in range(grid.cycles):
         for angle in range(grid.angles):
@@ -135,55 +149,45 @@ def measure(
                 channel_names=grid.channel_names,
                 plan=plan,
                 level_std_error=dark_level.std_error_dn * grid.to_unit,
+                relative_error=corrections.relative_error(grid.angles),
             )
             for name, mask in inside.items()
         },
-        walk=walk,
-        flat=flat,
+        corrections=corrections,
     )
 
 
 def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
     """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
-    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level, measurement.walk, measurement.flat)
+    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level, measurement.corrections)
     return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
 
 
 class _Frames:
     """Reads frames one by one; keeps their sum by angle and which pixels were ever saturated or missing."""
 
-    def __init__(
-        self, run: Run, grid: FrameGrid, dark_level: DarkLevel, walk: WalkBack | None, flat: FlatDivision | None
-    ) -> None:
+    def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
         shape = (grid.height, grid.width)
-        self._run, self._grid, self._dark_level, self._walk, self._flat = run, grid, dark_level, walk, flat
+        self._run, self._grid, self._dark_level, self._corrections = run, grid, dark_level, corrections
         self.sums = np.zeros((grid.angles, *shape))
         self.saturated = np.zeros(shape, dtype=np.bool_)
-        self.missing = np.zeros(shape, dtype=np.bool_) if walk is None else walk.beyond(shape)
-        if flat is not None:
-            for cycle in grid.records:
-                for record in cycle:
-                    self.missing |= self._where_it_lies(record, flat.dead)
+        self.missing = np.zeros(shape, dtype=np.bool_)
 
     def read(self, cycle: int, angle: int) -> FloatArray:
         record = self._grid.records[cycle][angle]
         counts = self._run.counts(record)
         self._note_unusable(record, counts)
         signal = (counts - self._dark_level.level_dn[angle]) * self._grid.to_unit[angle]
-        if self._flat is not None:
-            signal = self._flat.divided(signal, angle)
-        if self._walk is not None:
-            signal = self._walk.signal(record, signal)
+        signal = self._corrections.corrected(signal, record, angle)
         self.sums[angle] += signal
         return np.asarray(signal)
 
     def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
-        self.saturated |= self._where_it_lies(record, counts >= record.saturation_dn)
+        self.saturated |= self._corrections.touched(counts >= record.saturation_dn, record)
+        if self._corrections.is_any:
+            self.missing |= self._corrections.missing(record, self.missing.shape)
         if record.missing_dn is not None:
-            self.missing |= self._where_it_lies(record, counts == record.missing_dn)
-
-    def _where_it_lies(self, record: FrameRecord, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return bad if self._walk is None else self._walk.touched(record, bad)
+            self.missing |= self._corrections.touched(counts == record.missing_dn, record)
 
 
 def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:

@@ -74,6 +74,7 @@ def measure_region(
     channel_names: tuple[str, ...],
     plan: Design,
     level_std_error: FloatArray,
+    relative_error: FloatArray,
 ) -> MeasuredRegion:
     """Return the numbers of a region.
 
@@ -93,6 +94,8 @@ def measure_region(
         Angles and inverse.
     level_std_error : (N,) array
         Standard error of the dark level that was taken off, one cause for all angles.
+    relative_error : (N,) array
+        Relative standard error of each angle's throughput, independent of the others.
 
     Raises
     ------
@@ -107,7 +110,7 @@ def measure_region(
     mean = pixels.mean(axis=0)
     independent = _independent_pixels(mean, inside, plan)
     inflation = pixels.shape[2] / independent
-    channels_mean = _with_level_error(mean_moments(mean), inflation, level_std_error)
+    channels_mean = _with_level_errors(mean_moments(mean), inflation, level_std_error, relative_error)
     stokes_pixels = np.asarray(plan.inverse @ pixels[0])
     stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
     quantities = _linear(channel_names, pixels, channels_mean, inflation)
@@ -136,8 +139,10 @@ def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Desig
     return effective_pixels(image, inside)
 
 
-def _with_level_error(moments: Moments, inflation: float, level_std_error: FloatArray) -> Moments:
-    common = np.outer(level_std_error, level_std_error)
+def _with_level_errors(
+    moments: Moments, inflation: float, level_std_error: FloatArray, relative_error: FloatArray
+) -> Moments:
+    common = np.outer(level_std_error, level_std_error) + np.diag(np.square(moments.mean * relative_error))
     return Moments(mean=moments.mean, cov=moments.cov * inflation + common)
 
 

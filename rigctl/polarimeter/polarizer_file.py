@@ -124,6 +124,26 @@ def read_polarizer_file(path: Path) -> dict[str, Any]:
     return content
 
 
+def read_fitting_polarizer(path: Path, run: Run) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return a polarizer calibration for the scene frames of a run, and what is doubtful about it, in words.
+
+    Raises
+    ------
+    DataError
+        As `read_polarizer_file` and `require_polarizer_fits`.
+    """
+    content = read_polarizer_file(path)
+    used = made_for(run, [record for record in run.frames if record.kind == "scene"])
+    stated = run.session.get("rig", {}).get("polarizer", {})
+    known = "sense" in stated and "offset_deg" in stated
+    doubts = require_polarizer_fits(content, used, polarizer=PolarizerSection.model_validate(stated) if known else None)
+    if content.get("channels") is None:
+        doubts += (
+            "polarizer calibration: made with fixed references, it holds no throughput: nothing is divided by it",
+        )
+    return content, doubts
+
+
 def require_polarizer_fits(
     content: Mapping[str, Any], used: MadeFor, *, polarizer: PolarizerSection | None
 ) -> tuple[str, ...]:

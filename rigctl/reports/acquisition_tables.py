@@ -198,11 +198,11 @@ def _reached_json(way: Session, reached: Reached) -> dict[str, Any]:
 
 
 def _results_json(budgets: dict[str, DolpBudget], p_detection: float | None) -> dict[str, Any]:
-    errors: dict[str, dict[str, float | None]] = {
-        name: {"dolp": budget.dolp} | {error: _or_none(getattr(budget, error)) for error in _ERRORS}
-        for name, budget in budgets.items()
-    }
-    return {"errors": errors, "p_detection": p_detection}
+    return {"errors": {name: _errors_json(budget) for name, budget in budgets.items()}, "p_detection": p_detection}
+
+
+def _errors_json(budget: DolpBudget) -> dict[str, float | None]:
+    return {name: _or_none(getattr(budget, name)) for name in ("dolp", *_ERRORS)}
 
 
 def _duration_s(reached: Reached) -> float:

@@ -12,9 +12,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _TITLES = {"s0": "S0 (share of itself)", "s1n": "s1", "s2n": "s2", "dolp": "DoLP", "aolp_deg": "AoLP [deg]"}
-# Colours after Okabe and Ito, told apart by colour-blind readers; hatches tell them apart in grey.
-_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#999999")
-_HATCHES = ("", "//", "", "\\\\", "..", "", "xx", "")
+# Colours after Okabe and Ito, told apart by colour-blind readers; hatches tell them apart in grey. A cause has the same
+# in every report.
+_LOOKS = {
+    "shot": ("#0072b2", ""),
+    "read": ("#56b4e9", "//"),
+    "fixed pattern": ("#009e73", ""),
+    "texture": ("#f0e442", "xx"),
+    "texture and fixed pattern": ("#f0e442", "xx"),
+    "noise and texture": ("#0072b2", "\\\\"),
+    "dark level": ("#999999", ""),
+    "registration": ("#999999", ".."),
+    "angle": ("#e69f00", "//"),
+    "drift": ("#cc79a7", ""),
+    "inputs": ("#d55e00", ""),
+}
 # A cause below this share of the largest of a panel is not drawn to scale but at the edge.
 _SHOWN_DECADES = 3.0
 
@@ -49,8 +61,8 @@ def _panel(ax: "Axes", budgets: Sequence[RegionBudget], quantity: str, causes: l
             widths,
             0.85,
             left=floor,
-            color=_COLOURS[place % len(_COLOURS)],
-            hatch=_HATCHES[place % len(_HATCHES)],
+            color=_LOOKS[cause][0],
+            hatch=_LOOKS[cause][1],
             edgecolor="white",
             linewidth=0.0,
             label=cause,

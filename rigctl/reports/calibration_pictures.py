@@ -120,6 +120,8 @@ def spectrograms_png(pattern: FixedPattern) -> bytes:
 
 
 def _spectrogram(axes: Axes, found: Spectrogram, factor: float, noise: float) -> None:
+    if not found.amplitude.size:
+        return
     axes.semilogy(
         found.frequency_per_pixel, factor * found.amplitude, color=MEASURED, lw=0.9, label="fixed pattern and noise"
     )

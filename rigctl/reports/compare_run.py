@@ -5,35 +5,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rigctl.calibrations.made_for import made_for
 from rigctl.comparison.checks import require_sound, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.comparison.run_registration import registration_of, with_registration
 from rigctl.comparison.scale import ScaleKind
 from rigctl.config import sha256_of
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
-from rigctl.measurement.flat_division import flat_remarks
-from rigctl.measurement.measurement import Measurement, measure
-from rigctl.noise.noise_file import read_noise_file, require_noise_fits
-from rigctl.polarimeter.flat_file import read_fitting_flats
-from rigctl.polarimeter.registration_file import read_registration_file, require_registration_fits
+from rigctl.measurement.measurement import Measurement
 from rigctl.reports.blocks import Report
 from rigctl.reports.compare_content import compare_report
 from rigctl.reports.pdf import pdf
 from rigctl.reports.report import render
 from rigctl.reports.rows_csv import rows_csv
+from rigctl.reports.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
 from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
 from rigctl.runs.run_folder import MANIFEST_FILE, Run, read_run
 from rigctl.version import VERSION
-
-_MOVED = (
-    "frames were moved to lie on one another, bilinearly: the prediction of temporal noise follows that; texture and "
-    "fixed pattern of single pixels are smoothed too, and their prediction is not"
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,6 +76,7 @@ def compare_run(
     radiometric_path: Path | None = None,
     registration_path: Path | None = None,
     flat_path: Path | None = None,
+    polarizer_path: Path | None = None,
 ) -> ComparedRun:
     """Return a run beside what the model says of it.
 
@@ -106,6 +98,8 @@ def compare_run(
         Registration by which frames are moved to lie on one another.
     flat_path : Path or None
         Flat fields that frames are divided by.
+    polarizer_path : Path or None
+        Polarizer calibration, by whose throughput frames are divided.
 
     Raises
     ------
@@ -119,34 +113,37 @@ def compare_run(
     scene = None if scene_path is None else load_scene(scene_path)
     regions = _regions(scene, regions_path)
     run = read_run(run_path)
-    noise = None if noise_path is None else read_noise_file(noise_path)
-    radiometric = None if radiometric_path is None else read_radiometric_file(radiometric_path)
-    registration = None if registration_path is None else read_registration_file(registration_path)
-    doubts = _doubts(run, noise, radiometric, registration)
-    flats, flat_doubts = (None, ()) if flat_path is None else read_fitting_flats(flat_path, run)
-    measurement = measure(run, regions=regions, noise=noise, registration=registration, flats=flats)
-    flat_said = () if measurement.flat is None else tuple(flat_remarks(measurement.flat, regions))
-    checks = run_checks(measurement)
+    paths = CalibrationPaths(
+        noise=noise_path,
+        radiometric=radiometric_path,
+        registration=registration_path,
+        flat=flat_path,
+        polarizer=polarizer_path,
+    )
+    given = read_calibrations(paths, run)
+    measurement = given.measure(run, regions)
+    registered = registration_of(measurement)
+    checks = run_checks(measurement, registered)
     require_sound(checks, run=str(run_path))
     if scene is not None:
         comparison = compare_with_scene(
-            measurement, scene=scene, noise=noise, alpha=alpha, scale=scale, radiometric=radiometric
+            measurement, scene=scene, noise=given.noise, alpha=alpha, scale=scale, radiometric=given.radiometric
         )
-    elif scale == "absolute" and radiometric is None:
-        comparison = compare_closed_loop(measurement, noise=noise, alpha=alpha)
+    elif scale == "absolute" and given.radiometric is None:
+        comparison = compare_closed_loop(measurement, noise=given.noise, alpha=alpha)
     else:
         raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
-    files = {
-        "scene": scene_path,
-        "regions": regions_path,
-        "noise": noise_path,
-        "radiometric": radiometric_path,
-        "registration": registration_path,
-        "flat": flat_path,
-        "manifest": run_path / MANIFEST_FILE,
-    }
+    files = {"scene": scene_path, "regions": regions_path, **vars(paths), "manifest": run_path / MANIFEST_FILE}
+    said = (*given.doubts, *correction_remarks(measurement, regions))
+    budgets = with_registration(
+        comparison.budgets,
+        measurement,
+        regions=regions,
+        found=registered,
+        means={name: found.channels.mean_dn for name, found in comparison.predictions.items()},
+    )
     return ComparedRun(
-        comparison=replace(comparison, remarks=(*doubts, *flat_doubts, *flat_said, *comparison.remarks), checks=checks),
+        comparison=replace(comparison, remarks=(*said, *comparison.remarks), checks=checks, budgets=budgets),
         measurement=measurement,
         regions=regions,
         provenance=_provenance(run, {what: path for what, path in files.items() if path is not None}),
@@ -168,18 +165,6 @@ def _outlines_of(scene: SceneFile, drawn: list[Region]) -> list[Region]:
         )
     now = {region.name: region for region in drawn}
     return [now.get(region.name, region) for region in scene.regions]
-
-
-def _doubts(
-    run: Run, noise: dict[str, Any] | None, radiometric: dict[str, Any] | None, registration: dict[str, Any] | None
-) -> tuple[str, ...]:
-    """Refuse calibrations of another camera or setting; return what is doubtful about them."""
-    used = made_for(run, [record for record in run.frames if record.kind == "scene"])
-    return (
-        *(() if noise is None else require_noise_fits(noise, used)),
-        *(() if radiometric is None else require_radiometric_fits(radiometric, used)),
-        *(() if registration is None else (*require_registration_fits(registration, used), _MOVED)),
-    )
 
 
 def _provenance(run: Run, files: dict[str, Path]) -> dict[str, Any]:

@@ -74,7 +74,7 @@ class ComparedSeries:
         }
 
     def write(self, out: Path) -> None:
-        """Write series.json, series.csv, series.html and series.pdf, and the files of each run in a folder of its name."""
+        """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
         out.mkdir(parents=True, exist_ok=True)
         for point, run in zip(self.points, self.runs, strict=True):
             run.write(out / point.name)
@@ -133,10 +133,16 @@ def series_report(series: ComparedSeries) -> Report:
     off = [point for point in points if not point.comparison.agrees]
     drifting = [d for d in series.drifts if abs(d.z) > _DRIFTS]
     reasons = [
-        ("", f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together."),
+        (
+            "",
+            f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together.",
+        ),
         *(("Disagrees:", f"{point.name}: {_why(point)}") for point in off),
         *(
-            ("Drifts:", f"{d.quantity} of {d.region} against its prediction, by {d.line.slope:+.3g} an hour ({d.z:+.1f})")
+            (
+                "Drifts:",
+                f"{d.quantity} of {d.region} against its prediction, by {d.line.slope:+.3g} an hour ({d.z:+.1f})",
+            )
             for d in drifting
         ),
     ]
@@ -173,6 +179,9 @@ def _point(name: str, run: ComparedRun, scene: Any) -> SeriesPoint:
 
 def _sun_zenith_deg(measurement: Measurement, scene: Any) -> float | None:
     frames = [record for cycle in measurement.grid.records for record in cycle]
+    elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]
+    if len(elevations) == len(frames):
+        return 90.0 - sum(elevations) / len(elevations)
     changed, _ = scene_of_run(scene, measurement.run, frames)
     sun = light_numbers(changed).get("sun.zenith_deg")
     return None if sun is None else sun.value
@@ -180,7 +189,9 @@ def _sun_zenith_deg(measurement: Measurement, scene: Any) -> float | None:
 
 def _why(point: SeriesPoint) -> str:
     comparison = point.comparison
-    text = f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.diagnosis.points_to) or 'no cause'}"
+    text = (
+        f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.diagnosis.points_to) or 'no cause'}"
+    )
     return text if comparison.explanation is None else f"{text}; {comparison.explanation.remark}"
 
 

@@ -52,9 +52,9 @@ def serve_gige_camera(
 
     Notes
     -----
-    It powers up with automatic exposure and gain, as real cameras do; then pictures are of twice the exposure that was
-    set. It serves no packet twice, and does not bin. Nobody is answered during an exposure: longer ones than 2 s look
-    like a camera that hangs. What the source raises is raised when the context is left.
+    It powers up with automatic exposure and gain and with a gamma, as real cameras do; then pictures are of twice the
+    exposure that was set, and bent. It serves no packet twice, and does not bin. Nobody is answered during an exposure:
+    longer ones than 2 s look like a camera that hangs. What the source raises is raised when the context is left.
     """
     served = _ServedCamera(
         source, address=address, serial_number=serial_number, faults=faults or GigeFaults(), wait=wait
@@ -102,6 +102,7 @@ class _ServedCamera:
             (registers.HEIGHT, height),
             (registers.EXPOSURE_AUTO, registers.EXPOSURE_AUTO_CONTINUOUS),
             (registers.GAIN_AUTO, registers.GAIN_AUTO_CONTINUOUS),
+            (registers.GAMMA, 1),
             (registers.TEMPERATURE_TENTHS_C, _START_TEMPERATURE_TENTHS_C),
         ):
             self.device.write_register(register, value)
@@ -116,8 +117,16 @@ class _ServedCamera:
         counts = self._source.take_frame(timeout_s=_ENDLESS_S).counts
         self._wait(exposure_us / 1e6)
         self.power.after_picture()
-        region = self._region(counts, width, height)
+        region = self._bent(self._region(counts, width, height))
         return bytes_of(region, bit_depth=self._settings.bit_depth, pixel_format=pixel_format)
+
+    def _bent(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Return counts as a screen wants them, where that was left on."""
+        if not self.device.read_register(registers.GAMMA):
+            return counts
+        full_dn = 2**self._settings.bit_depth - 1
+        bent: NDArray[np.uint16] = np.rint(full_dn * np.sqrt(counts / full_dn)).astype(np.uint16)
+        return bent
 
     def _forget(self) -> None:
         self.device.write_register(registers.EXPOSURE_US, _FORGOTTEN_EXPOSURE_US)

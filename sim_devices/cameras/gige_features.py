@@ -10,7 +10,7 @@ OFFSET_X, OFFSET_Y = 0x130, 0x134
 EXPOSURE_US = 0x120
 GAIN_AUTO = 0x114
 # Memory that it does not use.
-EXPOSURE_AUTO, REVERSE_X, TEMPERATURE_TENTHS_C = 0x400, 0x404, 0x408
+EXPOSURE_AUTO, REVERSE_X, TEMPERATURE_TENTHS_C, GAMMA = 0x400, 0x404, 0x408, 0x40C
 EXPOSURE_AUTO_OFF, EXPOSURE_AUTO_CONTINUOUS = 0, 2
 GAIN_AUTO_OFF, GAIN_AUTO_CONTINUOUS = 1, 2
 
@@ -25,8 +25,8 @@ _EXPOSURE_AUTO = """
 <EnumEntry Name="Continuous" NameSpace="Standard"><Value>2</Value></EnumEntry>
 <pValue>ExposureAutoRegister</pValue></Enumeration>
 """
-_REVERSE_X = """
-<Boolean Name="ReverseX" NameSpace="Standard"><pValue>ReverseXRegister</pValue>
+_SWITCH = """
+<Boolean Name="{name}" NameSpace="Standard"><pValue>{name}Register</pValue>
 <OnValue>1</OnValue><OffValue>0</OffValue></Boolean>
 """
 _TEMPERATURE = """
@@ -38,7 +38,7 @@ _TEMPERATURE = """
 
 
 def extended(xml: str) -> str:
-    """Return the list of features with 10 and 12 bits, automatic exposure, mirroring and a thermometer, no binning."""
+    """Return the list with 10 and 12 bits, automatic exposure, mirroring, gamma and a thermometer; no binning."""
     entries = "".join(
         f'<EnumEntry Name="{name}" NameSpace="Standard"><Value>{code}</Value></EnumEntry>'
         for name, code in FORMATS.items()
@@ -51,8 +51,10 @@ def extended(xml: str) -> str:
     added = (
         _EXPOSURE_AUTO
         + _REGISTER.format(name="ExposureAuto", address=EXPOSURE_AUTO, access="RW")
-        + _REVERSE_X
+        + _SWITCH.format(name="ReverseX")
         + _REGISTER.format(name="ReverseX", address=REVERSE_X, access="RW")
+        + _SWITCH.format(name="GammaEnable")
+        + _REGISTER.format(name="GammaEnable", address=GAMMA, access="RW")
         + _TEMPERATURE
         + _REGISTER.format(name="DeviceTemperature", address=TEMPERATURE_TENTHS_C, access="RO")
     )

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
@@ -13,11 +14,11 @@ RANDOM = np.random.default_rng(5)
 ZENITH_RAD, PHI_RAD = RANDOM.uniform(0.0, np.radians(88.0), 300), RANDOM.uniform(-7.0, 7.0, 300)
 
 
-def computed_sky(sun_zenith_deg, aerosol=AerosolKind.DEPOLARIZING):
+def computed_sky(sun_zenith_deg, aerosol=AerosolKind.DEPOLARIZING, kind=AerosolType.RURAL):
     wavelength_m = np.linspace(500e-9, 600e-9, 11)
     band = SolarBand(wavelength_m=wavelength_m, irradiance_w_per_m3=np.full(11, 1.8e9), response=np.ones(11))
     return compute_lighting(
-        AtmosphereState(visibility_m=23e3),
+        AtmosphereState(visibility_m=23e3, boundary_aerosol=kind),
         tier=Tier.FAST,
         band=band,
         mu0=np.cos(np.radians(sun_zenith_deg)),
@@ -38,10 +39,11 @@ def test_samples_stand_for_a_computed_sky_to_their_own_estimate(sun_zenith_deg):
     assert sampled.relative_error < 5e-3
 
 
+@pytest.mark.parametrize("kind", [AerosolType.RURAL, AerosolType.DUST])
 @pytest.mark.parametrize("sun_zenith_deg", [5.0, 40.0])
-def test_the_aureole_of_spheres_is_held(sun_zenith_deg):
+def test_the_aureole_of_spheres_is_held(sun_zenith_deg, kind):
     sun_rad = np.radians(sun_zenith_deg)
-    sky = computed_sky(sun_zenith_deg, AerosolKind.SPHERES)
+    sky = computed_sky(sun_zenith_deg, AerosolKind.SPHERES, kind)
     sampled = sample_sky(sky, sun_zenith_rad=sun_rad)
     zenith = np.abs(sun_rad + RANDOM.normal(0.0, 0.05, 200))
     phi = RANDOM.normal(0.0, 0.05, 200)
@@ -49,7 +51,8 @@ def test_the_aureole_of_spheres_is_held(sun_zenith_deg):
     # At the sun it is some thirty times as bright as in the mean, and falls to half within some degrees.
     assert np.max(exact[:, 0]) > 5.0 * np.min(exact[:, 0])
     difference = np.abs(sampled(zenith_rad=zenith, phi_rad=phi) - exact) / exact[:, :1]
-    assert np.max(difference) < 1e-2
+    # Measured: 1e-3 for rural spheres, 2e-3 for dust; a sum of Henyey-Greenstein functions alone leaves 0.06 of dust.
+    assert np.max(difference) < 4e-3
     assert np.max(difference) < 2.0 * sampled.relative_error
 
 

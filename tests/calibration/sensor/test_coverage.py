@@ -85,6 +85,11 @@ def test_gain_and_read_noise(case: LEVELS, name: str, truth: float) -> None:
     assert inside([getattr(one, name) for one in calibrations(case)], truth) >= LEAST_INSIDE
 
 
+def test_prnu_in_uneven_light() -> None:
+    # With the shading of 6 % the spatial variance is four times that of the pixels alone.
+    assert inside([one.prnu for one in calibrations(unevenly_lit)], 0.01) >= LEAST_INSIDE
+
+
 # The dark noise of 10 e- with 1/12 DN^2 of rounding, and half an electron.
 THRESHOLD_E = 0.5 + np.sqrt(0.25 + READ_NOISE_E**2 + 1.0 / 12.0 / GAIN**2)
 

@@ -111,6 +111,18 @@ def test_each_defect_is_found_by_its_kind() -> None:
     assert defects.n_defect == 5
 
 
+def test_noise_below_a_count_makes_no_defects() -> None:
+    # Most pixels never change, some by one count.
+    assert found(np.full(SHAPE, 0.3), noise=0.15).defects.n_defect == 0
+
+
+def test_a_line_sensor_has_one_spectrum() -> None:
+    row = np.random.default_rng(8).standard_normal((1, 64)).astype(np.float32)
+    assert spectrogram(row, along=1).amplitude.shape == (32,)
+    assert spectrogram(row, along=0).amplitude.size == 0
+    assert spectrogram(row, along=0).median == 0.0
+
+
 def test_many_defects_are_flagged() -> None:
     dark = 2.0 * np.random.default_rng(7).standard_normal(SHAPE)
     dark[5::20, 5::20] += 100.0

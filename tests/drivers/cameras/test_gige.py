@@ -67,6 +67,12 @@ def test_everything_automatic_is_switched_off(device, open_camera):
     assert device.read_register(registers.GAIN_AUTO) == registers.GAIN_AUTO_OFF
 
 
+def test_what_bends_counts_is_switched_off_and_said_to_be(device, open_camera):
+    assert device.read_register(registers.GAMMA) == 1
+    assert open_camera().facts().linear is True
+    assert device.read_register(registers.GAMMA) == 0
+
+
 def test_the_names_of_features_are_told(open_camera):
     camera = open_camera("pixel_format=Mono12")
     camera.configure(exposure_s=0.004, gain_db=3.0)

@@ -30,6 +30,14 @@ def test_everything_automatic_is_off_when_it_is_open(video):
     assert video.controls[AUTOGAIN] == 0
 
 
+def test_what_may_bend_counts_is_told_as_it_was_found(video):
+    gamma = 0x00980910
+    video.controls[gamma] = 2
+    camera = camera_on(video)
+    assert camera.features()[f"control {gamma:#x}"] == "2 (as found)"
+    assert camera.facts().linear is None
+
+
 def test_an_automatic_that_stays_on_is_refused(video):
     video.stubborn.add(AUTOGAIN)
     with pytest.raises(LimitError, match="0x980912"):

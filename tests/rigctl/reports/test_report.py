@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rigctl.reports.compare_run import compare_run
-from rigctl.reports.report import to_digits
+from rigctl.reports.number_text import to_digits
 from rigctl.sessions.perturbation import perturbed
 from rigctl.sessions.take_session import take_session
 from tests.rigctl.example_files import small_rig, small_session
@@ -25,7 +25,7 @@ def compared(tmp_path_factory):
 def test_the_report_is_one_file_that_needs_no_other(compared):
     html = (compared[0] / "report.html").read_text()
     assert re.findall(r'(?:src|href)="(?!data:)', html) == []
-    assert html.count("data:image/png;base64,") == 4
+    assert html.count("data:image/png;base64,") == 5
 
 
 def test_the_report_says_what_is_simulated_assumed_and_not_tested(compared):
@@ -67,7 +67,7 @@ def test_the_run_and_every_file_stand_in_the_provenance_with_their_hashes(compar
 
 def test_the_same_comparison_gives_the_same_report(compared, tmp_path):
     compared[1].write(tmp_path)
-    for name in ("report.html", "comparison.json"):
+    for name in ("report.html", "report.pdf", "comparison.json", "comparison.csv"):
         assert (tmp_path / name).read_bytes() == (compared[0] / name).read_bytes()
 
 
@@ -79,9 +79,9 @@ def test_a_disagreement_heads_the_report_with_where_it_points(tmp_path):
     )
     found.write(tmp_path / "out")
     html = (tmp_path / "out" / "report.html").read_text()
-    head = html[: html.index("In short")]
+    head = html[: html.index("Pictures")]
     assert "Model and measurement disagree" in head
-    assert "<strong>scale</strong>" in head
+    assert "<strong>Points to scale:</strong>" in head
     assert "DISAGREES" in head
 
 

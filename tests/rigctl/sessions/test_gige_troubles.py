@@ -166,6 +166,6 @@ def test_a_network_that_loses_every_picture_ends_the_session_with_that_error_and
 def test_the_run_says_how_counts_came_about(tmp_path):
     take(tmp_path, session(cycles=1))
     facts = read_description(tmp_path / "run" / "session.json").session["camera_facts"]
-    assert (facts["sample_format"], facts["justified"], facts["linear"]) == ("Mono12Packed", "right", None)
-    assert facts["features"].items() >= {"ExposureAuto": "Off", "GainAuto": "Off", "ReverseX": "False"}.items()
+    assert (facts["sample_format"], facts["justified"], facts["linear"]) == ("Mono12Packed", "right", True)
+    assert facts["features"].items() >= {"ExposureAuto": "Off", "GammaEnable": "False", "ReverseX": "False"}.items()
     assert read_run(tmp_path / "run").frames[0].camera_temperature_c == 28.5

@@ -1,0 +1,58 @@
+"""``rigctl effects``: which effects a scene calls for, and why."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigctl.comparison.effect_choice import with_choices
+from rigctl.comparison.effect_plan import plan_effects, verify_effects
+from rigctl.files.scene_file import load_scene
+from rigctl.noise.noise_file import read_noise_file
+from rigctl.reports.effects_table import effects_json, effects_table, saved_line
+from rigctl.terminal import print_json, progress, results
+
+# A bound that does not hold is a fault of the program's own.
+_EXIT_VIOLATION = 70
+
+
+def command(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="Scene file.")],
+    tolerance: Annotated[
+        float, typer.Option(metavar="T", min=1e-9, max=1.0, help="Of a prediction; effects may take half of it.")
+    ] = 0.01,
+    verify: Annotated[bool, typer.Option("--verify", help="Evaluate what is left out, and its time.")] = False,
+    switched_on: Annotated[list[str] | None, typer.Option("--with", metavar="NAME", help="Let an effect act.")] = None,
+    left_out: Annotated[
+        list[str] | None, typer.Option("--without", metavar="NAME", help="Leave an effect out, whatever its bound.")
+    ] = None,
+    noise: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Noise calibration; takes the place of the assumed noise.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
+) -> None:
+    """Print every effect of the model with the most that leaving it out can change, and whether the scene calls for it.
+
+    An effect is left out while the sum of the bounds of all that is stays within half of the tolerance. Bounds: of
+    radiance and counts (relative), of DoLP, S1/S0, S2/S0 (absolute), of deviations and SNR (relative), of probabilities
+    of detection (absolute). --verify evaluates the chain with and without; a bound that does not hold is an error.
+
+    Example: rigctl effects examples/scene-panels.toml --tolerance 0.02 --verify
+    """
+    chosen = with_choices(load_scene(scene), switched_on=switched_on or [], left_out=left_out or [])
+    planned = plan_effects(chosen, None if noise is None else read_noise_file(noise), tolerance=tolerance)
+    checked = verify_effects(planned) if verify else None
+    if as_json:
+        print_json(effects_json(planned.plan, checked) | {"remarks": list(planned.remarks)})
+    else:
+        results().print(effects_table(planned.plan, checked))
+        if checked is not None:
+            results().print(saved_line(checked))
+        for remark in planned.remarks:
+            progress().print(remark)
+    if checked is not None and checked.violations:
+        names = ", ".join(one.effect.value for one in checked.violations)
+        progress().print(
+            f"a bound does not hold: {names}. This is a fault of the program; please report the scene file"
+        )
+        raise typer.Exit(_EXIT_VIOLATION)

@@ -1,0 +1,110 @@
+"""Which effects a scene file calls for, and what leaving them out truly changes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from model.accuracy.chain import scenario_of
+from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
+from model.accuracy.settings import Settings
+from model.effects.names import ALL, Effect
+from model.effects.planner import EffectPlan, plan
+from model.lit_scene import LitScene
+from model.scenario import RegionLight
+from rigctl.comparison.effect_choice import forced_effects
+from rigctl.comparison.lit_scene import file_settings, lit_scene
+from rigctl.comparison.scene_inputs import build_sensor, file_readout, gather
+from rigctl.comparison.scene_light import SceneLight
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import SceneFile
+
+_MS_PER_S = 1000.0
+# Share of a tolerance that may go to effects that are left out; numerical settings have the rest.
+SHARE = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedScene:
+    """A scene with the decisions on its effects.
+
+    Attributes
+    ----------
+    scene, settings
+        What was planned.
+    plan
+        The decisions.
+    remarks
+        What is assumed.
+    """
+
+    scene: LitScene
+    settings: Settings
+    plan: EffectPlan
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verification:
+    """Effects that are left out, evaluated.
+
+    Attributes
+    ----------
+    checked
+        One for each that is left out.
+    all_s, planned_s
+        Time of the whole chain with all effects and with those that act, nothing being kept from before [s].
+    """
+
+    checked: tuple[CheckedEffect, ...]
+    all_s: float
+    planned_s: float
+
+    @property
+    def violations(self) -> tuple[CheckedEffect, ...]:
+        """Those that changed more than their bound."""
+        return tuple(one for one in self.checked if not one.holds)
+
+
+def plan_effects(
+    scene: SceneFile, noise: Mapping[str, Any] | None, *, tolerance: float, light: SceneLight | None = None
+) -> PlannedScene:
+    """Return which effects a scene file calls for at a tolerance, of which these may take one half.
+
+    Raises
+    ------
+    ConfigError
+        A number is outside its range.
+    """
+    inputs = gather(scene, None if noise is None else dict(noise))
+    values, settings = inputs.named, file_settings(scene)
+    sensor = build_sensor(scene, values, scene.acquisition.exposure_ms / _MS_PER_S)
+    lit = lit_scene(scene, values, sensor=sensor, readout=file_readout(scene))
+    computer = SceneLight() if light is None else light
+
+    def known(effects: frozenset[Effect]) -> tuple[RegionLight, ...]:
+        return scenario_of(lit, settings, effects=effects, store=computer.lights).regions
+
+    try:
+        found = plan(lit, tolerance=SHARE * tolerance, forced=forced_effects(scene), known=known)
+    except ValueError as error:
+        raise ConfigError(f"scene {scene.name}: {error}") from error
+    return PlannedScene(scene=lit, settings=settings, plan=found, remarks=(*inputs.remarks, *found.remarks))
+
+
+def verify_effects(planned: PlannedScene) -> Verification:
+    """Return what leaving out each effect that is left out truly changes.
+
+    Raises
+    ------
+    ConfigError
+        A number is outside its range.
+    """
+    bounds = {one.effect: one.bound for one in planned.plan.decisions if not one.acts}
+    try:
+        return Verification(
+            checked=check_effects(planned.scene, planned.settings, bounds),
+            all_s=chain_time_s(planned.scene, planned.settings, ALL),
+            planned_s=chain_time_s(planned.scene, planned.settings, planned.plan.active),
+        )
+    except ValueError as error:
+        raise ConfigError(str(error)) from error

@@ -1,0 +1,54 @@
+"""The tables of a scene file that say what a session adds to the scene, and which effects are forced on or off."""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, ConfigDict, Field
+
+from model.effects.names import Effect
+from rigctl.config import Section
+
+
+def _known(name: str) -> str:
+    if name not in effect_names():
+        raise ValueError(f"is {name!r}; allowed are {', '.join(effect_names())}")
+    return name
+
+
+EffectName = Annotated[str, AfterValidator(_known)]
+
+
+class ErrorsSection(Section):
+    """What a session adds to a scene; by default nothing. These are random or known, and predicted with the rest.
+
+    `polarizer_angle_std_deg` is how far each angle misses on its own, `misregistration_px` how far the picture shifts
+    from frame to frame along each axis (both standard deviations), `texture_correlation_px` the distance at which the
+    correlation of the texture has fallen to 0.61, `illumination_drift` the change of the light from the first frame of
+    a cycle to the last over its mean, `surround_albedo` that of the near surroundings where it is not
+    atmosphere.ground_albedo, `off_axis_falloff` whether light falls as cos^4 over a region's extent (no flat field).
+    """
+
+    polarizer_angle_std_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
+    misregistration_px: Annotated[float, Field(ge=0, le=1e4)] = 0.0
+    texture_correlation_px: Annotated[float, Field(gt=0, le=1e4)] = 1.0
+    illumination_drift: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    surround_albedo: Annotated[float, Field(ge=0, le=1)] | None = None
+    off_axis_falloff: bool = False
+
+
+class EffectsSection(Section):
+    """Effects that act whatever their bound (`with`), and that are left out (`without`)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+    switched_on: tuple[EffectName, ...] = Field(default=(), alias="with")
+    left_out: tuple[EffectName, ...] = Field(default=(), alias="without")
+
+
+def effect_names() -> tuple[str, ...]:
+    """Return the effects as files and options call them: without spaces."""
+    return tuple(effect.value.replace(" ", "-") for effect in Effect)
+
+
+def effect_of(name: str) -> Effect:
+    """Return the effect that a file or an option calls so."""
+    return tuple(Effect)[effect_names().index(name)]

@@ -1,0 +1,67 @@
+"""What is done to a frame once its dark level is off: throughput, flat field, walk of the picture, in this order."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.measurement.flat_division import FlatDivision
+from rigctl.measurement.throughput import Throughput
+from rigctl.measurement.walk_back import WalkBack
+from rigctl.runs.run_folder import FrameRecord
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Corrections:
+    """What frames are corrected by; None is not corrected."""
+
+    throughput: Throughput | None = None
+    flat: FlatDivision | None = None
+    walk: WalkBack | None = None
+
+    def corrected(self, signal: FloatArray, record: FrameRecord, channel: int) -> FloatArray:
+        """Return the frame of a channel, dark level off, corrected."""
+        if self.throughput is not None:
+            signal = signal / self.throughput.value[channel]
+        if self.flat is not None:
+            signal = self.flat.divided(signal, channel)
+        return signal if self.walk is None else self.walk.signal(record, signal)
+
+    def touched(self, bad: BoolArray, record: FrameRecord) -> BoolArray:
+        """Return which pixels of the corrected frame have any part of a bad one."""
+        return bad if self.walk is None else self.walk.touched(record, bad)
+
+    def missing(self, record: FrameRecord, shape: tuple[int, int]) -> BoolArray:
+        """Return which pixels of the corrected frame show nothing of the scene."""
+        dead = np.zeros(shape, dtype=np.bool_) if self.flat is None else self.touched(self.flat.dead, record)
+        return dead if self.walk is None else dead | self.walk.beyond(shape)
+
+    def noise_factor(self, channels: int) -> FloatArray:
+        """Return what all of it makes of the variance of temporal noise, by channel.
+
+        Notes
+        -----
+        That of light whose mean after the division is known: a frame that got less of it had less noise too, so that
+        the throughput enters once and not squared. Read noise is enlarged by another factor of it, some per cent.
+        """
+        factor = np.ones(channels)
+        if self.throughput is not None:
+            factor /= self.throughput.value
+        if self.flat is not None:
+            factor *= self.flat.variance_factor
+        return factor if self.walk is None else factor * self.walk.variance_factor
+
+    def relative_error(self, channels: int) -> FloatArray:
+        """Return the standard error that it adds to the mean of each channel, relative and independent."""
+        return np.zeros(channels) if self.throughput is None else self.throughput.error
+
+    @property
+    def is_any(self) -> bool:
+        """Whether anything is done."""
+        return any(part is not None for part in (self.throughput, self.flat, self.walk))
+
+
+NOTHING = Corrections()

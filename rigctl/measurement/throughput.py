@@ -1,0 +1,63 @@
+"""Frames divided by the throughput of their polarizer angle, as a polarizer calibration has measured it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import DataError
+from rigctl.measurement.frame_grid import FrameGrid
+from rigctl.runs.run_folder import FrameRecord
+
+FloatArray = NDArray[np.float64]
+
+# A frame this near to a calibrated stage angle has its throughput.
+_NEAR_DEG = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Throughput:
+    """Response to unpolarized light by channel, mean over the calibrated angles 1, and its standard error, (N,)."""
+
+    value: FloatArray
+    error: FloatArray
+
+
+def throughput_of(grid: FrameGrid, polarizer: Mapping[str, Any]) -> Throughput | None:
+    """Return the throughput of each channel of a run; None where the calibration did not measure it.
+
+    Parameters
+    ----------
+    grid : FrameGrid
+        Of the run.
+    polarizer : mapping
+        A polarizer calibration as its file holds it. References alone do not measure throughput; a generator does.
+
+    Raises
+    ------
+    DataError
+        It was measured, but not at a stage angle of the run.
+    """
+    channels = polarizer.get("channels")
+    if channels is None:
+        return None
+    found = [_nearest(channels, record) for record in grid.records[0]]
+    return Throughput(
+        value=np.array([one["throughput"]["value"] for one in found]),
+        error=np.array([one["throughput"]["std_error"] for one in found]),
+    )
+
+
+def _nearest(channels: list[dict[str, Any]], record: FrameRecord) -> dict[str, Any]:
+    known = np.array([one["stage_angle_deg"] for one in channels])
+    if record.stage_angle_deg is None:
+        raise DataError(f"{record.file} has no stage angle; the throughput of a polarizer goes by it")
+    apart = np.abs((known - record.stage_angle_deg + 180.0) % 360.0 - 180.0)
+    if apart.min() > _NEAR_DEG:
+        raise DataError(
+            f"{record.file} was taken at stage angle {record.stage_angle_deg:.2f} deg; the polarizer calibration has "
+            f"throughput at {', '.join(f'{angle:.1f}' for angle in known)} deg: calibrate at the angles that are used"
+        )
+    return channels[int(np.argmin(apart))]

@@ -1,0 +1,109 @@
+"""Effects of a scene as a table and as JSON: bound, decision, reason, cost."""
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from rich.table import Table
+
+from model.effects.bound import Bound
+from model.effects.facts import FACTS
+from model.effects.names import Effect
+from model.effects.planner import Decision, EffectPlan
+from rigctl.comparison.effect_plan import Verification
+
+_KINDS = ("radiance", "ratios", "deviations", "detection")
+
+
+def effects_table(plan: EffectPlan, checked: Verification | None) -> Table:
+    """Return the table of effects, with what those left out truly change where that was found out."""
+    table = Table(title=_title(plan), title_justify="left", box=None, pad_edge=False)
+    table.add_column("effect")
+    table.add_column("acts")
+    for kind in _KINDS:
+        table.add_column(kind, justify="right")
+    table.add_column("reason")
+    table.add_column("changes")
+    table.add_column("cost")
+    found = _actual(checked)
+    for decision in plan.decisions:
+        table.add_row(*_cells(decision, found.get(decision.effect)))
+    return table
+
+
+def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Any]:
+    """Return the same as JSON holds it; a bound that is not known is null."""
+    found = _actual(checked)
+    content: dict[str, Any] = {
+        "tolerance": plan.tolerance,
+        "spent": _numbers(plan.spent),
+        "effects": [_entry(one, found.get(one.effect)) for one in plan.decisions],
+    }
+    if checked is not None:
+        content |= {
+            "time_s": {"all_effects": checked.all_s, "acting_effects": checked.planned_s},
+            "violations": [one.effect.value for one in checked.violations],
+        }
+    return content
+
+
+def saved_line(checked: Verification) -> str:
+    """Return what leaving out saved, in words."""
+    saved = 1.0 - checked.planned_s / checked.all_s
+    return (
+        f"time of the chain, nothing being kept from before: {checked.all_s:.3g} s with all effects, "
+        f"{checked.planned_s:.3g} s with those that act ({saved:.0%} saved)"
+    )
+
+
+def _title(plan: EffectPlan) -> str:
+    return (
+        f"effects: largest change if left out. Left out while the sum stays within {plan.tolerance:.2g}; "
+        f"{plan.spent.largest:.2g} of it is spent"
+    )
+
+
+def _actual(checked: Verification | None) -> dict[Effect, Bound]:
+    return {} if checked is None else {one.effect: one.actual for one in checked.checked}
+
+
+def _cells(decision: Decision, actual: Bound | None) -> list[str]:
+    facts = FACTS[decision.effect]
+    limits = asdict(decision.bound)
+    shown = [_number(limits[kind]) for kind in _KINDS]
+    if actual is not None:
+        truly = asdict(actual)
+        shown = [f"{limit} (is {_number(truly[kind])})" for kind, limit in zip(_KINDS, shown, strict=True)]
+    return [
+        decision.effect.value,
+        "yes" if decision.acts else "no",
+        *shown,
+        decision.reason,
+        facts.changes,
+        facts.cost,
+    ]
+
+
+def _entry(decision: Decision, actual: Bound | None) -> dict[str, Any]:
+    facts = FACTS[decision.effect]
+    entry: dict[str, Any] = {
+        "effect": decision.effect.value,
+        "acts": decision.acts,
+        "forced": decision.forced,
+        "bound": _numbers(decision.bound),
+        "reason": decision.reason,
+        "changes": facts.changes,
+        "place": facts.place,
+        "cost": facts.cost,
+    }
+    return entry if actual is None else entry | {"actual": _numbers(actual)}
+
+
+def _numbers(bound: Bound) -> dict[str, float | None]:
+    return {kind: value if math.isfinite(value) else None for kind, value in asdict(bound).items()}
+
+
+def _number(value: float) -> str:
+    if value == 0.0:
+        return "0"
+    return f"{value:.1e}" if math.isfinite(value) else "unknown"

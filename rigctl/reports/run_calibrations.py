@@ -1,0 +1,111 @@
+"""The calibrations that a run is compared with: read, found to be of its devices, and what is doubtful about them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rigctl.calibrations.made_for import made_for
+from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.files.regions import Region
+from rigctl.measurement.flat_division import flat_remarks
+from rigctl.measurement.measurement import Measurement, measure
+from rigctl.measurement.throughput import Throughput
+from rigctl.noise.noise_file import read_fitting_noise
+from rigctl.polarimeter.flat_file import Flats, read_fitting_flats
+from rigctl.polarimeter.polarizer_file import read_fitting_polarizer
+from rigctl.polarimeter.registration_file import read_fitting_registration
+from rigctl.runs.run_folder import Run
+
+_MOVED = (
+    "frames were moved to lie on one another, bilinearly: the prediction of temporal noise follows that; texture and "
+    "fixed pattern of single pixels are smoothed too, and their prediction is not"
+)
+
+_Content = TypeVar("_Content")
+_Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationPaths:
+    """Files of calibrations; None is not given."""
+
+    noise: Path | None = None
+    radiometric: Path | None = None
+    registration: Path | None = None
+    flat: Path | None = None
+    polarizer: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunCalibrations:
+    """Contents of calibration files, as far as there are any, and doubts about using them for a run, in words."""
+
+    noise: dict[str, Any] | None
+    radiometric: dict[str, Any] | None
+    registration: dict[str, Any] | None
+    flats: Flats | None
+    polarizer: dict[str, Any] | None
+    doubts: tuple[str, ...]
+
+    def measure(self, run: Run, regions: list[Region]) -> Measurement:
+        """Return what a run measured, processed with them."""
+        return measure(
+            run,
+            regions=regions,
+            noise=self.noise,
+            registration=self.registration,
+            flats=self.flats,
+            polarizer=self.polarizer,
+        )
+
+
+def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
+    """Return the calibrations of a run.
+
+    Raises
+    ------
+    DataError
+        A file is wrong, or of other devices or settings.
+    """
+    doubts: list[str] = []
+
+    def read(path: Path | None, reader: _Read[_Content]) -> _Content | None:
+        if path is None:
+            return None
+        content, more = reader(path, run)
+        doubts.extend(more)
+        return content
+
+    return RunCalibrations(
+        noise=read(paths.noise, read_fitting_noise),
+        radiometric=read(paths.radiometric, _read_fitting_radiometric),
+        registration=read(paths.registration, read_fitting_registration),
+        flats=read(paths.flat, read_fitting_flats),
+        polarizer=read(paths.polarizer, read_fitting_polarizer),
+        doubts=tuple(doubts),
+    )
+
+
+def correction_remarks(measurement: Measurement, regions: list[Region]) -> tuple[str, ...]:
+    """Return what was done to frames by calibrations, and what that leaves unpredicted, in words."""
+    done = measurement.corrections
+    return (
+        *(() if done.throughput is None else (_of_throughput(done.throughput),)),
+        *(() if done.flat is None else flat_remarks(done.flat, regions)),
+        *(() if done.walk is None else (_MOVED,)),
+    )
+
+
+def _of_throughput(throughput: Throughput) -> str:
+    values = throughput.value.tolist()
+    return (
+        f"frames were divided by the throughput of their angle, {min(values):.4f} to {max(values):.4f}, known to "
+        f"{throughput.error.max():.2%}"
+    )
+
+
+def _read_fitting_radiometric(path: Path, run: Run) -> tuple[dict[str, Any], tuple[str, ...]]:
+    content = read_radiometric_file(path)
+    used = made_for(run, [record for record in run.frames if record.kind == "scene"])
+    return content, require_radiometric_fits(content, used)
