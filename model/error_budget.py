@@ -11,6 +11,9 @@ from model.processing.reconstruction import Design
 
 FloatArray = NDArray[np.float64]
 
+# A degree of polarization below this is what rounding leaves of none.
+_ROUNDING = 1e-12
+
 
 def noise_causes(
     channels: ChannelMoments, *, gain_dn_per_e: float, noise_factor: float, pixels: float, cycles: int
@@ -128,7 +131,7 @@ def _gradients(stokes: FloatArray) -> dict[str, FloatArray]:
         "s2n": np.array([-s2 / s0, 0.0, 1.0]) / s0,
     }
     polarised = float(np.hypot(s1, s2))
-    if polarised > 0.0:
+    if polarised > _ROUNDING * s0:
         found["dolp"] = np.array([-polarised / s0, s1 / polarised, s2 / polarised]) / s0
         found["aolp_deg"] = (90.0 / np.pi) * np.array([0.0, -s2, s1]) / polarised**2
     return found

@@ -14,6 +14,9 @@ from model.scenario import Readout, RegionLight, Scenario
 
 FloatArray = NDArray[np.float64]
 
+# Less polarised light than this share of S0 is the rounding of none, and has no direction.
+_ROUNDING = 1e-12
+
 # quantity -> statistic -> number. Quantities: dn_ANGLE, s0, s1, s2, s1n, s2n, dolp, dolp_pixels, aolp_deg, dolp_snr.
 # Statistics: "mean"; "std" over the pixels of one frame or cycle; "std_temporal" of one pixel from repeat to repeat;
 # "std_spatial_mean" over the pixels of the mean of all repeats.
@@ -228,7 +231,8 @@ def _ratios(stokes: Moments) -> Quantities:
         "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
         "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},
     }
-    return found | (_polarised_ratios(stokes) if np.any(stokes.mean[1:]) else {"dolp": {"mean": 0.0}})
+    is_polarised = float(np.hypot(stokes.mean[1], stokes.mean[2])) > _ROUNDING * float(stokes.mean[0])
+    return found | (_polarised_ratios(stokes) if is_polarised else {"dolp": {"mean": 0.0}})
 
 
 def _polarised_ratios(stokes: Moments) -> Quantities:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.sensor.frame_sums import FrameSums
 from calibration.sensor.noise_texture import NoiseTexture
-from calibration.sensor.pattern_parts import PatternParts, large_scale_variance, mosaic_contrast, pattern_parts
+from calibration.sensor.pattern_parts import PatternParts, mosaic_contrast, pattern_parts, small_scale_variance
 from calibration.sensor.sample_tally import SampleTally
 from calibration.sensor.variance_moments import variance_moments
 
@@ -67,8 +67,8 @@ class LevelStatistics:
         error counts the pixels as drawn from a larger population.
     temporal_spatial_cov_dn4 : float
         Covariance of the errors of these two [DN^4].
-    large_scale_variance_dn2 : float
-        The part of the spatial variance that is smooth on a sixteenth of the picture [DN^2].
+    small_scale_variance_dn2 : float
+        The spatial variance without what is smooth on a sixteenth of the picture [DN^2].
     mosaic_contrast : float
         Largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean.
     pattern : PatternParts
@@ -94,7 +94,7 @@ class LevelStatistics:
     spatial_variance_dn2: float
     spatial_std_error_dn2: float
     temporal_spatial_cov_dn4: float
-    large_scale_variance_dn2: float
+    small_scale_variance_dn2: float
     mosaic_contrast: float
     pattern: PatternParts
     texture: NoiseTexture
@@ -168,6 +168,7 @@ def _statistics(
         raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has {n_frames}")
     moments = variance_moments(sums.kept_squares(), sums.kept_sums(), n_frames=n_frames)
     mean_picture = sums.mean_picture(moments.mean_dn)
+    small = small_scale_variance(mean_picture)
     return LevelStatistics(
         kind=kind,
         exposure_s=exposure_s,
@@ -182,9 +183,7 @@ def _statistics(
         spatial_variance_dn2=moments.spatial_dn2,
         spatial_std_error_dn2=float(np.sqrt(moments.spatial_error_dn4)),
         temporal_spatial_cov_dn4=moments.covariance_dn4,
-        large_scale_variance_dn2=large_scale_variance(
-            mean_picture, variance_dn2=moments.spatial_dn2 + moments.temporal_dn2 / n_frames
-        ),
+        small_scale_variance_dn2=moments.spatial_dn2 if small is None else small - moments.temporal_dn2 / n_frames,
         mosaic_contrast=mosaic_contrast(mean_picture),
         pattern=pattern_parts(
             mean_picture,

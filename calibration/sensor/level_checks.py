@@ -168,12 +168,12 @@ def _uneven_light(levels: Sequence[LevelStatistics]) -> Flag | None:
         return None
     # The level from which the fixed pattern is taken has the most frames; of those the brightest shows it best.
     level = max(flats, key=lambda flat: (flat.n_frames, flat.spatial_variance_dn2))
-    share = level.large_scale_variance_dn2 / level.spatial_variance_dn2
+    share = 1.0 - level.small_scale_variance_dn2 / level.spatial_variance_dn2
     if share < _UNEVEN_SHARE:
         return None
     return Flag(
         name="uneven_light",
         message=f"{share:.0%} of the spatial variance of {describe_level(level)} is smooth across the picture (at most "
         f"{_UNEVEN_SHARE:.0%} is expected of pixels alone): uneven light of the lamp, or shading of the lens; it is "
-        f"left out of the best PRNU, that of EMVA 1288 holds it: use an integrating sphere without lens to have it right",
+        f"left out of the best PRNU, that of EMVA 1288 holds it: use an integrating sphere without lens",
     )

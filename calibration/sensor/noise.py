@@ -102,8 +102,8 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     good to a few per cent of themselves when the relative errors are below 10 %.
 
     PRNU and DSNU are those of a population from which this sensor's pixels are drawn, taken from the levels
-    with the most frames, of those the flat nearest to half of saturation. What is smooth across the picture is taken off the
-    PRNU: uneven light and shading of a lens cannot be told from a sensor's own.
+    with the most frames, of those the flat nearest to half of saturation. What is smooth across the picture is taken
+    off the PRNU: uneven light and shading of a lens cannot be told from a sensor's own.
 
     References
     ----------

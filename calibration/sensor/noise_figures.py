@@ -106,10 +106,8 @@ def measure(
     values[GAIN] = transfer.gain_dn_per_e
     values[DARK_VARIANCE] = 0.0 if dark.variance_fit is None else dark.variance_fit.parameters[0]
     # What is smooth across the picture is light and lens rather than the sensor.
-    dark_smooth = np.array([level.large_scale_variance_dn2 for level in darks])
-    flat = flats[spatial.flat]
-    values[FLAT_SPATIAL] = flat.spatial_variance_dn2 - flat_weights @ dark_spatial
-    values[FLAT_SPATIAL] -= flat.large_scale_variance_dn2 - flat_weights @ dark_smooth
+    dark_small = np.array([level.small_scale_variance_dn2 for level in darks])
+    values[FLAT_SPATIAL] = flats[spatial.flat].small_scale_variance_dn2 - flat_weights @ dark_small
     values[DARK_SPATIAL] = dark_spatial[spatial.dark]
     values[BLACK_LEVEL] = dark.mean_fit.parameters[0]
     values[DARK_SLOPE] = dark.mean_fit.parameters[1] if dark.has_slope else 0.0

@@ -56,25 +56,27 @@ def pattern_parts(picture_dn: SingleArray, *, spatial_variance_dn2: float, noise
     )
 
 
-def large_scale_variance(picture_dn: SingleArray, *, variance_dn2: float) -> float:
-    """Return the variance of what is smooth across a picture: of block means, beyond that by pixels [DN^2].
+def small_scale_variance(picture_dn: SingleArray) -> float | None:
+    """Return the variance of pixels about the mean of their block, noise included [DN^2]; None for a tiny picture.
 
     Parameters
     ----------
     picture_dn : (M, N) array of float32
         Mean picture of a level [DN].
-    variance_dn2 : float
-        Its variance, what is left of temporal noise included [DN^2].
+
+    Notes
+    -----
+    Blocks have a sixteenth of the shorter side; the last rows and columns that fill none are left out.
     """
     side = _block_side(picture_dn.shape)
     if side == 0:
-        return 0.0
+        return None
     rows, columns = picture_dn.shape[0] // side, picture_dn.shape[1] // side
-    whole = picture_dn[: rows * side, : columns * side]
+    whole = picture_dn[: rows * side, : columns * side] - np.float32(cv2.mean(picture_dn)[0])
     # By whole numbers, area interpolation is the mean of each block.
     blocks = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
-    of_blocks = float(blocks.var(ddof=1, dtype=np.float64))
-    return (of_blocks - variance_dn2 / side**2) / (1.0 - side**-2)
+    within = cv2.norm(whole, cv2.NORM_L2SQR) - side**2 * cv2.norm(blocks, cv2.NORM_L2SQR)
+    return float(within) / (whole.size - blocks.size)
 
 
 def small_scale_freedom(shape: tuple[int, int]) -> float:

@@ -37,8 +37,8 @@ def measured_covariance(
     """Return the (6, 6) covariance of what is measured in DN, before division by the gain.
 
     In this order: gain [DN/e-], dark temporal variance at no exposure [DN^2], spatial variance of the flat level
-    less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level [DN], slope of the
-    dark mean [DN/s]; zeros for what does not exist.
+    less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level
+    [DN], slope of the dark mean [DN/s]; zeros for what does not exist.
 
     Notes
     -----

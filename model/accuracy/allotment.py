@@ -23,9 +23,22 @@ def expected_s(scene: LitScene, plan: Plan) -> float:
     """
     effort = {name: knob.levels[plan[name]].effort for name, knob in KNOBS.items()}
     solver = effort[STREAMS] * effort[LAYERS]
-    sky = _SOLVED_S * solver + _READ_S * effort[SKY_GRID] * solver**_READING
+    sky = _SOLVED_S * solver + _READ_S * effort[SKY_GRID] * float(solver**_READING)
     lines = sum(1.0 if region.part is None else effort[TILES] for region in scene.regions if region.surface is not None)
     return effort[WAVELENGTHS] * sky + _SEEN_S * lines * effort[HEMISPHERE]
+
+
+def expected_error(plan: Plan, scales: Mapping[str, float]) -> float:
+    """Return the sum of the errors that are to be expected.
+
+    Parameters
+    ----------
+    plan
+        Level of each knob.
+    scales
+        By what the likely error of each knob is to be multiplied.
+    """
+    return sum(scales[name] * knob.levels[plan[name]].error for name, knob in KNOBS.items())
 
 
 def allot(scene: LitScene, scales: Mapping[str, float], allowed: float, *, start: Plan | None = None) -> dict[str, int]:
@@ -52,17 +65,13 @@ def allot(scene: LitScene, scales: Mapping[str, float], allowed: float, *, start
     Definition: steepest descent.
     """
     plan = dict.fromkeys(KNOBS, 0) if start is None else dict(start)
-    while _error(plan, scales) > allowed:
+    while expected_error(plan, scales) > allowed:
         open_knobs = [name for name, knob in KNOBS.items() if plan[name] + 1 < len(knob.levels)]
         if not open_knobs:
             return plan
         best = max(open_knobs, key=lambda name: _gain(scene, plan, name, scales))
         plan[best] += 1
     return plan
-
-
-def _error(plan: Plan, scales: Mapping[str, float]) -> float:
-    return sum(scales[name] * knob.levels[plan[name]].error for name, knob in KNOBS.items())
 
 
 def _gain(scene: LitScene, plan: Plan, name: str, scales: Mapping[str, float]) -> float:

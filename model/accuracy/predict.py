@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from model.accuracy.allotment import allot
+from model.accuracy.allotment import allot, expected_error
 from model.accuracy.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.error_budget import Budget, error_budget
 from model.accuracy.knobs import KNOBS, Plan, settings_at
@@ -126,13 +126,13 @@ def predict(
 
 def _finer(scene: LitScene, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:
     """Return a finer plan for the readings that can be brought within the tolerance; the same one if there are none."""
+    allowed, finer = _AIM * tolerance, plan
     for key in (key for key, error in budget.total.items() if error > tolerance):
         scales = _scales(plan, budget, key)
-        raised = allot(scene, scales, _AIM * tolerance, start=plan)
-        left = sum(scales[name] * KNOBS[name].levels[raised[name]].error for name in KNOBS)
-        if left <= tolerance:
-            plan = raised
-    return plan
+        raised = allot(scene, scales, allowed, start=finer)
+        if expected_error(raised, scales) <= allowed:
+            finer = raised
+    return finer
 
 
 def _scales(plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:

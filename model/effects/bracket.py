@@ -191,7 +191,7 @@ def _texture_high(region: LitRegion, light: SunLight, *, s0_high: float, scale: 
 
 def _over_field(scene: LitScene, region: LitRegion, light: SunLight, *, s0_high: float, scale: float) -> FloatArray:
     """Upper bound of the covariance over the field of view, by geometry and by the lens."""
-    if not np.isfinite(s0_high):
+    if not np.isfinite(s0_high * light.spread):
         return np.full((3, 3), np.inf)
     lens = scene.imperfections.off_axis_falloff and region.part is not None
     var = cosine_fourth(region.part).var if lens and region.part is not None else 0.0

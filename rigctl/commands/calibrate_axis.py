@@ -7,6 +7,7 @@ import numpy as np
 import typer
 
 from calibration.polarimeter.axis import AxisFit
+from rigctl.calibrations.content_file import write_content
 from rigctl.config import Uncertain
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
@@ -19,7 +20,6 @@ from rigctl.polarimeter.polarizer_file import (
     polarizer_json,
     region_json,
     rig_lines,
-    write_polarizer_file,
 )
 from rigctl.polarimeter.scan_frames import analyzer_scan, generator_scan
 from rigctl.runs.run_folder import Run, read_run
@@ -85,7 +85,7 @@ def axis(
     if not found.axis.is_decided:
         raise DataError(_undecided(found.axis))
     blocks = None if maps is None else _maps(folders[0], generator, known, side_pixels=block)
-    write_polarizer_file(out, content)
+    write_content(out, content)
     if blocks is not None and maps is not None:
         _write(maps, blocks.npz())
     if report is not None:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from rigctl.calibrations.content_file import write_content
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure
 from rigctl.noise.noise_file import read_fitting_noise
@@ -37,7 +38,7 @@ def radiometric(
     """
     # The model of light is loaded for this verb of `calibrate` only.
     from rigctl.comparison.panel_response import panel_response
-    from rigctl.comparison.radiometric_file import radiometric_json, write_radiometric_file
+    from rigctl.comparison.radiometric_file import radiometric_json
 
     scene_file, folder = load_scene(scene), read_run(run)
     calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)
@@ -48,7 +49,7 @@ def radiometric(
     found = panel_response(measurement, scene=scene_file, panel=panel, noise=calibration)
     files = {"scene": scene} | ({} if noise is None else {"noise": noise})
     content = radiometric_json(found, measurement, files=files, valid_days=valid_days)
-    write_radiometric_file(out, content)
+    write_content(out, content)
     if as_json:
         print_json(content)
     else:

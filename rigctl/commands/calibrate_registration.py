@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from rigctl.polarimeter.registration_file import registration_json, write_registration_file
+from rigctl.calibrations.content_file import write_content
+from rigctl.polarimeter.registration_file import registration_json
 from rigctl.polarimeter.run_registration import register_run
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, results
@@ -34,7 +35,7 @@ def registration(
     found = register_run(folder, cycle=cycle)
     content = registration_json(found, folder, valid_days=valid_days)
     if out is not None:
-        write_registration_file(out, content)
+        write_content(out, content)
     if as_json:
         print_json(content)
         return

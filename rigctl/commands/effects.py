@@ -52,7 +52,5 @@ def command(
             progress().print(remark)
     if checked is not None and checked.violations:
         names = ", ".join(one.effect.value for one in checked.violations)
-        progress().print(
-            f"a bound does not hold: {names}. This is a fault of the program; please report the scene file"
-        )
+        progress().print(f"a bound does not hold: {names}. This is a fault of the program: please report the scene")
         raise typer.Exit(_EXIT_VIOLATION)

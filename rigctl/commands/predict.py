@@ -9,6 +9,7 @@ import typer
 
 from model.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
+from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.comparison.sweep import Sweep, sweep
@@ -29,6 +30,9 @@ def command(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="Scene file.")],
     noise: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Noise calibration; takes the place of the assumed noise.")
+    ] = None,
+    radiometric: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Radiometric calibration, in place of optics and efficiency.")
     ] = None,
     light: Annotated[
         Source, typer.Option(metavar="PART", help="Light of materials: total, reflected, reflected_sun, ..., path.")
@@ -52,7 +56,13 @@ def command(
     scene_file = load_scene(scene)
     require_engine(engine, tier=None if scene_file.atmosphere is None else scene_file.atmosphere.tier)
     calibration = None if noise is None else _fitting_noise(noise, bit_depth=scene_file.sensor.bit_depth)
-    predictor = ScenePredictor(scene_file, calibration, light=SceneLight(engine=engine), source=light)
+    predictor = ScenePredictor(
+        scene_file,
+        calibration,
+        light=SceneLight(engine=engine),
+        source=light,
+        radiometric=None if radiometric is None else _fitting_radiometric(radiometric, scene_file.sensor.bit_depth),
+    )
     if key_and_range is not None:
         _show_sweep(sweep(predictor, key_and_range), predictor.inputs.remarks, out=out, as_json=as_json)
         return
@@ -65,6 +75,14 @@ def _fitting_noise(path: Path, *, bit_depth: int) -> dict[str, Any]:
     """Return a noise calibration; a prediction names no camera, so that only format and age can be unfit."""
     calibration = read_noise_file(path)
     for doubt in require_noise_fits(calibration, MadeFor(bit_depth=bit_depth, taken_utc=utc_text(time.time_ns()))):
+        warn(doubt)
+    return calibration
+
+
+def _fitting_radiometric(path: Path, bit_depth: int) -> dict[str, Any]:
+    calibration = read_radiometric_file(path)
+    used = MadeFor(bit_depth=bit_depth, taken_utc=utc_text(time.time_ns()))
+    for doubt in require_radiometric_fits(calibration, used):
         warn(doubt)
     return calibration
 

@@ -20,9 +20,11 @@ def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequ
         if name not in effect_names():
             raise ConfigError(f"effect {name!r} is not known; allowed are {', '.join(effect_names())}")
     mine = {*switched_on, *left_out}
-    section = EffectsSection(
-        switched_on=(*switched_on, *(one for one in scene.effects.switched_on if one not in mine)),
-        left_out=(*left_out, *(one for one in scene.effects.left_out if one not in mine)),
+    section = EffectsSection.model_validate(
+        {
+            "with": (*switched_on, *(one for one in scene.effects.switched_on if one not in mine)),
+            "without": (*left_out, *(one for one in scene.effects.left_out if one not in mine)),
+        }
     )
     chosen = scene.model_copy(update={"effects": section})
     forced_effects(chosen)

@@ -105,7 +105,7 @@ def file_settings(scene: SceneFile) -> Settings:
 
 
 def _imperfections(scene: SceneFile, *, frames: int) -> Imperfections:
-    """What the session adds; angles of the file are in the order of time, those of the readout rise."""
+    """Return what the session adds; angles of the file are in the order of time, those of the readout rise."""
     errors = scene.errors
     in_time = np.argsort([angle % 180.0 for angle in scene.acquisition.angles_deg], kind="stable").tolist()
     return Imperfections(

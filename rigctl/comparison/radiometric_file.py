@@ -1,20 +1,18 @@
 """The file that a radiometric calibration is kept in: ``radiometric.json``."""
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from rigctl.calibrations.content_file import read_content
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
 from rigctl.comparison.panel_response import PanelResponse
-from rigctl.config import describe, sha256_of
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError, DataError
+from rigctl.config import sha256_of
 from rigctl.measurement.measurement import Measurement
 from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.utc_time import utc_text
@@ -93,20 +91,6 @@ def _response(found: PanelResponse, ratio: float, error: float, frames: int) -> 
     return {"value": ratio * unit, "std_error": error * unit, "n": frames}
 
 
-def write_radiometric_file(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a calibration: whole under its name, or not at all.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be written there.
-    """
-    try:
-        write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
-
-
 def read_radiometric_file(path: Path) -> dict[str, Any]:
     """Return the content of a radiometric calibration, once all that the program uses has been found right.
 
@@ -115,18 +99,7 @@ def read_radiometric_file(path: Path) -> dict[str, Any]:
     DataError
         The file cannot be read, is no radiometric calibration, or is of another version: every problem at once.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        _Content.model_validate_json(text)
-    except ValidationError as error:
-        raise DataError(
-            f"{describe(path, error)}\n  a radiometric calibration is made by `rigctl calibrate radiometric`"
-        ) from error
-    content: dict[str, Any] = json.loads(text)
-    return content
+    return read_content(path, _Content, made_by="a radiometric calibration is made by `rigctl calibrate radiometric`")
 
 
 def require_radiometric_fits(content: Mapping[str, Any], used: MadeFor) -> tuple[str, ...]:

@@ -92,7 +92,7 @@ def scale_inputs(
     if (kind == "panel") != (radiometric is not None):
         raise ConfigError("--scale panel and --radiometric FILE (rigctl calibrate radiometric) go together")
     if kind == "panel" and radiometric is not None:
-        return _by_panel(inputs, radiometric, scene, one_exposure_s(measurement))
+        return panel_scaled(inputs, radiometric, scene=scene, exposure_s=one_exposure_s(measurement))
     if kind == "free":
         return _by_run(inputs, measurement, predicted)
     return inputs, _of_file(inputs, scene, one_exposure_s(measurement))
@@ -108,9 +108,16 @@ def _of_file(inputs: Inputs, scene: SceneFile, exposure_s: float) -> Scale:
     return Scale(kind="absolute", value=1.0, std_error=error, source="optics and efficiency of the scene file")
 
 
-def _by_panel(
-    inputs: Inputs, radiometric: Mapping[str, Any], scene: SceneFile, exposure_s: float
+def panel_scaled(
+    inputs: Inputs, radiometric: Mapping[str, Any], *, scene: SceneFile, exposure_s: float
 ) -> tuple[Inputs, Scale]:
+    """Return the inputs of a prediction with the counts scaled by a radiometric calibration, and the scale.
+
+    Raises
+    ------
+    DataError
+        The calibration is of another f-number, or the scale needs more electrons than photons.
+    """
     named, response = inputs.named, radiometric["response_dn_per_radiance"]
     if abs(radiometric["f_number"] / named["sensor.f_number"] - 1.0) > _F_NUMBER_STEP:
         raise DataError(

@@ -193,5 +193,13 @@ def build_sensor(scene: SceneFile, values: Mapping[str, float], exposure_s: floa
         bit_depth=scene.sensor.bit_depth,
         tau_parallel=along,
         tau_perpendicular=along / values["sensor.extinction_ratio"],
-        noise=SensorNoise(**{name: values[f"noise.{name}"] for name in NOISE_NAMES}),
+        noise=SensorNoise(
+            gain_dn_per_e=values["noise.gain_dn_per_e"],
+            read_noise_e=values["noise.read_noise_e"],
+            dark_current_e_per_s=values["noise.dark_current_e_per_s"],
+            black_level_dn=values["noise.black_level_dn"],
+            prnu=values["noise.prnu"],
+            dsnu_e=values["noise.dsnu_e"],
+            noise_factor=values["noise.noise_factor"],
+        ),
     )

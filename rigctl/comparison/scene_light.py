@@ -9,6 +9,7 @@ from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.transfer.phase import AerosolKind
 from model.field_light import FieldLight
 from model.illumination import Illumination
+from rigctl.comparison.effect_choice import acting_effects
 from rigctl.comparison.lit_scene import file_settings, lit_region
 from rigctl.comparison.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
 from rigctl.errors import ConfigError
@@ -59,6 +60,7 @@ class SceneLight:
                 air_of(sky_request(scene, values)),
                 file_settings(scene),
                 sun_azimuth_rad=sun_azimuth_rad(values),
+                effects=acting_effects(scene),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
@@ -78,6 +80,7 @@ class SceneLight:
                 air=air_of(sky_request(scene, values)),
                 view=camera_view(scene, values),
                 sun_azimuth_rad=sun_azimuth_rad(values),
+                effects=acting_effects(scene),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error

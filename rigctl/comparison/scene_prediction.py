@@ -1,13 +1,14 @@
 """What the model says of a scene file without a run: predictions, and where the light of each region comes from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from model.field_light import FieldLight, Source
 from model.prediction import RegionPrediction, predict
+from rigctl.comparison.scale import panel_scaled
 from rigctl.comparison.scene_inputs import Inputs, build_scenario, file_readout, gather
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_records import camera_view
@@ -63,12 +64,17 @@ class ScenePredictor:
         *,
         light: SceneLight | None = None,
         source: Source = "total",
+        radiometric: Mapping[str, Any] | None = None,
     ) -> None:
         if source != "total" and not scene.has_materials:
             raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
         self._scene, self._source = scene, source
         self._light = SceneLight() if light is None else light
         self._inputs = gather(scene, noise)
+        if radiometric is not None:
+            exposure_s = scene.acquisition.exposure_ms / _MS_PER_S
+            scaled, scale = panel_scaled(self._inputs, radiometric, scene=scene, exposure_s=exposure_s)
+            self._inputs = replace(scaled, remarks=(*scaled.remarks, scale.remark))
 
     @property
     def inputs(self) -> Inputs:

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, Field
 
 from model.effects.names import Effect
 from rigctl.config import Section
@@ -37,8 +37,6 @@ class ErrorsSection(Section):
 
 class EffectsSection(Section):
     """Effects that act whatever their bound (`with`), and that are left out (`without`)."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
     switched_on: tuple[EffectName, ...] = Field(default=(), alias="with")
     left_out: tuple[EffectName, ...] = Field(default=(), alias="without")

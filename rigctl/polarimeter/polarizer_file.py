@@ -1,6 +1,5 @@
 """The file that a polarizer calibration is kept in: ``polarizer.json``."""
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -9,15 +8,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from calibration.polarimeter.axis import AxisCandidate
 from calibration.polarimeter.fourier_fit import harmonics_are_told_apart
+from rigctl.calibrations.content_file import read_content
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
-from rigctl.config import describe, sha256_of
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError, DataError
+from rigctl.config import sha256_of
+from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.polarimeter.polarizer_calibration import PolarizerCalibration
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
@@ -88,20 +87,6 @@ def rig_lines(content: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def write_polarizer_file(path: Path, content: dict[str, Any]) -> None:
-    """Write a calibration: whole under its name, or not at all.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be written there.
-    """
-    try:
-        write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
-
-
 def read_polarizer_file(path: Path) -> dict[str, Any]:
     """Return the content of a polarizer calibration, once all that the program uses has been found right.
 
@@ -110,18 +95,7 @@ def read_polarizer_file(path: Path) -> dict[str, Any]:
     DataError
         The file cannot be read, is no polarizer calibration, or is of another version: every problem at once.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        _Content.model_validate_json(text)
-    except ValidationError as error:
-        raise DataError(
-            f"{describe(path, error)}\n  a polarizer calibration is made by `rigctl calibrate axis`"
-        ) from error
-    content: dict[str, Any] = json.loads(text)
-    return content
+    return read_content(path, _Content, made_by="a polarizer calibration is made by `rigctl calibrate axis`")
 
 
 def read_fitting_polarizer(path: Path, run: Run) -> tuple[dict[str, Any], tuple[str, ...]]:

@@ -1,6 +1,5 @@
 """The file that the walk of the picture is kept in: ``registration.json``."""
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -8,14 +7,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from calibration.polarimeter.registration import Wander
+from rigctl.calibrations.content_file import read_content
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
-from rigctl.config import describe, sha256_of
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError, DataError
+from rigctl.config import sha256_of
+from rigctl.errors import DataError
 from rigctl.polarimeter.run_registration import RunRegistration
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.utc_time import utc_text
@@ -46,20 +45,6 @@ def registration_json(
     }
 
 
-def write_registration_file(path: Path, content: Mapping[str, Any]) -> None:
-    """Write the file: whole under its name, or not at all.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be written there.
-    """
-    try:
-        write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
-
-
 def read_registration_file(path: Path) -> dict[str, Any]:
     """Return the content of the file, once all that the program uses has been found right.
 
@@ -68,18 +53,9 @@ def read_registration_file(path: Path) -> dict[str, Any]:
     DataError
         The file cannot be read, is none, or is of another version: every problem at once.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        _Content.model_validate_json(text)
-    except ValidationError as error:
-        raise DataError(
-            f"{describe(path, error)}\n  a registration is made by `rigctl calibrate registration RUN --out FILE`"
-        ) from error
-    content: dict[str, Any] = json.loads(text)
-    return content
+    return read_content(
+        path, _Content, made_by="a registration is made by `rigctl calibrate registration RUN --out FILE`"
+    )
 
 
 def require_registration_fits(content: Mapping[str, Any], used: MadeFor) -> tuple[str, ...]:

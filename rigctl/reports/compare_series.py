@@ -113,7 +113,12 @@ def compare_series(run_paths: Sequence[Path], *, scene_path: Path, alpha: float,
     require_one_instrument([read_run(path) for path in run_paths])
     scene = load_scene(scene_path)
     runs = [
-        compare_run(path, scene_path=scene_path, alpha=alpha / len(run_paths), **({"regions_path": None} | options))
+        compare_run(
+            path,
+            scene_path=scene_path,
+            alpha=alpha / len(run_paths),
+            **({"regions_path": None, "noise_path": None} | options),
+        )
         for path in run_paths
     ]
     points = tuple(_point(name, run, scene) for name, run in zip(names, runs, strict=True))

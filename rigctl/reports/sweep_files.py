@@ -14,6 +14,8 @@ from rigctl.comparison.sweep import P_FALSE_ALARM, Sweep
 SCHEMA_VERSION = 1
 # At which the table and the plot show detection.
 _SHOWN_RATE = 1e-3
+# More columns fit no terminal.
+_MOST_PAIRS_SHOWN = 2
 # What the terminal and the plot show; CSV and JSON hold everything.
 _SHOWN = (("dolp_pixels", "mean", "DoLP"), ("dolp_snr", "mean", "DoLP SNR"), ("s0", "mean", "S0 DN"))
 
@@ -25,10 +27,11 @@ def sweep_table(found: Sweep) -> Table:
     for region in found.regions:
         for _, _, label in _SHOWN:
             table.add_column(f"{region} {label}", justify="right")
-    for target, background in found.pairs:
+    shown = found.pairs if len(found.pairs) <= _MOST_PAIRS_SHOWN else ()
+    for target, background in shown:
         table.add_column(f"P_D {target} on {background}, P_FA {_SHOWN_RATE:g}", justify="right")
     columns = [found.series(region, quantity, kind) for region in found.regions for quantity, kind, _ in _SHOWN]
-    columns += [found.detection(pair, _SHOWN_RATE) for pair in found.pairs]
+    columns += [found.detection(pair, _SHOWN_RATE) for pair in shown]
     for row, value in enumerate(found.values):
         table.add_row(f"{value:g}", *("-" if math.isnan(column[row]) else f"{column[row]:.5g}" for column in columns))
     return table
@@ -98,6 +101,8 @@ def sweep_png(found: Sweep) -> bytes:
     for ax in axes:
         ax.set_xlabel(found.key)
         ax.set_ylim(bottom=0.0)
+    if found.pairs:
+        axes[2].set_ylim(0.0, 1.05)
     ratio.legend(fontsize=8)
     return png(figure)
 

@@ -101,18 +101,20 @@ def test_noise_has_no_outliers() -> None:
     assert statistics(noisy(64, sigma_dn=5.0, seed=10)).n_pixels == N_PIXELS
 
 
-def test_light_that_falls_off_is_large_scale() -> None:
+def test_light_that_falls_off_is_no_small_scale() -> None:
     slope = np.broadcast_to(np.linspace(-30.0, 30.0, SHAPE[1]), SHAPE)
     got = statistics(noisy(8, sigma_dn=3.0, seed=11, pattern=slope))
-    # Blocks of 4 pixels keep all of a slope across 80 but (4 / 80)^2.
-    assert got.large_scale_variance_dn2 == pytest.approx(got.spatial_variance_dn2, rel=0.01)
+    # A slope of 60 / 79 DN a pixel has (4^2 - 1) / 12 of its square within blocks of 4; rounding of samples in a slope
+    # adds up to 1/12 DN^2.
+    assert got.small_scale_variance_dn2 == pytest.approx((60.0 / 79.0) ** 2 * 15.0 / 12.0, abs=1.0 / 12.0 + 0.2)
+    assert got.spatial_variance_dn2 > 280.0
 
 
-def test_pixel_pattern_is_not_large_scale() -> None:
+def test_pixel_pattern_is_all_small_scale() -> None:
     pattern = 20.0 * np.random.default_rng(12).standard_normal(SHAPE)
     got = statistics(noisy(8, sigma_dn=3.0, seed=13, pattern=pattern))
-    # 320 blocks of 16 pixels: 400 / 16 times sqrt(2 / 320), 5 sigma = 10 DN^2 of 400.
-    assert abs(got.large_scale_variance_dn2) < 0.025 * got.spatial_variance_dn2
+    # 320 block means of 16 pixels: 400 / 16 times sqrt(2 / 320), 5 sigma = 10 DN^2 of 400.
+    assert got.small_scale_variance_dn2 == pytest.approx(got.spatial_variance_dn2, rel=0.025)
 
 
 def test_frames_are_not_kept() -> None:

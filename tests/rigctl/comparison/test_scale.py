@@ -8,14 +8,16 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.free_scale import fit_free_scale
-from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_USAGE, main
+from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
 from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.panel_response import panel_response
 from rigctl.comparison.radiometric_file import radiometric_json
 from rigctl.comparison.rows import Row
+from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import measure
+from rigctl.reports.compare_run import compare_run
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text
 from tests.rigctl.scene_texts import written
 
@@ -161,16 +163,27 @@ def test_no_light_has_no_scale() -> None:
         fit_free_scale(measured=none, measured_error=none, predicted=none, jacobian=none[:, None], input_cov=np.eye(1))
 
 
-def test_compare_says_its_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_says_its_scale(tmp_path: Path) -> None:
     panel_run(tmp_path / "run", efficiency=TRUE)
-    path = written(tmp_path, scene_text())
-    arguments = ["compare", str(tmp_path / "run"), str(path), "--out", str(tmp_path / "out")]
-    assert main(arguments) == EXIT_DISAGREES
-    assert "scale of the counts: 1 +- " in capsys.readouterr().out
-    assert main([*arguments, "--scale", "free"]) == 0
-    assert "scale of the counts: 1.1" in capsys.readouterr().out
-    assert '"kind": "free"' in (tmp_path / "out" / "comparison.json").read_text()
-    assert main([*arguments, "--scale", "panel"]) == EXIT_USAGE
+    found = compare_run(
+        tmp_path / "run",
+        scene_path=written(tmp_path, scene_text()),
+        regions_path=None,
+        noise_path=None,
+        alpha=1e-3,
+        scale="free",
+    )
+    said = found.as_json()["scale"]
+    assert said["kind"] == "free"
+    assert said["value"] == pytest.approx(1.12, rel=1e-3)
+    assert any(remark.startswith("scale of the counts: 1.12 +- ") for remark in found.comparison.remarks)
+
+
+def test_a_scale_by_a_panel_needs_its_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    panel_run(tmp_path / "run")
+    arguments = ["compare", str(tmp_path / "run"), str(written(tmp_path, scene_text())), "--scale", "panel"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == EXIT_USAGE
+    assert "--radiometric FILE" in capsys.readouterr().err
 
 
 def test_compare_refuses_the_calibration_of_another_camera(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -182,3 +195,15 @@ def test_compare_refuses_the_calibration_of_another_camera(tmp_path: Path, capsy
     arguments = ["compare", str(tmp_path / "run"), path, "--scale", "panel", "--radiometric", out]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == EXIT_DATA
     assert "calibrated 12, used 11" in capsys.readouterr().err
+
+
+def test_predict_takes_the_panels_scale(tmp_path: Path) -> None:
+    told = scene(tmp_path)
+    plain, scaled = (
+        ScenePredictor(told, None, radiometric=radiometric).predict()
+        for radiometric in (None, calibrated(tmp_path, told))
+    )
+    for name, region in plain.predictions.items():
+        ratio = scaled.predictions[name].quantities["s0"]["mean"] / region.quantities["s0"]["mean"]
+        assert ratio == pytest.approx(1.12, rel=2e-3)
+    assert any("scale of the counts: 1.1" in remark for remark in scaled.remarks)

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from model.performance import pair_detections
 from rigctl.comparison.scene_inputs import gather
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
@@ -10,7 +11,7 @@ from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.reports.scene_tables import light_json
-from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png
+from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
 from rigctl.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
@@ -117,6 +118,18 @@ def test_files_of_a_sweep(predictor):
     content = json.loads(json.dumps(sweep_json(found), allow_nan=False))
     assert content["regions"]["paint"]["dolp_snr"]["mean"] == found.series("paint", "dolp_snr", "mean").tolist()
     assert sweep_png(found).startswith(b"\x89PNG")
+
+
+def test_a_sweep_shows_detection_of_each_pair(predictor):
+    found = sweep(predictor, "geometry.camera_zenith_deg=20:60:2")
+    assert found.pairs == (("paint", "road"), ("road", "paint"))
+    alone = pair_detections(predictor.predictions({"geometry.camera_zenith_deg": 60.0}), [1e-2])
+    assert found.detection(("paint", "road"), 1e-2)[1] == pytest.approx(alone[0].p_detection[0])
+    header, _, last = sweep_csv(found).decode().splitlines()
+    place = header.split(",").index("paint_on_road.p_detection.0.01")
+    assert float(last.split(",")[place]) == found.detection(("paint", "road"), 1e-2)[1]
+    assert sweep_json(found)["detection"][1]["p_detection"]["0.01"] == found.detection(("road", "paint"), 1e-2).tolist()
+    assert sweep_table(found).columns[-1].header == "P_D road on paint, P_FA 0.001"
 
 
 @pytest.mark.parametrize(

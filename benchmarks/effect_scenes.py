@@ -1,0 +1,176 @@
+"""Random scenes over wide and hostile ranges, for trials of the bounds of effects."""
+
+import numpy as np
+
+from model.accuracy.settings import Settings
+from model.atmosphere.lighting.tiers import SolverSettings, Tier
+from model.atmosphere.profile import AtmosphereState
+from model.atmosphere.sun import SolarBand
+from model.atmosphere.transfer.phase import AerosolKind
+from model.field_of_view import FieldPart
+from model.imperfections import Imperfections
+from model.lit_scene import Air, LitRegion, LitScene
+from model.scenario import Readout
+from model.sensor import Sensor, SensorNoise
+from model.surface.pbrdf import Surface
+from model.surface.tilt import Tilt
+from model.view import View
+
+# Coarse: bounds are of effects, with and without at the same settings.
+SETTINGS = Settings(
+    wavelengths=2,
+    solver=SolverSettings(fine_layers=False, nodes=4, element_depth=0.2, tolerance=1e-3),
+    sky_zeniths=12,
+    sky_azimuths=12,
+    hemisphere_tolerance=1e-2,
+    tiles_per_side=2,
+    negligible_spread=0.0,
+)
+_ANGLES_DEG = ((0.0, 45.0, 90.0, 135.0), (0.0, 60.0, 120.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0), (0.0, 20.0, 75.0))
+
+
+def random_scene(generator: np.random.Generator) -> LitScene:
+    """A scene of two regions, by radiance or by material, with whatever a session may add."""
+    return _with_materials(generator) if generator.random() < 0.2 else _with_radiances(generator)
+
+
+def _with_radiances(generator: np.random.Generator) -> LitScene:
+    regions = tuple(
+        LitRegion(name=name, radiance=_radiance(generator), **_texture(generator, with_cov=True)) for name in "ab"
+    )
+    return LitScene(regions=regions, **_rest(generator))
+
+
+def _with_materials(generator: np.random.Generator) -> LitScene:
+    part = None if generator.random() < 0.3 else _part(generator)
+    regions = tuple(
+        LitRegion(
+            name=name,
+            surface=_surface(generator),
+            tilt=Tilt(tilt_rad=0.0 if generator.random() < 0.7 else 0.3 * generator.random(), azimuth_rad=1.0),
+            part=part,
+            **_texture(generator, with_cov=False),
+        )
+        for name in "ab"
+    )
+    view = View(
+        zenith_rad=np.radians(60.0) * generator.random(),
+        azimuth_rad=2.0 * np.pi * generator.random(),
+        height_m=float(generator.choice([0.0, _log(generator, 0.1, 1e4)], p=[0.1, 0.9])),
+    )
+    return LitScene(
+        regions=regions,
+        air=_air(generator),
+        view=view,
+        sun_azimuth_rad=2.0 * np.pi * generator.random(),
+        **_rest(generator),
+    )
+
+
+def _air(generator: np.random.Generator) -> Air:
+    """From air as thin as at 60 km to thick haze; bands from one nanometre to the whole visible."""
+    middle, half = 450e-9 + 250e-9 * generator.random(), _log(generator, 0.5e-9, 100e-9)
+    wavelength = np.linspace(middle - half, middle + half, 41)
+    slope = 1.0 + generator.normal() * 2.0 * (wavelength / middle - 1.0)
+    return Air(
+        sun_zenith_rad=np.radians(80.0) * generator.random(),
+        band=SolarBand(
+            wavelength_m=wavelength,
+            irradiance_w_per_m3=1.7e9 * np.maximum(slope, 0.1),
+            response=np.ones_like(wavelength),
+        ),
+        tier=Tier.FAST if generator.random() < 0.6 else Tier.SINGLE,
+        aerosol=generator.choice([AerosolKind.DEPOLARIZING, AerosolKind.POLARIZING]),
+        state=AtmosphereState(
+            aerosol_optical_depth=_log(generator, 1e-6, 1.0),
+            surface_pressure_pa=_log(generator, 10.0, 1.05e5),
+        ),
+        ground_albedo=float(generator.choice([0.0, generator.random(), 1.0], p=[0.1, 0.85, 0.05])),
+    )
+
+
+def _surface(generator: np.random.Generator) -> Surface:
+    n, slope = 1.3 + 0.7 * generator.random(), _log(generator, 0.02, 0.4)
+    lobe_alone = generator.random() < 0.15
+    return Surface(
+        n=n,
+        k=0.0 if generator.random() < 0.7 else 2.0 * generator.random(),
+        slope_rms=slope,
+        dhr=None if lobe_alone else 0.5 + 0.45 * generator.random(),
+        specular_weight=1.0 if generator.random() < 0.5 else generator.random(),
+    )
+
+
+def _radiance(generator: np.random.Generator) -> np.ndarray:
+    s0 = _log(generator, 0.5, 300.0)
+    dolp = float(generator.choice([0.0, _log(generator, 1e-4, 1.0), 0.999], p=[0.1, 0.8, 0.1]))
+    angle = np.pi * generator.random()
+    return s0 * np.array([1.0, dolp * np.cos(2.0 * angle), dolp * np.sin(2.0 * angle)])
+
+
+def _texture(generator: np.random.Generator, *, with_cov: bool) -> dict[str, object]:
+    cov = np.zeros((3, 3))
+    if with_cov and generator.random() < 0.3:
+        half = generator.normal(size=(3, 3)) * _log(generator, 1e-4, 0.3)
+        cov = half @ half.T
+    return {"texture_rms": _maybe(generator, 1e-6, 0.05), "texture_cov": cov}
+
+
+def _part(generator: np.random.Generator) -> FieldPart:
+    half = np.radians(_log(generator, 1e-5, 3.0))
+    across, upward = (0.0, 0.0) if generator.random() < 0.7 else np.radians(3.0) * generator.uniform(-1.0, 1.0, 2)
+    return FieldPart(left_rad=across - half, right_rad=across + half, bottom_rad=upward - half, top_rad=upward + half)
+
+
+def _rest(generator: np.random.Generator) -> dict[str, object]:
+    angles = np.radians(_ANGLES_DEG[generator.integers(len(_ANGLES_DEG))])
+    along = 0.3 + 0.7 * generator.random()
+    extinction = float(generator.choice([np.inf, _log(generator, 3.0, 1e7)], p=[0.1, 0.9]))
+    noise = SensorNoise(
+        gain_dn_per_e=_log(generator, 0.02, 5.0),
+        read_noise_e=_maybe(generator, 1e-3, 100.0),
+        dark_current_e_per_s=_maybe(generator, 1e-3, 1e6),
+        black_level_dn=64.0,
+        prnu=_maybe(generator, 1e-7, 0.02),
+        dsnu_e=_maybe(generator, 1e-5, 10.0),
+        noise_factor=float(generator.choice([1.0, _log(generator, 0.1, 10.0)])),
+    )
+    return {
+        "sensor": Sensor(
+            pixel_pitch_m=8e-6,
+            f_number=2.0,
+            optics_transmittance=0.9,
+            quantum_efficiency=0.5,
+            wavelength_m=550e-9,
+            exposure_s=_log(generator, 1e-6, 1e-2),
+            bit_depth=16,
+            tau_parallel=along,
+            tau_perpendicular=along / extinction,
+            noise=noise,
+        ),
+        "readout": Readout(
+            angles_rad=angles,
+            channel_names=tuple(f"dn_{k}" for k in range(angles.size)),
+            cycles=int(generator.choice([1, 8, 100])),
+            extinction_ratio=extinction,
+        ),
+        "pairs": (("a", "b"), ("b", "a")) if generator.random() < 0.5 else (),
+        "imperfections": Imperfections(
+            polarizer_angle_std_rad=_maybe(generator, 1e-7, 0.05),
+            misregistration_pixels=_maybe(generator, 1e-5, 3.0),
+            texture_correlation_pixels=_log(generator, 0.3, 30.0),
+            drift=_maybe(generator, 1e-7, 0.1),
+            drift_order=tuple(generator.permutation(angles.size).tolist()),
+            surround_albedo=None if generator.random() < 0.5 else generator.random(),
+            off_axis_falloff=bool(generator.random() < 0.5),
+        ),
+    }
+
+
+def _log(generator: np.random.Generator, least: float, most: float) -> float:
+    return float(least * (most / least) ** generator.random())
+
+
+def _maybe(generator: np.random.Generator, least: float, most: float) -> float:
+    """Nothing in a third of the cases; else anything between, evenly in its logarithm."""
+    return 0.0 if generator.random() < 1.0 / 3.0 else _log(generator, least, most)

@@ -1,0 +1,109 @@
+"""Every effect that is left out of a random scene changes it by no more than its bound, alone and together.
+
+Usage: nice python -m benchmarks.trial_effects [--scenes 1000] [--first 0]
+
+For each scene, every effect whose bound is below 1 (whether the planner left it out or not) is left out alone, and all
+that the planner leaves out at a random tolerance together; each number of the prediction is compared.
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.effect_scenes import SETTINGS, random_scene
+from model.accuracy.chain import evaluate, scenario_of
+from model.accuracy.effect_check import change, readings_of
+from model.accuracy.light_store import LightStore
+from model.effects.bound import Bound
+from model.effects.names import ALL, Effect
+from model.effects.planner import EffectPlan, in_words, plan
+from model.lit_scene import LitScene
+
+_TOLERANCES = (1e-4, 1e-3, 1e-2, 0.1, 0.3)
+
+
+@dataclass
+class Score:
+    """What was found so far."""
+
+    scenes: int = 0
+    refused: int = 0
+    checked: Counter[str] = field(default_factory=Counter)
+    left_out: Counter[str] = field(default_factory=Counter)
+    violations: list[str] = field(default_factory=list)
+
+
+def run_effects(scenes: int, *, first: int = 0) -> bool:
+    """Run the trial; return whether every bound held."""
+    score, begin = Score(), time.perf_counter()
+    for seed in range(first, first + scenes):
+        score_scene(score, seed)
+    for line in _summary(score, time.perf_counter() - begin):
+        print(line)
+    return not score.violations
+
+
+def score_scene(score: Score, seed: int) -> None:
+    """Check the bounds of one scene."""
+    generator = np.random.default_rng([seed, 7])
+    scene = random_scene(generator)
+    tolerance = float(generator.choice(_TOLERANCES))
+    try:
+        _check(score, scene, seed, tolerance)
+    except ValueError as error:
+        # Such as a field that reaches above the horizon: no scene.
+        score.refused += 1
+        print(f"seed {seed}: refused: {error}")
+        return
+    score.scenes += 1
+
+
+def _check(score: Score, scene: LitScene, seed: int, tolerance: float) -> None:
+    store = LightStore()
+    whole = _readings(scene, ALL, store)
+    found = plan(
+        scene,
+        tolerance=tolerance,
+        known=lambda effects: scenario_of(scene, SETTINGS, effects=effects, store=store).regions,
+    )
+    for name, left_out, bound in _tried(found):
+        actual = change(whole, _readings(scene, ALL - left_out, store))
+        score.checked[name] += 1
+        if not bound.holds(actual):
+            score.violations.append(f"seed {seed}, {name}: bound {in_words(bound)}; is {in_words(actual)}")
+            print(score.violations[-1], flush=True)
+    score.left_out.update(one.effect.value for one in found.decisions if not one.acts and one.bound.largest > 0.0)
+
+
+def _tried(found: EffectPlan) -> Iterator[tuple[str, frozenset[Effect], Bound]]:
+    for one in found.decisions:
+        if one.bound.largest < 1.0:
+            yield one.effect.value, frozenset({one.effect}), one.bound
+    yield "all that is left out together", ALL - found.active, found.spent
+
+
+def _readings(scene: LitScene, effects: frozenset[Effect], store: LightStore):
+    return readings_of(evaluate(scene, SETTINGS, effects=effects, store=store), scene, store)
+
+
+def _summary(score: Score, taken_s: float) -> Iterator[str]:
+    yield f"{score.scenes} scenes ({score.refused} refused) in {taken_s:.0f} s, {len(score.violations)} bounds violated"
+    for effect in (*(one.value for one in Effect), "all that is left out together"):
+        yield f"  {effect:32} checked {score.checked[effect]:5}, left out though there {score.left_out[effect]:5}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0)
+    arguments = parser.parse_args()
+    return 0 if run_effects(arguments.scenes, first=arguments.first) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,55 @@
+"""Calibration files in JSON: written whole or not at all, read once all that the program uses has been found right."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from rigctl.config import describe
+from rigctl.durable_file import write_durably
+from rigctl.errors import ConfigError, DataError
+
+
+def write_content(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a calibration: whole under its name, or not at all. A file that is there is replaced.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be written there.
+    """
+    try:
+        write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
+
+
+def read_content(path: Path, model: type[BaseModel], *, made_by: str) -> dict[str, Any]:
+    """Return the content of a calibration file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    model : type
+        What has to be right of it.
+    made_by : str
+        What makes such a file, for the message, such as "a noise calibration is made by `rigctl calibrate noise`".
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or is not as the model says: every problem at once.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        model.model_validate_json(text)
+    except ValidationError as error:
+        raise DataError(f"{describe(path, error)}\n  {made_by}") from error
+    content: dict[str, Any] = json.loads(text)
+    return content

@@ -1,0 +1,113 @@
+"""Broken sets of frames are refused or flagged by name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigctl.cli import EXIT_DATA, main
+from rigctl.comparison.checks import Check, require_sound, run_checks
+from rigctl.comparison.run_registration import registration_of
+from rigctl.errors import DataError
+from rigctl.files.regions import Region
+from rigctl.measurement.measurement import measure
+from tests.rigctl.made_runs import at, make_run
+
+ANGLES = (0.0, 45.0, 90.0, 135.0)
+Picture = NDArray[np.float64]
+REGION = "[[regions]]\nname = 'all'\nrectangle = { x = 10, y = 10, width = 180, height = 180 }\n"
+
+
+def scene() -> list[Picture]:
+    """Return four frames of a picture with edges, whose light is polarized in many ways."""
+    draws = np.random.default_rng(8)
+    light = np.full((200, 200), 1000.0)
+    for _ in range(40):
+        x, y, side = draws.integers(0, 170), draws.integers(0, 170), draws.integers(15, 50)
+        light[y : y + side, x : x + side] = draws.uniform(400.0, 2000.0)
+    light = cv2.GaussianBlur(light, (0, 0), 0.8)
+    down, right = np.mgrid[0:200, 0:200] / 200.0
+    frames = []
+    for angle in ANGLES:
+        seen = 0.5 * light * (1.0 + 0.25 * down * np.cos(2.0 * (np.radians(angle) - 1.5 * np.pi * right)))
+        frames.append(seen + draws.normal(0.0, 3.0, seen.shape))
+    return frames
+
+
+def checked(folder: Path, frames: list[Picture]) -> dict[str, Check]:
+    run = make_run(folder / "run", [(at(angle), np.rint(f)) for angle, f in zip(ANGLES, frames, strict=True)])
+    region = Region.model_validate({"name": "all", "rectangle": {"x": 10, "y": 10, "width": 180, "height": 180}})
+    measurement = measure(run, regions=[region])
+    return {check.name: check for check in run_checks(measurement, registration_of(measurement))}
+
+
+def pairs_off(frames: list[Picture]) -> list[Picture]:
+    return [frame * (1.16 if k in (0, 2) else 1.0) for k, frame in enumerate(frames)]
+
+
+def shifted(frames: list[Picture]) -> list[Picture]:
+    motion = np.array([[1.0, 0.0, 0.8], [0.0, 1.0, 0.0]])
+    return [frames[0], cv2.warpAffine(frames[1], motion, frames[1].shape[::-1]), *frames[2:]]
+
+
+def compressed(frames: list[Picture]) -> list[Picture]:
+    return [frame * (1.0 - 0.08 * frame / 750.0) for frame in frames]
+
+
+def test_a_sound_set_passes(tmp_path: Path) -> None:
+    found = checked(tmp_path, scene())
+    assert {name: check.verdict for name, check in found.items() if check.verdict != "not testable"} == {
+        "pair sums of all": "sound",
+        "linear response": "sound",
+        "registration": "sound",
+    }
+
+
+def test_pair_sums_16_percent_apart_are_refused(tmp_path: Path) -> None:
+    found = checked(tmp_path, pairs_off(scene()))
+    assert found["pair sums of all"].verdict == "refused"
+    with pytest.raises(DataError, match=r"pair sums of all: .* differ by 14\.[78]"):
+        require_sound(tuple(found.values()), run="run")
+
+
+@pytest.mark.parametrize(("broken", "named"), [(shifted, "registration"), (compressed, "linear response")])
+def test_broken_sets_are_flagged_by_name(
+    tmp_path: Path, broken: Callable[[list[Picture]], list[Picture]], named: str
+) -> None:
+    found = checked(tmp_path, broken(scene()))
+    assert found[named].verdict == "flagged"
+    assert [name for name, check in found.items() if check.verdict == "refused"] == []
+
+
+def test_the_size_of_a_shift_is_said(tmp_path: Path) -> None:
+    assert "45 deg lies 0.8" in checked(tmp_path, shifted(scene()))["registration"].text
+
+
+def test_compare_refuses_with_the_exit_code_of_unfit_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = pairs_off(scene())
+    make_run(tmp_path / "run", [(at(angle), np.rint(f)) for angle, f in zip(ANGLES, frames, strict=True)])
+    (tmp_path / "regions.toml").write_text(REGION)
+    words = ["compare", str(tmp_path / "run"), "--regions", str(tmp_path / "regions.toml"), "--out", str(tmp_path)]
+    assert main(words) == EXIT_DATA
+    assert "pair sums of all" in capsys.readouterr().err
+
+
+def test_drift_needs_three_cycles(tmp_path: Path) -> None:
+    assert checked(tmp_path, scene())["drift of the light"].verdict == "not testable"
+
+
+def test_light_that_fades_is_flagged(tmp_path: Path) -> None:
+    frames = scene()
+    taken = [
+        (at(angle, cycle=cycle), np.rint(frame * (1.0 - 0.01 * (cycle + k / 4.0))))
+        for cycle in range(4)
+        for k, (angle, frame) in enumerate(zip(ANGLES, frames, strict=True))
+    ]
+    region = Region.model_validate({"name": "all", "rectangle": {"x": 10, "y": 10, "width": 180, "height": 180}})
+    measurement = measure(make_run(tmp_path / "run", taken), regions=[region])
+    found = {check.name: check for check in run_checks(measurement, "not asked")}
+    assert found["drift of the light"].verdict == "flagged"
+    assert "-1.0" in found["drift of the light"].text

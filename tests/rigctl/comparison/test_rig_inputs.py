@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from benchmarks.uncertain_panels import drawn_truth, scene_text, take_run
+from rigctl.comparison.rig_inputs import ANGLE, OFFSET, frame_order, rig_errors, with_rig
+from rigctl.comparison.scene_inputs import Inputs, gather
+from rigctl.files.rig_file import PolarizerSection
+from rigctl.files.scene_file import RigSection, SceneFile, load_scene
+from rigctl.measurement.measurement import Measurement, measure
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[SceneFile, Measurement]:
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "scene.toml").write_text(scene_text())
+    scene = load_scene(folder / "scene.toml")
+    draws = np.random.default_rng(1)
+    return scene, measure(take_run(folder / "run", drawn_truth(draws), draws), regions=list(scene.regions))
+
+
+def inputs(given: tuple[SceneFile, Measurement], **section: object) -> Inputs:
+    scene, measurement = given
+    return with_rig(gather(scene, None), RigSection.model_validate(section), measurement)
+
+
+def test_an_exact_rig_adds_no_inputs(given: tuple[SceneFile, Measurement]) -> None:
+    found = inputs(given)
+    assert OFFSET not in found.names
+    assert rig_errors(found.named, given[1]) is None
+
+
+def test_each_angle_is_an_input_of_its_own(given: tuple[SceneFile, Measurement]) -> None:
+    found = inputs(given, angle_std_deg=0.2)
+    names = [name for name in found.names if name.startswith(ANGLE)]
+    assert names == [f"{ANGLE}{angle}" for angle in ("0", "45", "90", "135")]
+    places = [found.names.index(name) for name in names]
+    np.testing.assert_allclose(found.cov[np.ix_(places, places)], 0.04 * np.eye(4))
+
+
+def test_a_stated_offset_turns_every_angle(given: tuple[SceneFile, Measurement]) -> None:
+    errors = rig_errors(inputs(given, polarizer_offset_deg=1.5).named, given[1])
+    assert errors is not None
+    np.testing.assert_allclose(errors.turned_rad, np.deg2rad(1.5))
+
+
+def test_drift_follows_the_order_in_which_the_angles_were_taken(given: tuple[SceneFile, Measurement]) -> None:
+    assert frame_order(given[1]).tolist() == [0, 2, 1, 3]
+
+
+def test_the_offset_of_a_rig_file_may_have_an_uncertainty() -> None:
+    found = PolarizerSection.model_validate({"sense": 1, "offset_deg": {"value": 12.3, "std": 0.05}})
+    assert (found.offset_deg, found.offset_std_deg) == (12.3, 0.05)
+
+
+def test_the_uncertainty_of_the_rig_files_offset_is_an_input(given: tuple[SceneFile, Measurement]) -> None:
+    scene, measurement = given
+    measurement.run.session["rig"]["polarizer"]["offset_std_deg"] = 0.3
+    try:
+        found = with_rig(gather(scene, None), RigSection(), measurement)
+    finally:
+        del measurement.run.session["rig"]["polarizer"]["offset_std_deg"]
+    place = found.names.index(OFFSET)
+    assert found.cov[place, place] == pytest.approx(0.09)

@@ -1,0 +1,119 @@
+"""Several runs of one rig beside one scene."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import benchmarks.uncertain_panels as panels
+from rigctl.cli import EXIT_DATA, main
+from rigctl.comparison.series import require_one_instrument
+from rigctl.errors import ConfigError, DataError
+from rigctl.reports.compare_series import ComparedSeries, compare_series, series_report
+from rigctl.reports.pdf import pdf
+from rigctl.runs.run_folder import FrameRecord, Run, read_run
+
+
+def afternoon(folder: Path, monkeypatch: pytest.MonkeyPatch, *, runs: int = 3, **strange: object) -> list[Path]:
+    """Return runs an hour apart under a sinking sun; the last differs from the others by what is given."""
+    (folder / "scene.toml").write_text(panels.scene_text())
+    truth = panels.drawn_truth(np.random.default_rng(2))
+    plain = panels._record
+    paths = []
+    for k in range(runs):
+
+        def record(sequence: int, cycle: int, angle_deg: float, k: int = k) -> FrameRecord:
+            own = replace(
+                plain(sequence, cycle, angle_deg),
+                start_utc=f"2026-06-21T{12 + k:02d}:00:{sequence:02d}.000000Z",
+                sun_azimuth_deg=180.0 + 15.0 * k,
+                sun_elevation_deg=60.0 - 8.0 * k,
+                camera_serial="7",
+            )
+            return replace(own, **strange) if k == runs - 1 else own
+
+        monkeypatch.setattr(panels, "_record", record)
+        draws = np.random.default_rng([9, k])
+        # The polarization of the black panel grows by 3 % an hour, which the scene file does not say.
+        changed = truth | {"regions.black.stokes_radiance.1": truth["regions.black.stokes_radiance.1"] * (1 + 0.03 * k)}
+        panels.take_run(folder / f"run-{k}", changed, draws)
+        paths.append(folder / f"run-{k}")
+    return paths
+
+
+@pytest.fixture(scope="module")
+def series(tmp_path_factory: pytest.TempPathFactory) -> ComparedSeries:
+    folder = tmp_path_factory.mktemp("afternoon")
+    with pytest.MonkeyPatch.context() as patch:
+        paths = afternoon(folder, patch)
+    return compare_series(paths, scene_path=folder / "scene.toml", alpha=1e-3)
+
+
+def test_every_run_has_its_sun_and_time(series: ComparedSeries) -> None:
+    content = series.as_json()
+    assert [run["sun_zenith_deg"] for run in content["runs"]] == [30.0, 38.0, 46.0]
+    assert content["runs"][1]["first_frame_utc"].startswith("2026-06-21T13:00")
+
+
+def test_a_residual_that_grows_is_found_as_drift(series: ComparedSeries) -> None:
+    drifts = {(d.region, d.quantity): d for d in series.drifts}
+    assert drifts["black", "s1n"].z > 5.0
+    assert abs(drifts["white", "dolp"].z) < 5.0
+
+
+def test_alpha_is_shared_by_the_runs(series: ComparedSeries) -> None:
+    assert series.points[0].comparison.alpha == pytest.approx(1e-3 / 3)
+
+
+def test_the_report_of_many_runs_says_what_drifts_and_is_the_same_twice(series: ComparedSeries) -> None:
+    report = series_report(series)
+    assert any(word == "Drifts:" and "s1n of black" in text for word, text in report.reasons)
+    assert pdf(report) == pdf(series_report(series))
+
+
+@pytest.mark.parametrize(
+    ("strange", "named"),
+    [({"camera_serial": "8"}, "camera"), ({"gain_db": 6.0}, "gain"), ({"stage_serial": "1"}, "stage")],
+)
+def test_a_run_that_does_not_belong_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, strange: dict[str, object], named: str
+) -> None:
+    paths = afternoon(tmp_path, monkeypatch, runs=2, **strange)
+    with pytest.raises(DataError, match=f"run-1: {named}"):
+        require_one_instrument([read_run(path) for path in paths])
+
+
+def test_a_run_of_another_axis_is_refused(series: ComparedSeries) -> None:
+    run = series.runs[0].measurement.run
+    session = run.session | {"rig": {"polarizer": {"extinction_ratio": 500.0, "offset_deg": 3.0}}}
+    other = Run(
+        path=Path("other"), session=session, frames=run.frames, created_by="rigctl", created_utc=run.created_utc
+    )
+    with pytest.raises(DataError, match="polarizer offset"):
+        require_one_instrument([run, other])
+
+
+def test_the_command_takes_several_runs_and_refuses_a_stranger(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [str(path) for path in afternoon(tmp_path, monkeypatch, runs=2)]
+    words = ["--scene", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]
+    assert main(["compare", *paths, *words]) == 0
+    assert (tmp_path / "out" / "run-1" / "report.pdf").read_bytes().startswith(b"%PDF")
+    with (tmp_path / "out" / "series.csv").open(newline="") as file:
+        assert {row["run"] for row in csv.DictReader(file)} == {"run-0", "run-1"}
+    assert len(json.loads((tmp_path / "out" / "series.json").read_text())["runs"]) == 2
+    (tmp_path / "strange").mkdir()
+    stranger = afternoon(tmp_path / "strange", monkeypatch, runs=1, camera_serial="8")
+    stranger[0].rename(tmp_path / "strange" / "other")
+    assert main(["compare", *paths, str(tmp_path / "strange" / "other"), *words]) == EXIT_DATA
+    assert "do not belong" in capsys.readouterr().err
+
+
+def test_runs_of_one_name_are_refused(series: ComparedSeries) -> None:
+    path = series.runs[0].measurement.run.path
+    with pytest.raises(ConfigError, match="different names"):
+        compare_series([path, path], scene_path=path.parent / "scene.toml", alpha=1e-3)

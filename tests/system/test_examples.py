@@ -1,0 +1,68 @@
+"""Every example file runs as it is."""
+
+import json
+
+import pytest
+
+from rigctl.cli import main
+from rigctl.files.regions import load_regions
+from rigctl.files.surface_fit_file import load_surface_fit
+from tests.rigctl.example_files import EXAMPLES
+
+SCENES = sorted(path.name for path in EXAMPLES.glob("scene-*.toml"))
+RIGS = sorted(path.name for path in EXAMPLES.glob("rig-*.toml"))
+SESSIONS = sorted(path.name for path in EXAMPLES.glob("session*.toml"))
+# Of these the first plan wants a rig with a site.
+RIG_OF = {"session-rooftop.toml": "rig-rooftop.toml"}
+OTHERS = {"material-mine.toml", "fit-black-panel.toml", "regions.toml"}
+AT = "2026-05-04T14:00Z"
+
+
+def named(name):
+    return str(EXAMPLES / name)
+
+
+@pytest.fixture(autouse=True)
+def shared_cache(monkeypatch, tmp_path_factory):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+def test_no_example_is_left_out():
+    found = {path.name for path in EXAMPLES.glob("*.toml")}
+    assert found == {*SCENES, *RIGS, *SESSIONS, *OTHERS}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_scene_is_predicted(name, capsys):
+    assert main(["predict", named(name), "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["regions"]
+    assert all(region["s0"]["mean"] > 0.0 for region in content["regions"].values())
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_rig_plans_a_session(name, capsys):
+    assert main(["plan", named(name), named("session.toml"), "--at", AT]) == 0
+    assert capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_a_session_is_planned(name, capsys):
+    rig = named(RIG_OF.get(name, "rig-sim.toml"))
+    assert main(["plan", rig, named(name), "--at", AT]) == 0
+    assert capsys.readouterr().out
+
+
+def test_a_material_is_shown(capsys):
+    assert main(["surface", named("material-mine.toml")]) == 0
+    assert "weathered" in capsys.readouterr().out
+
+
+def test_regions_are_read():
+    assert [region.name for region in load_regions(EXAMPLES / "regions.toml")][:2] == ["black_panel", "white_panel"]
+
+
+def test_a_fit_names_regions_that_are_there():
+    request = load_surface_fit(EXAMPLES / "fit-black-panel.toml")
+    names = [region.name for region in load_regions(EXAMPLES / request.regions)]
+    assert {"black_panel"} <= set(names)
