@@ -25,6 +25,7 @@ SETTINGS = Settings(
     hemisphere_tolerance=1e-2,
     tiles_per_side=2,
     negligible_spread=0.0,
+    dolp_tolerance=1e-11,
 )
 _ANGLES_DEG = ((0.0, 45.0, 90.0, 135.0), (0.0, 60.0, 120.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0), (0.0, 20.0, 75.0))
 

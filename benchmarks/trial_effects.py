@@ -43,6 +43,8 @@ def run_effects(scenes: int, *, first: int = 0) -> bool:
     score, begin = Score(), time.perf_counter()
     for seed in range(first, first + scenes):
         score_scene(score, seed)
+        if (seed - first) % 50 == 49:
+            print(f"{seed - first + 1} scenes, {len(score.violations)} bounds violated", flush=True)
     for line in _summary(score, time.perf_counter() - begin):
         print(line)
     return not score.violations

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from benchmarks.loop_disk import why_not
 from benchmarks.trial_honesty import run_honesty
+from benchmarks.trial_inputs import run_inputs
 from benchmarks.trial_kills import run_kills
 from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_power_cut import run_cuts
@@ -23,6 +24,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--perturbed-seeds", type=int, default=100)
+    parser.add_argument("--moved-seeds", type=int, default=60)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--cuts", type=int, default=50)
     parser.add_argument("--turns", type=int, default=100)
@@ -40,6 +42,7 @@ def main() -> int:
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
+    sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)
     return 0 if sound else 1
 
 

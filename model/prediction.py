@@ -212,6 +212,8 @@ def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
         angles_rad=readout.angles_rad,
         sensor=scenario.sensor,
         flat_fielded=readout.flat_error is not None,
+        imperfections=scenario.imperfections,
+        smooth_cov=region.smooth_cov(),
     )
     return as_processed(found, readout)
 

@@ -166,9 +166,10 @@ def _statistics(
     n_frames, texture = sums.n_frames, sums.texture
     if texture is None:
         raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has {n_frames}")
-    moments = variance_moments(sums.kept_squares(), sums.kept_sums(), n_frames=n_frames)
-    mean_picture = sums.mean_picture(moments.mean_dn)
-    small = small_scale_variance(mean_picture)
+    mean_dn = sums.mean_dn()
+    deviations = sums.deviations(mean_dn)
+    moments = variance_moments(sums.kept(sums.squares()), sums.kept(deviations), n_frames=n_frames)
+    small = small_scale_variance(deviations)
     return LevelStatistics(
         kind=kind,
         exposure_s=exposure_s,
@@ -176,7 +177,7 @@ def _statistics(
         n_frames=n_frames,
         shape=sums.shape,
         n_pixels=moments.n_pixels,
-        mean_dn=moments.mean_dn,
+        mean_dn=mean_dn,
         frame_means_dn=sums.frame_means_dn,
         temporal_variance_dn2=moments.temporal_dn2,
         temporal_std_error_dn2=float(np.sqrt(moments.temporal_error_dn4)),
@@ -184,15 +185,15 @@ def _statistics(
         spatial_std_error_dn2=float(np.sqrt(moments.spatial_error_dn4)),
         temporal_spatial_cov_dn4=moments.covariance_dn4,
         small_scale_variance_dn2=moments.spatial_dn2 if small is None else small - moments.temporal_dn2 / n_frames,
-        mosaic_contrast=mosaic_contrast(mean_picture),
+        mosaic_contrast=mosaic_contrast(deviations, mean_dn=mean_dn),
         pattern=pattern_parts(
-            mean_picture,
+            deviations,
             spatial_variance_dn2=moments.spatial_dn2,
             noise_dn2=moments.temporal_dn2 / n_frames,
         ),
         texture=texture,
         samples=sums.samples,
-        picture=_picture(sums, mean_picture) if keep_picture else None,
+        picture=_picture(sums, deviations + np.float32(mean_dn)) if keep_picture else None,
     )
 
 

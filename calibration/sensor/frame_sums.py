@@ -66,33 +66,35 @@ class FrameSums:
         """The samples as integers."""
         return self._counter.tally()
 
-    def kept_sums(self) -> NDArray[np.uint32]:
-        """Return the sum of the samples of each pixel without an outlier [DN]."""
-        return self._sum.ravel() if self._outlier is None else self._sum[~self._outlier]
+    def mean_dn(self) -> float:
+        """Return the mean of all pixels without an outlier [DN]."""
+        kept = self._sum if self._outlier is None else self._sum[~self._outlier]
+        return int(kept.sum(dtype=np.uint64)) / (kept.size * self.n_frames)
 
-    def kept_squares(self) -> SingleArray:
-        """Return the sum of the squared differences of each pixel without an outlier [DN^2]."""
-        squares = self._squares()
-        return squares.ravel() if self._outlier is None else squares[~self._outlier]
+    def kept(self, picture: SingleArray) -> SingleArray:
+        """Return the pixels without an outlier."""
+        return picture if self._outlier is None else picture[~self._outlier]
 
-    def mean_picture(self, fill_dn: float) -> SingleArray:
-        """Return the mean of each pixel, `fill_dn` where there was an outlier [DN]."""
+    def squares(self) -> SingleArray:
+        """Return the sum of the squared differences of each pixel [DN^2]."""
+        return np.zeros(self.shape, dtype=np.float32) if self._square_sum is None else self._square_sum
+
+    def deviations(self, mean_dn: float) -> SingleArray:
+        """Return the mean of each pixel less that of all, 0 where there was an outlier [DN]."""
         picture: SingleArray = np.multiply(self._sum, 1.0 / self.n_frames, dtype=np.float32)
+        picture -= mean_dn
         if self._outlier is not None:
-            picture[self._outlier] = fill_dn
+            picture[self._outlier] = 0.0
         return picture
 
     def temporal_variance(self) -> SingleArray:
         """Return the temporal variance of each pixel, outliers too [DN^2]."""
-        variance: SingleArray = self._squares() * np.float32(0.5 / (self.n_frames - 1))
+        variance: SingleArray = self.squares() * np.float32(0.5 / (self.n_frames - 1))
         return variance
 
     def outlier_mask(self) -> NDArray[np.bool_]:
         """Return which pixels had an outlier."""
         return np.zeros(self.shape, dtype=bool) if self._outlier is None else self._outlier
-
-    def _squares(self) -> SingleArray:
-        return np.zeros(self.shape, dtype=np.float32) if self._square_sum is None else self._square_sum
 
     def _count(self, frame: NDArray[np.uint16]) -> None:
         self._means.append(cv2.mean(frame)[0])

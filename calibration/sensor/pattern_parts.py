@@ -62,7 +62,7 @@ def small_scale_variance(picture_dn: SingleArray) -> float | None:
     Parameters
     ----------
     picture_dn : (M, N) array of float32
-        Mean picture of a level [DN].
+        Mean picture of a level, its mean taken off [DN].
 
     Notes
     -----
@@ -72,7 +72,7 @@ def small_scale_variance(picture_dn: SingleArray) -> float | None:
     if side == 0:
         return None
     rows, columns = picture_dn.shape[0] // side, picture_dn.shape[1] // side
-    whole = picture_dn[: rows * side, : columns * side] - np.float32(cv2.mean(picture_dn)[0])
+    whole = picture_dn[: rows * side, : columns * side]
     # By whole numbers, area interpolation is the mean of each block.
     blocks = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
     within = cv2.norm(whole, cv2.NORM_L2SQR) - side**2 * cv2.norm(blocks, cv2.NORM_L2SQR)
@@ -91,18 +91,19 @@ def _block_side(shape: tuple[int, ...]) -> int:
     return side if (shape[0] // side) * (shape[1] // side) > 1 else 0
 
 
-def mosaic_contrast(picture_dn: SingleArray) -> float:
+def mosaic_contrast(picture_dn: SingleArray, *, mean_dn: float) -> float:
     """Return the largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean.
 
     Parameters
     ----------
     picture_dn : (M, N) array of float32
-        Mean picture of a level [DN]. The last row and column of an odd number are left out.
+        Mean picture of a level, its mean taken off or not [DN]. The last row and column of an odd number are left out.
+    mean_dn : float
+        Mean of the level [DN].
     """
     rows, columns = (size - size % 2 for size in picture_dn.shape)
-    mean = float(cv2.mean(picture_dn)[0])
-    if rows * columns == 0 or mean <= 0.0:
+    if rows * columns == 0 or mean_dn <= 0.0:
         return 0.0
     lines = [cv2.reduce(picture_dn[start:rows:2], 0, cv2.REDUCE_AVG, dtype=cv2.CV_64F)[0] for start in (0, 1)]
     cells = [line[side:columns:2].mean() for line in lines for side in (0, 1)]
-    return float(max(cells) - min(cells)) / mean
+    return float(max(cells) - min(cells)) / mean_dn

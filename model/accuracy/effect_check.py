@@ -1,7 +1,7 @@
 """What leaving effects out truly changes: the chain evaluated with and without them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from model.accuracy.chain import ChainResult, evaluate, scenario_of
 from model.accuracy.light_store import LightStore
@@ -11,6 +11,9 @@ from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
 from model.lit_scene import LitScene
 
+_DOLP_TOLERANCE = 1e-11
+# The least of so many times is taken: another program's turn on the processor is not counted.
+_REPEATS = 3
 _RADIANCE = frozenset({"radiance", "s0", "s1", "s2"})
 _RATIOS = frozenset({"dolp", "dolp_pixels", "s1n", "s2n"})
 
@@ -66,6 +69,8 @@ def check_effects(
     ValueError
         A number of the scene is outside its range.
     """
+    # Of the law of DoLP the error must not hide what is to be seen.
+    settings = replace(settings, dolp_tolerance=min(settings.dolp_tolerance, _DOLP_TOLERANCE))
     whole, whole_s = _evaluated(scene, settings, ALL, make_store())
     found = []
     for effect, bound in bounds.items():
@@ -83,7 +88,9 @@ def chain_time_s(scene: LitScene, settings: Settings, effects: frozenset[Effect]
     scene, settings, effects
         As `model.accuracy.chain.evaluate` takes them.
     """
-    return sum(evaluate(scene, settings, effects=effects, store=LightStore()).stage_s.values())
+    return min(
+        sum(evaluate(scene, settings, effects=effects, store=LightStore()).stage_s.values()) for _ in range(_REPEATS)
+    )
 
 
 def change(whole: Readings, without: Readings) -> Bound:

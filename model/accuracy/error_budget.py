@@ -75,11 +75,16 @@ def _add(errors: dict[Reading, float], more: Changes) -> None:
 
 
 def _moved(moves: Sensitivity, error: LightError) -> Changes:
-    """Sum of what the components move, and of what the field's spread does."""
+    """Size of what the signed error of the components makes, and sizes of what may have any sign."""
     found: dict[Reading, float] = defaultdict(float)
-    for change, size in zip((*moves.by_stokes, moves.by_field), (*error.stokes, error.field), strict=True):
+    signed = zip(moves.by_stokes, error.stokes, strict=True)
+    for change, size in ((change, float(size)) for change, size in signed if size != 0.0):
+        _add(found, {key: each * size for key, each in change.items()})
+    sizes = {key: abs(each) for key, each in found.items()}
+    found = defaultdict(float, sizes)
+    for change, size in zip((*moves.by_stokes, moves.by_field), (*error.loose, error.field), strict=True):
         if size > 0.0:
-            _add(found, {key: each * float(size) for key, each in change.items()})
+            _add(found, {key: abs(each) * float(size) for key, each in change.items()})
     return found
 
 
@@ -87,7 +92,8 @@ def _widened(scene: LitScene, result: ChainResult, region: RegionLight, error: L
     """What a wrong covariance over the field changes."""
     if not np.any(error.cov):
         return {}
-    return changes(scene, result, replace(region, texture_cov=region.texture_cov + error.cov))
+    wider = changes(scene, result, replace(region, texture_cov=region.texture_cov + error.cov))
+    return {key: abs(change) for key, change in wider.items()}
 
 
 def _of_dolp(result: ChainResult) -> dict[Reading, float]:

@@ -69,7 +69,7 @@ def _ratio(sizes: FloatArray, mean: float) -> float:
 
 
 def _legendre(per_side: int) -> FloatArray:
-    """Return weights that give the coefficient of each orthonormal polynomial from values at the nodes, (degree, node)."""
+    """Return weights that give coefficients of orthonormal polynomials from values at the nodes, (degree, node)."""
     node, weight = gauss_legendre(per_side)
     polynomials = np.polynomial.legendre.legvander(2.0 * node - 1.0, per_side - 1).T
     return np.asarray(polynomials * np.sqrt(2.0 * np.arange(per_side) + 1.0)[:, np.newaxis] * weight)

@@ -1,4 +1,4 @@
-"""What can be turned in the chain: each knob with its levels, its law of convergence, and what a level is likely to cost.
+"""What can be turned in the chain: each knob with its levels, its law of convergence, and its likely cost.
 
 The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin.
 What a result states is estimated on its own scene (`model.accuracy.light_error`).
@@ -115,11 +115,11 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
             Knob(
                 name=WAVELENGTHS,
                 stage="sky",
-                law="geometric",
+                law="geometric down to 2e-4; then slowly, for the tables of the aerosol have kinks",
                 estimate="a wavelength left out, times what the optical depth at all wavelengths says of the rest",
                 levels=_levels(
                     tuple(map(str, _WAVELENGTHS)),
-                    (5e-3, 7e-4, 1e-4, 2e-5, 5e-6, 5e-7, 5e-8, 5e-9),
+                    (6e-3, 1e-3, 2.5e-4, 2e-4, 1e-4, 7e-5, 5e-5, 4e-5),
                     (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0),
                 ),
             ),

@@ -49,7 +49,9 @@ class LightError:
     Attributes
     ----------
     stokes
-        Of the mean of S0, S1 and S2, each 0 or more, shape (3,) [W m-2 sr-1].
+        What the mean of S0, S1 and S2 is likely to be off by, with its sign, shape (3,) [W m-2 sr-1].
+    loose
+        What it may be off by beside that, of any sign, each 0 or more, shape (3,).
     field
         How far the error may differ over the field [W m-2 sr-1].
     cov
@@ -57,11 +59,12 @@ class LightError:
     """
 
     stokes: FloatArray
+    loose: FloatArray
     field: float
     cov: FloatArray
 
 
-_NOTHING = LightError(stokes=np.zeros(3), field=0.0, cov=np.zeros((3, 3)))
+_NOTHING = LightError(stokes=np.zeros(3), loose=np.zeros(3), field=0.0, cov=np.zeros((3, 3)))
 
 
 def light_errors(
@@ -107,16 +110,16 @@ def _between(pair: Pair, light: FieldLight, tilt: Tilt, scene: LitScene) -> Ligh
     height_m = seen[0].view.height_m
     paths = [each.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi) for each in (pair.one, pair.other)]
     through = [each.transmittance(height_m=height_m, zenith_rad=zenith) for each in (pair.one, pair.other)]
-    share = _sky_difference(pair, seen, tilt, scene)
-    sky = np.array([abs(one.reflected_sky[0]) for one in seen])
-    reflected = np.abs(np.stack([one.reflected for one in seen]))
+    scaled, rest = _sky_difference(pair, seen, tilt, scene)
+    sky = np.stack([one.reflected_sky for one in seen])
+    reflected = np.stack([one.reflected for one in seen])
+    signed = {
+        "reflected_sky": pair.factor * scaled[:, np.newaxis] * sky,
+        "path": pair.factor * (paths[1] - paths[0]),
+        "reflected": pair.factor * (through[1] / through[0] - 1.0)[:, np.newaxis] * reflected,
+    }
     return _counted(
-        scene,
-        {
-            "reflected_sky": pair.factor * (share * sky)[:, np.newaxis] * np.ones(3),
-            "path": pair.factor * (paths[1] - paths[0]),
-            "reflected": pair.factor * (through[1] / through[0] - 1.0)[:, np.newaxis] * reflected,
-        },
+        scene, signed, {"reflected_sky": pair.factor * rest[:, np.newaxis] * np.abs(sky[:, :1]) * np.ones(3)}
     )
 
 
@@ -133,7 +136,7 @@ def _of_grid(
     if share * sky > _HARMLESS * tolerance * everything and band is not None:
         share = _BETWEEN * _grid_difference(_looked_at(light)[-1], region, illumination, band, result.settings)
     each = np.array([abs(one.reflected_sky[0]) for one in _looked_at(light)])
-    return _counted(scene, {"reflected_sky": share * each[:, np.newaxis] * np.ones(3)})
+    return _counted(scene, {}, {"reflected_sky": share * each[:, np.newaxis] * np.ones(3)})
 
 
 def _grid_difference(
@@ -158,26 +161,23 @@ def _of_hemisphere(light: FieldLight, illumination: Illumination, scene: LitScen
     """Error of the integral over the hemisphere as its rules estimate it, without that of the sky's grid."""
     grid = illumination.skylight.relative_error
     each = np.array([max(one.error - grid * abs(one.reflected_sky[0]), 0.0) for one in _looked_at(light)])
-    return _counted(scene, {"reflected_sky": each[:, np.newaxis] * np.ones(3)})
+    return _counted(scene, {}, {"reflected_sky": each[:, np.newaxis] * np.ones(3)})
 
 
 def _of_tiles(light: FieldLight, scene: LitScene) -> LightError:
     if len(light.lights) == 1:
         return _NOTHING
     found = field_error(np.stack([getattr(one, scene.source) for one in light.lights]))
-    return LightError(stokes=found.mean, field=0.0, cov=found.cov)
+    return LightError(stokes=np.zeros(3), loose=found.mean, field=0.0, cov=found.cov)
 
 
-def _counted(scene: LitScene, parts: dict[str, FloatArray]) -> LightError:
-    """Sum of the errors (V, 3) of those parts that the source has, at V lines of sight."""
+def _counted(scene: LitScene, signed: dict[str, FloatArray], loose: dict[str, FloatArray]) -> LightError:
+    """Sum of the errors (V, 3) of those parts that the source has, at V lines of sight, the last in the middle."""
     has = _PARTS[scene.source]
-    size = np.sum(
-        [np.max(np.abs(part), axis=0) for name, part in parts.items() if name in has] or [np.zeros(3)], axis=0
-    )
-    # The true frame is turned against the meridian's over a field, and with a camera that rolls.
-    size[1:] = np.hypot(size[1], size[2]) if "path" in has and "path" in parts else size[1:]
-    apart = [float(np.max(np.ptp(part, axis=0))) for name, part in parts.items() if name in has]
-    return LightError(stokes=size, field=0.5 * sum(apart), cov=np.zeros((3, 3)))
+    own = np.sum([part for name, part in signed.items() if name in has] or [np.zeros((1, 3))], axis=0)
+    other = np.sum([part for name, part in loose.items() if name in has] or [np.zeros((1, 3))], axis=0)
+    apart = float(np.max(np.ptp(own, axis=0))) + float(np.max(np.ptp(other, axis=0)))
+    return LightError(stokes=own[-1], loose=np.max(other, axis=0), field=0.5 * apart, cov=np.zeros((3, 3)))
 
 
 def _looked_at(light: FieldLight) -> list[ApertureLight]:
@@ -186,8 +186,13 @@ def _looked_at(light: FieldLight) -> list[ApertureLight]:
     return [light.lights[k] for k in dict.fromkeys((0, count - 1, count // 2))]
 
 
-def _sky_difference(pair: Pair, seen: list[ApertureLight], tilt: Tilt, scene: LitScene) -> FloatArray:
-    """Difference of two skies over their S0 for each line of sight (V,): over all, or where it is mirrored if that is more."""
+def _sky_difference(
+    pair: Pair, seen: list[ApertureLight], tilt: Tilt, scene: LitScene
+) -> tuple[FloatArray, FloatArray]:
+    """By what two skies differ as a common factor, and in any other way over their S0, for each line of sight (V,).
+
+    The factor is that where the region mirrors the sky, or in the mean over it; the rest that of both.
+    """
     zenith, phi, above = _mirrored(seen, tilt, scene.sun_azimuth_rad)
     directions = {
         "zenith_rad": np.concatenate([_ZENITH_RAD.ravel(), zenith]),
@@ -195,10 +200,14 @@ def _sky_difference(pair: Pair, seen: list[ApertureLight], tilt: Tilt, scene: Li
     }
     one, other = pair.one.sky(**directions), pair.other.sky(**directions)
     lit = one[:, 0] > 0.0
-    apart = np.zeros(lit.size)
-    apart[lit] = np.linalg.norm(other[lit] - one[lit], axis=1) / one[lit, 0]
-    over_all = _BETWEEN * float(np.sqrt(np.mean(apart[: _ZENITH_RAD.size] ** 2)))
-    return np.maximum(over_all, np.where(above, apart[_ZENITH_RAD.size :], 0.0))
+    factor, rest = np.zeros(lit.size), np.zeros(lit.size)
+    factor[lit] = other[lit, 0] / one[lit, 0] - 1.0
+    rest[lit] = np.linalg.norm(other[lit] - one[lit] * (1.0 + factor[lit, np.newaxis]), axis=1) / one[lit, 0]
+    grid = _ZENITH_RAD.size
+    mean = float(np.mean(factor[:grid]))
+    about = float(np.sqrt(np.mean((factor[:grid] - mean) ** 2 + rest[:grid] ** 2)))
+    where = np.where(above, factor[grid:], mean)
+    return where, np.maximum(np.where(above, rest[grid:], 0.0), about) + np.abs(where - mean) / 2.0
 
 
 def _mirrored(

@@ -1,4 +1,4 @@
-"""A prediction to a stated tolerance: knobs are set at least cost, errors estimated, and knobs raised until they fit."""
+"""A prediction to a stated tolerance: knobs set at least cost, errors estimated, and knobs raised until they fit."""
 
 import time
 from collections.abc import Mapping

@@ -70,17 +70,21 @@ def readings(
     return {key: value for key, value in found.items() if np.isfinite(value.number)}
 
 
-def difference(reading: Value, other: Value) -> float:
-    """Return by how much two readings differ, in the units of a tolerance; infinite where one does not exist."""
-    apart = abs(reading.number - other.number)
-    if apart == 0.0:
-        return 0.0
-    return apart / reading.scale if reading.scale > 0.0 else np.inf
+def signed_differences(one: Readings, other: Readings) -> dict[Reading, float]:
+    """Return other minus one for each reading of one, in the units of a tolerance; infinite where other has none."""
+    return {key: _change(value, other[key].number) if key in other else np.inf for key, value in one.items()}
 
 
 def differences(one: Readings, other: Readings) -> dict[Reading, float]:
-    """Return the difference of each reading that both have; infinite for one that only the first has."""
-    return {key: difference(value, other[key]) if key in other else np.inf for key, value in one.items()}
+    """Return the size of `signed_differences`."""
+    return {key: abs(change) for key, change in signed_differences(one, other).items()}
+
+
+def _change(value: Value, number: float) -> float:
+    apart = number - value.number
+    if apart == 0.0:
+        return 0.0
+    return apart / value.scale if value.scale > 0.0 else np.inf
 
 
 def _radiance(name: str, stokes: np.ndarray) -> dict[Reading, Value]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import ChainResult
-from model.accuracy.quantities import Reading, differences, readings
+from model.accuracy.quantities import Reading, readings, signed_differences
 from model.lit_scene import LitScene
 from model.performance import pair_detection
 from model.prediction import predict
@@ -57,16 +57,17 @@ def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, to
     if size == 0.0:
         return Sensitivity(by_stokes=({}, {}, {}), by_field={})
 
-    def per_unit(changed: RegionLight) -> Changes:
-        return {key: change / size for key, change in changes(scene, result, changed).items()}
+    def per_unit(changed: RegionLight, step: float) -> Changes:
+        return {key: change / step for key, change in changes(scene, result, changed).items()}
 
-    by_stokes = tuple(per_unit(_moved(region, component, size)) for component in range(3))
+    steps = [_step(region, component, size) for component in range(3)]
+    by_stokes = tuple(per_unit(_moved(region, component, step), step) for component, step in enumerate(steps))
     several = len(result.lights[region.name].lights) > 1
-    return Sensitivity(by_stokes=by_stokes, by_field=per_unit(_spread(region, size)) if several else {})
+    return Sensitivity(by_stokes=by_stokes, by_field=per_unit(_spread(region, size), size) if several else {})
 
 
 def changes(scene: LitScene, result: ChainResult, changed: RegionLight) -> dict[Reading, float]:
-    """Return by how much each reading changes where the light of one region is another; infinite where it is lost.
+    """Return the change of each reading where the light of one region is another; infinite where it is lost.
 
     Parameters
     ----------
@@ -93,13 +94,18 @@ def changes(scene: LitScene, result: ChainResult, changed: RegionLight) -> dict[
         pair_detection(*pair, every, scene.p_false_alarm, tolerance=result.settings.roc_tolerance)
         for pair, _ in concerned
     )
-    return differences(base, readings(own, alone, pairs))
+    return signed_differences(base, readings(own, alone, pairs))
 
 
-def _moved(region: RegionLight, component: int, size: float) -> RegionLight:
-    """Light with one component moved, toward less polarization; its texture goes with S0."""
+def _step(region: RegionLight, component: int, size: float) -> float:
+    """Toward less polarization: beyond a degree of 1 there is no light."""
+    return size if component == 0 or region.stokes_radiance[component] < 0.0 else -size
+
+
+def _moved(region: RegionLight, component: int, step: float) -> RegionLight:
+    """Light with one component moved; its texture goes with S0."""
     stokes = region.stokes_radiance.copy()
-    stokes[component] += size if component == 0 or stokes[component] < 0.0 else -size
+    stokes[component] += step
     grown = (stokes[0] / region.stokes_radiance[0]) ** 2
     return replace(region, stokes_radiance=stokes, texture_cov=grown * region.texture_cov)
 

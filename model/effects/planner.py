@@ -178,7 +178,7 @@ def in_words(bound: Bound) -> str:
     """Return a bound as text."""
     names = ("radiance", "ratios", "deviations", "detection")
     parts = [
-        f"{name} {'by an unknown amount' if np.isinf(value) else format(value, '.1e')}"
+        f"{name} {'by any amount' if np.isinf(value) else format(value, '.1e')}"
         for name, value in zip(names, astuple(bound), strict=True)
         if value > 0.0
     ]
@@ -193,11 +193,9 @@ def _decide(effect: Effect, bound: Bound, spent: Bound, tolerance: float, choice
         return Decision(effect=effect, acts=False, bound=bound, reason="is not there")
     total = spent + bound
     if total.largest <= tolerance:
-        return Decision(
-            effect=effect, acts=False, bound=bound, reason=f"sum of bounds {total.largest:.1e} within {tolerance:.1e}"
-        )
-    unknown = "no bound is known" if np.isinf(bound.largest) else f"sum of bounds {total.largest:.1e}"
-    return Decision(effect=effect, acts=True, bound=bound, reason=f"{unknown}, above {tolerance:.1e}")
+        return Decision(effect=effect, acts=False, bound=bound, reason=f"sum {total.largest:.1e} <= {tolerance:.1e}")
+    unknown = "no useful bound" if np.isinf(bound.largest) else f"sum {total.largest:.1e} > {tolerance:.1e}"
+    return Decision(effect=effect, acts=True, bound=bound, reason=unknown)
 
 
 def _decided(

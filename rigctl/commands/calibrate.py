@@ -11,6 +11,7 @@ from rich.table import Table
 from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
 from drivers.cameras.raw_files import PLANES, Plane
+from rigctl.calibrations.content_file import write_content
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
@@ -21,7 +22,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.noise.calibrate_files import FrameCalibration, calibrate_frames
 from rigctl.noise.folder_frames import folder_frames
 from rigctl.noise.frame_table import table_frames
-from rigctl.noise.noise_file import QUANTITIES, flags_json, write_noise_file
+from rigctl.noise.noise_file import QUANTITIES, flags_json
 from rigctl.noise.noise_frames import FrameSet, emva_frames, run_frames
 from rigctl.reports.calibration_table import calibration_rows
 from rigctl.terminal import print_json, progress, results
@@ -72,7 +73,7 @@ def noise(
             print_json({**dict.fromkeys(QUANTITIES), "flags": flags_json(error.flags)})
         raise
     content = calibration.as_json()
-    write_noise_file(out, content)
+    write_content(out, content)
     if plot is not None:
         _write_plot(plot, calibration)
     if report is not None:

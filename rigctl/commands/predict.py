@@ -17,6 +17,8 @@ from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.noise.noise_file import read_noise_file, require_noise_fits
+from rigctl.reports.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
+from rigctl.reports.effects_table import effects_json, left_out_line
 from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
 from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
@@ -44,12 +46,19 @@ def command(
     engine: Annotated[
         Engine, typer.Option(metavar="NAME", help="What solves the sky: own, or sasktran2 as an independent check.")
     ] = "own",
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="T", help="Largest numerical error, 1e-6 to 0.1; settings are chosen, errors estimated."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Print what the analytical model predicts for each region: counts, Stokes parameters, DoLP, deviations, SNR.
 
     Regions are given by their radiance, or by material, sun and atmosphere; then it also says what the light at the
-    aperture is made of. --light predicts as if only that part of it came.
+    aperture is made of. --light predicts as if only that part of it came. --tolerance is absolute in DoLP, s1, s2 and
+    P_D, relative in radiance, counts, deviations and SNR; what cannot be kept is said (docs/accuracy.md).
+
+    Example: rigctl predict examples/scene-airborne.toml --tolerance 0.01
 
     Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
@@ -63,11 +72,16 @@ def command(
         source=light,
         radiometric=None if radiometric is None else _fitting_radiometric(radiometric, scene_file.sensor.bit_depth),
     )
+    if key_and_range is not None and tolerance is not None:
+        raise ConfigError("--tolerance: is of one prediction; leave out --sweep")
     if key_and_range is not None:
         _show_sweep(sweep(predictor, key_and_range), predictor.inputs.remarks, out=out, as_json=as_json)
         return
     if out is not None:
         raise ConfigError("--out: is for a sweep; give --sweep KEY=start:stop:n too")
+    if tolerance is not None:
+        _show_accurate(predictor, tolerance, as_json=as_json)
+        return
     _show(predictor.predict(), as_json=as_json)
 
 
@@ -98,6 +112,20 @@ def _show(found: ScenePrediction, *, as_json: bool) -> None:
         results().print(table)
     for remark in (*content["remarks"], *(w for region in content["warnings"].values() for w in region)):
         progress().print(remark, markup=False)
+
+
+def _show_accurate(predictor: ScenePredictor, tolerance: float, *, as_json: bool) -> None:
+    effects = predictor.effect_plan(tolerance)
+    found = predictor.to_tolerance(tolerance, effects=effects)
+    remarks = (*predictor.inputs.remarks, *effects.remarks)
+    content = prediction_json(found.result.predictions, remarks=remarks)
+    if as_json:
+        print_json(content | {"accuracy": accuracy_json(found), "effects": effects_json(effects, None)})
+        return
+    for table in (*quantity_tables(content["regions"]), accuracy_table(found)):
+        results().print(table)
+    for line in (*accuracy_lines(found), left_out_line(effects), *content["remarks"]):
+        progress().print(line, markup=False)
 
 
 def _show_sweep(found: Sweep, remarks: tuple[str, ...], *, out: Path | None, as_json: bool) -> None:

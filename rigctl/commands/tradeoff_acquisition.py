@@ -10,10 +10,10 @@ from model.acquisition_search import Reached, Wanted, fewest_cycles
 from rigctl.comparison.acquisition_tradeoff import (
     MORNING,
     OVERHEAD_S,
-    SceneSessions,
     TradeoffRequest,
     acquisition_tradeoff,
 )
+from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from model.acquisition_design import CycleLight, Disturbances, DolpBudget, Session, cycle_light, dolp_budget
-from model.acquisition_search import SATURATED, Reached, Scheme, Wanted, fewest_cycles, shortest
+from model.acquisition_design import Disturbances, DolpBudget, Session, dolp_budget
+from model.acquisition_search import SATURATED, Reached, Wanted, fewest_cycles, shortest
 from model.frame_order import PATTERNS, Pattern, least_drifting_order
-from model.moments import Moments
 from model.processing.angle_design import equispaced_rad
-from model.sensor import Sensor
-from rigctl.comparison.scene_inputs import build_scenario, file_readout, gather
 from rigctl.comparison.scene_light import SceneLight
+from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 
@@ -24,8 +22,6 @@ OVERHEAD_S = 0.42
 DRIFT_PER_S = 0.01 / 60.0
 NOTHING_WANTED = Wanted()
 MORNING = Disturbances(drift_per_s=DRIFT_PER_S)
-# The brightest counts go up to this share of the largest that the sensor gives.
-_FILLING = 0.8
 _SHORTER = (1.0, 0.5, 0.25, 0.125)
 # Waits for the polarizer to stand still, in units of its settling time.
 _SETTLE_TIMES = (0.0, 2.0, 4.0, 6.0, 8.0)
@@ -116,64 +112,6 @@ class AcquisitionTradeoff:
     reached: tuple[tuple[Session, Reached], ...]
     best: Reached | None
     remarks: tuple[str, ...]
-
-
-class SceneSessions:
-    """Makes the schemes of a scene: what one cycle shows of its regions at given angles and exposure."""
-
-    def __init__(self, scene: SceneFile, noise: dict[str, Any] | None, *, light: SceneLight | None = None) -> None:
-        self._scene, self._inputs = scene, gather(scene, noise)
-        scenario = build_scenario(
-            scene,
-            self._inputs.named,
-            readout=file_readout(scene),
-            exposure_s=scene.acquisition.exposure_ms / 1000.0,
-            light=SceneLight() if light is None and scene.has_materials else light,
-        )
-        self._sensor: Sensor = scenario.sensor
-        self._apertures: dict[str, Moments] = {region.name: region.aperture_moments() for region in scenario.regions}
-        self._lights: dict[tuple[tuple[float, ...], float], dict[str, CycleLight]] = {}
-
-    @property
-    def regions(self) -> tuple[str, ...]:
-        """Names of the regions."""
-        return tuple(self._apertures)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What is assumed of scene and sensor."""
-        return self._inputs.remarks
-
-    def scheme(self, session: Session) -> Scheme:
-        """Return what a cycle of a session shows of each region.
-
-        Raises
-        ------
-        ConfigError
-            Angles or exposure are outside their range.
-        """
-        key = (session.angles_rad, session.exposure_s)
-        if key not in self._lights:
-            try:
-                self._lights[key] = self._seen(session)
-            except ValueError as error:
-                raise ConfigError(f"scene {self._scene.name}: {error}") from error
-        return Scheme(session=session, lights=self._lights[key])
-
-    def filling_exposure_s(self, *, share: float = _FILLING) -> float:
-        """Return the exposure at which the brightest region's mean behind any angle is a share of full scale [s]."""
-        trial = Session(angles_rad=tuple(equispaced_rad(8)), exposure_s=self._sensor.exposure_s)
-        brightest_dn = max(float(light.channels_dn.max()) for light in self.scheme(trial).lights.values())
-        full_scale_dn = float(2**self._sensor.bit_depth - 1)
-        return share * full_scale_dn / brightest_dn * self._sensor.exposure_s
-
-    def _seen(self, session: Session) -> dict[str, CycleLight]:
-        sensor = replace(self._sensor, exposure_s=session.exposure_s)
-        ratio = self._scene.sensor.extinction_ratio.value
-        return {
-            name: cycle_light(aperture, sensor=sensor, angles_rad=session.angles_rad, extinction_ratio=ratio)
-            for name, aperture in self._apertures.items()
-        }
 
 
 def acquisition_tradeoff(

@@ -20,6 +20,10 @@ FloatArray = NDArray[np.float64]
 _LEAST_SEEN = 1e-3
 # What is left after a move is acceptable where chance makes as much in one case of so many.
 _ACCEPTED = 0.01
+# Residuals that chance makes as often, no input of which stands out by so many standard deviations.
+_UNREMARKABLE, _WORTH_A_WORD = 0.05, 3.0
+# More names than this say no more than that an input is hardly seen.
+_NAMED = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +143,7 @@ def explain_rows(
         moves=moves,
         fitted=tuple(_fitted(found, inputs, std)),
         unseen=tuple(name for name in inputs.names if name not in seen),
-        remark=_remark(moves),
+        remark=_remark(moves, found.p_value),
     )
 
 
@@ -169,19 +173,28 @@ def _fitted(found: input_inference.Explanation, inputs: Inputs, std: FloatArray)
         )
 
 
-def _remark(moves: Sequence[InputMove]) -> str:
+def _remark(moves: Sequence[InputMove], p_value: float) -> str:
     if not moves:
         return "no input that has a stated uncertainty acts on what was measured"
     best = moves[0]
+    if p_value > _UNREMARKABLE and abs(best.score) < _WORTH_A_WORD:
+        return "the residuals are what the stated errors make: nothing has to be explained"
     if not best.removes:
-        return (
-            f"no single input removes the disagreement; {best.name} would go farthest, by {best.move_std:+.1f} of its "
+        text = (
+            f"no single input removes the residuals; {best.name} would go farthest, by {best.move_std:+.1f} of its "
             "standard uncertainties"
         )
-    text = (
-        f"{best.name} would remove it by moving {best.move_std:+.1f} of its standard uncertainties, from "
-        f"{best.value:.4g} to {best.moved_value:.4g}"
-    )
-    if best.indistinguishable_from:
-        text += "; these data cannot tell it from " + ", ".join(best.indistinguishable_from)
-    return text
+    else:
+        text = (
+            f"{best.name} would remove them by moving {best.move_std:+.1f} of its standard uncertainties, from "
+            f"{best.value:.4g} to {best.moved_value:.4g}"
+        )
+    return text + _told_from(best.indistinguishable_from)
+
+
+def _told_from(names: Sequence[str]) -> str:
+    if not names:
+        return ""
+    if len(names) > _NAMED:
+        return f"; these data hardly see it, {len(names)} other inputs could look the same"
+    return "; these data cannot tell it from " + ", ".join(names)

@@ -1,15 +1,24 @@
 """What the model says of a scene file without a run: predictions, and where the light of each region comes from."""
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from model.accuracy.chain import Clock
+from model.accuracy.predict import SMALLEST, AccuratePrediction
+from model.accuracy.predict import predict as predict_to
+from model.effects.planner import EffectPlan, plan
 from model.field_light import FieldLight, Source
+from model.lit_scene import LitScene
 from model.prediction import RegionPrediction, predict
+from rigctl.comparison.effect_choice import acting_effects, forced_effects
+from rigctl.comparison.effect_plan import SHARE
+from rigctl.comparison.lit_scene import lit_scene
 from rigctl.comparison.scale import panel_scaled
-from rigctl.comparison.scene_inputs import Inputs, build_scenario, file_readout, gather
+from rigctl.comparison.scene_inputs import Inputs, build_scenario, build_sensor, file_readout, gather
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_records import camera_view
 from rigctl.errors import ConfigError
@@ -105,6 +114,68 @@ class ScenePredictor:
                 source=self._source,
             )
             return predict(scenario)
+        except ValueError as error:
+            raise ConfigError(f"scene {self._scene.name}: {error}") from error
+
+    def lit_scene(self, changed: Mapping[str, float] | None = None) -> LitScene:
+        """Return all that the scene is, as one record of the model, with some numbers changed.
+
+        Raises
+        ------
+        ConfigError
+            A number is outside its range.
+        """
+        values = self.numbers | dict(changed or {})
+        try:
+            sensor = build_sensor(self._scene, values, values[EXPOSURE] / _MS_PER_S)
+        except ValueError as error:
+            raise ConfigError(f"scene {self._scene.name}: {error}") from error
+        return lit_scene(self._scene, values, sensor=sensor, readout=file_readout(self._scene), source=self._source)
+
+    def effect_plan(self, tolerance: float) -> EffectPlan:
+        """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
+
+        Raises
+        ------
+        ConfigError
+            The tolerance, or a number, is outside its range.
+        """
+        # The least tolerance has nothing to share.
+        share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
+        try:
+            return plan(self.lit_scene(), tolerance=share, forced=forced_effects(self._scene))
+        except ValueError as error:
+            raise ConfigError(f"scene {self._scene.name}: {error}") from error
+
+    def to_tolerance(
+        self, tolerance: float, *, effects: EffectPlan | None = None, clock: Clock = time.perf_counter
+    ) -> AccuratePrediction:
+        """Return what the model says of the scene, to a stated numerical error.
+
+        Parameters
+        ----------
+        tolerance : float
+            Of effects that are left out and numerical settings together.
+        effects : EffectPlan or None
+            From `effect_plan`; settings have what that did not spend. None: all that the scene file does not leave out.
+        clock : callable
+            Seconds, rising.
+
+        Raises
+        ------
+        ConfigError
+            The tolerance, or a number, is outside its range.
+        """
+        active = acting_effects(self._scene) if effects is None else effects.active
+        spent = 0.0 if effects is None else effects.spent.largest
+        try:
+            return predict_to(
+                self.lit_scene(),
+                tolerance=tolerance - spent,
+                effects=active,
+                store=self._light.lights,
+                clock=clock,
+            )
         except ValueError as error:
             raise ConfigError(f"scene {self._scene.name}: {error}") from error
 

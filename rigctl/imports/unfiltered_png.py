@@ -56,8 +56,8 @@ def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None
     rows = np.frombuffer(raw, np.uint8).reshape(layout.height, layout.row_bytes)
     if rows[:, 0].any():
         return None
-    samples = np.ascontiguousarray(rows[:, 1:])
-    return samples if layout.sample_bytes == 1 else samples.view(">u2").astype(np.uint16)
+    samples = rows[:, 1:]
+    return np.ascontiguousarray(samples) if layout.sample_bytes == 1 else samples.view(">u2").astype(np.uint16)
 
 
 def _parts(data: bytes) -> tuple[_Layout | None, bytes]:

@@ -13,8 +13,9 @@ from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
 from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from calibration.sensor.pattern_checks import pattern_flags
+from rigctl.calibrations.content_file import write_content
 from rigctl.errors import DataError
-from rigctl.noise.noise_file import noise_json, write_noise_file
+from rigctl.noise.noise_file import noise_json
 from rigctl.noise.noise_frames import FrameGroup, FrameSet, run_frames
 from rigctl.noise.pattern_json import pattern_json
 
@@ -57,7 +58,7 @@ def calibrate_run(run: Path, out: Path) -> None:
     DataError, CalibrationError
         The frames are unfit; nothing is written.
     """
-    write_noise_file(out, calibrate_frames(run_frames(run)).as_json())
+    write_content(out, calibrate_frames(run_frames(run)).as_json())
 
 
 def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -> FrameCalibration:

@@ -1,6 +1,5 @@
 """The file that a noise calibration is kept in: ``noise.json``."""
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -8,18 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration.flags import Flag
 from calibration.sensor.brighter_fatter import brighter_fatter
 from calibration.sensor.emva1288 import EMVA_SYMBOLS
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.photon_transfer import PhotonTransfer
+from rigctl.calibrations.content_file import read_content
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
-from rigctl.config import describe
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError, DataError
 from rigctl.noise.noise_frames import FrameSet
 from rigctl.noise.pattern_json import dark_json, performance_json
 from rigctl.runs.run_folder import Run
@@ -118,20 +115,6 @@ def _linearity(transfer: PhotonTransfer) -> dict[str, Any] | None:
     }
 
 
-def write_noise_file(path: Path, content: dict[str, Any]) -> None:
-    """Write a calibration: whole under its name, or not at all. A file that is there is replaced.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be written there.
-    """
-    try:
-        write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
-
-
 def read_noise_file(path: Path) -> dict[str, Any]:
     """Return the content of a noise calibration file, once all that the program uses has been found right.
 
@@ -140,18 +123,7 @@ def read_noise_file(path: Path) -> dict[str, Any]:
     DataError
         The file cannot be read, is no noise calibration, or is of another version: every problem at once.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        _NoiseContent.model_validate_json(text)
-    except ValidationError as error:
-        raise DataError(
-            f"{describe(path, error)}\n  a noise calibration is made by `rigctl calibrate noise`"
-        ) from error
-    content: dict[str, Any] = json.loads(text)
-    return content
+    return read_content(path, _NoiseContent, made_by="a noise calibration is made by `rigctl calibrate noise`")
 
 
 def require_noise_fits(noise: Mapping[str, Any], used: MadeFor) -> tuple[str, ...]:

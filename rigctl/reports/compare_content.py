@@ -29,6 +29,7 @@ def compare_report(
     *,
     title: str,
     provenance: dict[str, Any],
+    calibration: Table | None = None,
     effects: Table | None = None,
 ) -> Report:
     """Return the report of a comparison.
@@ -43,6 +44,8 @@ def compare_report(
         Heading.
     provenance : dict
         Files, hashes, devices and versions that the numbers rest on, as JSON can hold them.
+    calibration : Table or None
+        Numbers of the noise calibration.
     effects : Table or None
         Which effects the prediction took and which it skipped, with the reason.
     """
@@ -58,11 +61,12 @@ def compare_report(
             *_explained(comparison.explanation),
             *_figures(comparison, measurement, regions),
             *_uncertainty(comparison),
-            *([] if effects is None else [Section(title="Effects taken and skipped", blocks=(effects,))]),
+            *_effects(effects),
             Section(title="The run by itself", blocks=(compare_tables.check_table(comparison.checks),)),
             *_strength(comparison),
             *_numbers(comparison, measurement),
             *_limits(comparison),
+            *([] if calibration is None else [Section(title="Calibration used", blocks=(calibration,))]),
             *_sources(measurement, provenance),
         ],
     )
@@ -174,6 +178,17 @@ def _uncertainty(comparison: Comparison) -> Iterable[Section]:
         title="Uncertainty budget",
         blocks=(picture, Paragraph(text="Of DoLP, in numbers:"), compare_tables.budget_table(known, "dolp")),
     )
+
+
+def _effects(effects: Table | None) -> Iterable[Section]:
+    if effects is None:
+        return
+    note = Paragraph(
+        text="The most that leaving an effect out can change: of DoLP, s1 and s2 absolute, of the counts relative. "
+        "Called for: whether leaving it out could cost more than half a per cent. A comparison takes every effect that "
+        "nobody left out by request (rigctl effects, --without)."
+    )
+    yield Section(title="Effects taken and skipped", blocks=(effects, note))
 
 
 def _strength(comparison: Comparison) -> Iterable[Section]:

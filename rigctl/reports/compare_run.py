@@ -8,6 +8,8 @@ from typing import Any
 from rigctl.comparison.checks import require_sound, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.comparison.effect_choice import acting_effects
+from rigctl.comparison.effect_plan import plan_effects
 from rigctl.comparison.run_registration import registration_of, with_registration
 from rigctl.comparison.scale import ScaleKind
 from rigctl.config import sha256_of
@@ -16,8 +18,9 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports.blocks import Report
+from rigctl.reports.blocks import Report, Table
 from rigctl.reports.compare_content import compare_report
+from rigctl.reports.compare_context import calibration_table, effects_block, machine
 from rigctl.reports.pdf import pdf
 from rigctl.reports.report import render
 from rigctl.reports.rows_csv import rows_csv
@@ -25,6 +28,9 @@ from rigctl.reports.run_calibrations import CalibrationPaths, correction_remarks
 from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
 from rigctl.runs.run_folder import MANIFEST_FILE, Run, read_run
 from rigctl.version import VERSION
+
+# Of a prediction: at this an effect is said to be called for or not. A comparison takes all of them all the same.
+_EFFECTS_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +41,8 @@ class ComparedRun:
     measurement: Measurement
     regions: list[Region]
     provenance: dict[str, Any]
+    calibration: Table | None = None
+    effects: Table | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of comparison.json."""
@@ -62,6 +70,8 @@ class ComparedRun:
             self.regions,
             title=f"{self.measurement.run.path.name} beside the model",
             provenance=self.provenance,
+            calibration=self.calibration,
+            effects=self.effects,
         )
 
 
@@ -146,8 +156,19 @@ def compare_run(
         comparison=replace(comparison, remarks=(*said, *comparison.remarks), checks=checks, budgets=budgets),
         measurement=measurement,
         regions=regions,
-        provenance=_provenance(run, {what: path for what, path in files.items() if path is not None}),
+        provenance=_provenance(
+            run,
+            {what: path for what, path in files.items() if path is not None},
+            {"alpha": alpha, "scale": scale},
+        ),
+        calibration=calibration_table(given.noise),
+        effects=None if scene is None else _effects(scene, given.noise),
     )
+
+
+def _effects(scene: SceneFile, noise: dict[str, Any] | None) -> Table:
+    planned = plan_effects(scene, noise, tolerance=_EFFECTS_TOLERANCE)
+    return effects_block(planned.plan, acting_effects(scene))
 
 
 def _regions(scene: SceneFile | None, regions_path: Path | None) -> list[Region]:
@@ -167,10 +188,12 @@ def _outlines_of(scene: SceneFile, drawn: list[Region]) -> list[Region]:
     return [now.get(region.name, region) for region in scene.regions]
 
 
-def _provenance(run: Run, files: dict[str, Path]) -> dict[str, Any]:
+def _provenance(run: Run, files: dict[str, Path], settings: dict[str, Any]) -> dict[str, Any]:
     return {
         "program": f"rigctl {VERSION}",
         "run": {"path": str(run.path), "created_by": run.created_by, "created_utc": run.created_utc},
         "files": {what: {"path": str(path), "sha256": sha256_of(path)} for what, path in files.items()},
+        "settings": settings,
+        "machine": machine(),
         "session": run.session,
     }

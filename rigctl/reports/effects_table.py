@@ -19,11 +19,10 @@ def effects_table(plan: EffectPlan, checked: Verification | None) -> Table:
     """Return the table of effects, with what those left out truly change where that was found out."""
     table = Table(title=_title(plan), title_justify="left", box=None, pad_edge=False)
     table.add_column("effect")
-    table.add_column("acts")
+    table.add_column("decision")
     for kind in _KINDS:
-        table.add_column(kind, justify="right")
+        table.add_column(kind, justify="right", no_wrap=True)
     table.add_column("reason")
-    table.add_column("changes")
     table.add_column("cost")
     found = _actual(checked)
     for decision in plan.decisions:
@@ -47,19 +46,27 @@ def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, An
     return content
 
 
+def left_out_line(plan: EffectPlan) -> str:
+    """Return in words what was left out though it is there."""
+    names = [one.effect.value for one in plan.decisions if not one.acts and one.bound.largest > 0.0 and not one.forced]
+    if not names:
+        return "effects: every effect of the scene acts"
+    return f"effects left out: {', '.join(names)}; together they change no number by more than {plan.spent.largest:.1e}"
+
+
 def saved_line(checked: Verification) -> str:
     """Return what leaving out saved, in words."""
     saved = 1.0 - checked.planned_s / checked.all_s
     return (
         f"time of the chain, nothing being kept from before: {checked.all_s:.3g} s with all effects, "
-        f"{checked.planned_s:.3g} s with those that act ({saved:.0%} saved)"
+        f"{checked.planned_s:.3g} s with those that act ({max(saved, 0.0):.0%} saved)"
     )
 
 
 def _title(plan: EffectPlan) -> str:
     return (
-        f"effects: largest change if left out. Left out while the sum stays within {plan.tolerance:.2g}; "
-        f"{plan.spent.largest:.2g} of it is spent"
+        f"effects: most that each kind of number can change if left out (in brackets: does change; any: no useful bound).\n"
+        f"Left out while the sums stay within {plan.tolerance:.2g}; {plan.spent.largest:.2g} of it is spent"
     )
 
 
@@ -73,13 +80,12 @@ def _cells(decision: Decision, actual: Bound | None) -> list[str]:
     shown = [_number(limits[kind]) for kind in _KINDS]
     if actual is not None:
         truly = asdict(actual)
-        shown = [f"{limit} (is {_number(truly[kind])})" for kind, limit in zip(_KINDS, shown, strict=True)]
+        shown = [f"{limit} ({_number(truly[kind])})" for kind, limit in zip(_KINDS, shown, strict=True)]
     return [
         decision.effect.value,
-        "yes" if decision.acts else "no",
+        "acts" if decision.acts else "left out",
         *shown,
         decision.reason,
-        facts.changes,
         facts.cost,
     ]
 
@@ -106,4 +112,4 @@ def _numbers(bound: Bound) -> dict[str, float | None]:
 def _number(value: float) -> str:
     if value == 0.0:
         return "0"
-    return f"{value:.1e}" if math.isfinite(value) else "unknown"
+    return f"{value:.0e}" if math.isfinite(value) else "any"

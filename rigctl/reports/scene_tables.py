@@ -41,7 +41,7 @@ def light_tables(found: ScenePrediction) -> Iterable[Table]:
         for column in ("S0", "S1", "S2", "DoLP", "AoLP deg"):
             table.add_column(column, justify="right")
         for part, label in PARTS.items():
-            table.add_row(label, *_cells(light.mean(part)))
+            table.add_row(label, *stokes_cells(light.mean(part)))
         yield table
 
 
@@ -75,7 +75,8 @@ def _light(light: FieldLight) -> dict[str, Any]:
     }
 
 
-def _cells(stokes: NDArray[np.float64]) -> tuple[str, ...]:
+def stokes_cells(stokes: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return S0, S1, S2, DoLP and AoLP in degrees as they are shown."""
     # Rounding leaves a part that is unpolarized by symmetry some 1e-17 of polarization.
     numbers = tuple(f"{0.0 if abs(value) < 1e-12 * stokes[0] else value:.4g}" for value in stokes)
     if not stokes[0] > 0.0:

@@ -10,7 +10,7 @@ from calibration.errors import CalibrationError
 from calibration.polarimeter.analyzer import analyzer_channels, extinction, pooled_diattenuation
 from calibration.polarimeter.axis import fit_axis, half_turn
 from calibration.polarimeter.data_reduction import linear_states, measured_data_reduction
-from calibration.polarimeter.fourier_fit import fit_fourier, residual_harmonics
+from calibration.polarimeter.fourier_fit import fit_fourier, harmonics_are_told_apart, residual_harmonics
 
 FloatArray = NDArray[np.float64]
 
@@ -269,3 +269,14 @@ def test_every_pixel_has_its_own_channels() -> None:
     alone = analyzer_channels(GENERATOR_RAD, scan, generator_dolp=DOLP)
     np.testing.assert_allclose(channels.axis_rad[:, 1], alone.axis_rad, atol=1e-12)
     np.testing.assert_allclose(channels.diattenuation[:, 0], alone.diattenuation, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("turn_deg", "apart"), [(360.0, True), (180.0, False)])
+def test_harmonics_are_told_from_one_another_over_a_whole_turn_only(turn_deg: float, apart: bool) -> None:
+    assert harmonics_are_told_apart(np.radians(np.arange(36) * turn_deg / 36.0)) is apart
+
+
+def test_the_law_at_other_angles() -> None:
+    angles = np.radians(np.arange(0.0, 180.0, 20.0))
+    fit = fit_fourier(angles, 3.0 + np.cos(2.0 * (angles - 0.3)))
+    np.testing.assert_allclose(fit.at(np.array([0.3, 0.3 + np.pi / 2])), [4.0, 2.0], rtol=1e-12)

@@ -8,8 +8,9 @@ import pytest
 from model.acquisition_design import Disturbances
 from model.acquisition_search import Wanted
 from rigctl.commands.tradeoff_acquisition import show_acquisition_tradeoff, with_cycles_for
-from rigctl.comparison.acquisition_tradeoff import SceneSessions, TradeoffRequest, acquisition_tradeoff
+from rigctl.comparison.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
 from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile

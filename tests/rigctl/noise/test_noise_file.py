@@ -12,9 +12,10 @@ import pytest
 from calibration.sensor.emva1288 import EMVA_SYMBOLS
 from calibration.sensor.frame_statistics import level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
+from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.errors import ConfigError, DataError
-from rigctl.noise.noise_file import QUANTITIES, noise_json, read_noise_file, require_noise_fits, write_noise_file
+from rigctl.noise.noise_file import QUANTITIES, noise_json, read_noise_file, require_noise_fits
 from rigctl.noise.noise_frames import CameraSetting, FrameSet, FrameSource
 from tests.rigctl.noise_sessions import frames
 
@@ -41,7 +42,7 @@ def content() -> dict[str, Any]:
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     path = tmp_path / "noise.json"
-    write_noise_file(path, content())
+    write_content(path, content())
     assert read_noise_file(path) == content()
 
 
@@ -69,7 +70,7 @@ def test_the_response_is_kept_where_there_are_levels_for_it() -> None:
 
 def test_the_covariance_is_kept_to_the_last_digit(tmp_path: Path) -> None:
     path = tmp_path / "noise.json"
-    write_noise_file(path, content())
+    write_content(path, content())
     joint = read_noise_file(path)["covariance"]
     assert tuple(joint["names"]) == calibration().covariance.names
     np.testing.assert_array_equal(joint["matrix"], calibration().covariance.matrix)
@@ -89,7 +90,7 @@ def test_flags_have_name_message_and_refusal() -> None:
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be written"):
-        write_noise_file(tmp_path / "gone" / "noise.json", content())
+        write_content(tmp_path / "gone" / "noise.json", content())
 
 
 def spoilt(change: Callable[[dict[str, Any]], object]) -> bytes:

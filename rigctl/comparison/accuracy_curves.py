@@ -1,0 +1,210 @@
+"""Error against time for a scene: of the whole chain, of each knob, and the floor that uncertain inputs set."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.accuracy.chain import ChainResult, evaluate
+from model.accuracy.error_budget import error_budget
+from model.accuracy.knobs import KNOBS, Plan, settings_at
+from model.accuracy.light_error import light_errors
+from model.accuracy.light_store import LightStore
+from model.accuracy.predict import AccuratePrediction, predict
+from model.accuracy.quantities import Reading, Value, differences, readings
+from model.lit_scene import LitScene
+from rigctl.comparison.scene_prediction import ScenePredictor
+
+FloatArray = NDArray[np.float64]
+Clock = Callable[[], float]
+
+# The reference is of a tenth of the smallest tolerance shown.
+_FINER = 0.1
+WHOLE_CHAIN = "whole chain"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """One evaluation.
+
+    Attributes
+    ----------
+    knob
+        What was turned; `WHOLE_CHAIN` for a prediction to a tolerance.
+    setting
+        To what.
+    seconds
+        That it took, without anything kept from another.
+    true, estimated
+        Largest error of any reading, against the finest settings and as estimated; the estimate of one knob is its own.
+    """
+
+    knob: str
+    setting: str
+    seconds: float
+    true: float
+    estimated: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curves:
+    """What accuracy costs for a scene.
+
+    Attributes
+    ----------
+    points
+        Of the whole chain and of each knob.
+    stages
+        For each tolerance its prediction.
+    floor
+        Reading to the standard deviation that the uncertain inputs give it, in the units of a tolerance.
+    reference_s
+        Time of the finest settings [s].
+    """
+
+    points: tuple[CurvePoint, ...]
+    predictions: tuple[AccuratePrediction, ...]
+    floor: dict[Reading, float]
+    reference_s: float
+
+    @property
+    def front(self) -> tuple[CurvePoint, ...]:
+        """Points than which none is both faster and better, from fast to good."""
+        found: list[CurvePoint] = []
+        for point in sorted(self.points, key=lambda one: (one.seconds, one.true)):
+            if not found or point.true < found[-1].true:
+                found.append(point)
+        return tuple(found)
+
+
+def accuracy_curves(
+    predictor: ScenePredictor, tolerances: Sequence[float], *, clock: Clock = time.perf_counter
+) -> Iterator[str | Curves]:
+    """Yield what is being done, in words, and last the curves.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene.
+    tolerances : sequence of float
+        To be shown, 1e-5 to 0.1.
+    clock
+        Seconds, rising.
+    """
+    scene = predictor.lit_scene()
+    yield "floor of the inputs"
+    floor = input_floor(predictor)
+    predictions = []
+    for tolerance in sorted(tolerances, reverse=True):
+        yield f"tolerance {tolerance:g}"
+        predictions.append(predict(scene, tolerance=tolerance, clock=clock))
+    yield "finest settings"
+    finest = _finer(predictions[-1].plan)
+    reference = evaluate(scene, settings_at(finest, _FINER * min(tolerances)), clock=clock)
+    truth = _readings(reference)
+    points = [_of_chain(found, truth) for found in predictions]
+    middle = predictions[len(predictions) // 2]
+    for knob in KNOBS:
+        yield knob
+        points += _of_knob(scene, knob, middle, clock)
+    yield Curves(
+        points=tuple(points),
+        predictions=tuple(predictions),
+        floor=floor,
+        reference_s=sum(reference.stage_s.values()),
+    )
+
+
+def steps(tolerances: Sequence[float]) -> int:
+    """Return how many steps `accuracy_curves` takes."""
+    return len(tolerances) + len(KNOBS) + 2
+
+
+def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
+    """Return the deviation that the uncertain inputs give each reading, in the units of a tolerance.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        Its inputs have a covariance.
+
+    References
+    ----------
+    Definition: central differences of one standard deviation, and the covariance of the inputs.
+    """
+    inputs, store = predictor.inputs, LightStore()
+    deviations = np.sqrt(np.diag(inputs.cov))
+    used = np.flatnonzero(deviations > 0.0)
+    coarse = settings_at(dict.fromkeys(KNOBS, 1), 1e-2)
+
+    def at(changed: dict[str, float]) -> dict[Reading, Value]:
+        return _readings(evaluate(predictor.lit_scene(changed), coarse, store=store))
+
+    base = at({})
+    slopes = np.zeros((len(base), inputs.values.size))
+    for place in used.tolist():
+        name, value, step = inputs.names[place], float(inputs.values[place]), float(deviations[place])
+        low = max(value - step, float(inputs.least[place]))
+        above, below = at({name: value + step}), at({name: low})
+        slopes[:, place] = [_slope(base[key], above.get(key), below.get(key), value + step - low) for key in base]
+    variances = np.einsum("qi,ij,qj->q", slopes, inputs.cov, slopes)
+    return dict(zip(base, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True))
+
+
+def _slope(value: Value, above: Value | None, below: Value | None, step: float) -> float:
+    if above is None or below is None or value.scale == 0.0:
+        return 0.0
+    return (above.number - below.number) / (step * value.scale)
+
+
+def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePoint:
+    true = differences(_readings(found.result), truth)
+    promised = [key for key in true if key not in found.not_promised]
+    return CurvePoint(
+        knob=WHOLE_CHAIN,
+        setting=f"tolerance {found.tolerance:g}",
+        seconds=sum(found.stage_s.values()),
+        true=max((true[key] for key in promised), default=np.nan),
+        estimated=max((found.budget.total[key] for key in promised), default=np.nan),
+    )
+
+
+def _of_knob(scene: LitScene, knob: str, middle: AccuratePrediction, clock: Clock) -> list[CurvePoint]:
+    """One knob over its levels up to two beyond that of a plan, the others as the plan has them."""
+    top = min(middle.plan[knob] + 2, len(KNOBS[knob].levels) - 1)
+    found = [_at_level(scene, {**middle.plan, knob: level}, middle.tolerance, clock) for level in range(top + 1)]
+    truth = _readings(found[-1][0])
+    points = []
+    for level, (result, errors) in enumerate(found[:-1]):
+        true = differences(_readings(result), truth)
+        points.append(
+            CurvePoint(
+                knob=knob,
+                setting=KNOBS[knob].levels[level].label,
+                seconds=sum(result.stage_s.values()),
+                true=max((error for error in true.values() if np.isfinite(error)), default=0.0),
+                estimated=max(errors[knob].values(), default=0.0),
+            )
+        )
+    return points
+
+
+def _at_level(
+    scene: LitScene, plan: Plan, tolerance: float, clock: Clock
+) -> tuple[ChainResult, dict[str, dict[Reading, float]]]:
+    store = LightStore()
+    result = evaluate(scene, settings_at(plan, tolerance), store=store, clock=clock)
+    lights = light_errors(scene, plan, result, store, tolerance=tolerance)
+    budget = error_budget(scene, result, lights, tolerance=tolerance)
+    return result, {knob: dict(errors) for knob, errors in budget.by_knob.items()}
+
+
+def _finer(plan: Plan) -> dict[str, int]:
+    """A level more of each knob, two of those of the sky: about a tenth of the errors."""
+    return {name: min(plan[name] + 1, len(knob.levels) - 1) for name, knob in KNOBS.items()}
+
+
+def _readings(result: ChainResult) -> dict[Reading, Value]:
+    return readings(result.scenario, result.predictions, result.detections)

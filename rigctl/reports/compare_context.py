@@ -1,0 +1,61 @@
+"""What a comparison was made with: its calibrations, the effects that the model took, settings and versions."""
+
+import math
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+from model.effects.names import Effect
+from model.effects.planner import EffectPlan
+from rigctl.comparison.scene_inputs import NOISE_NAMES
+from rigctl.reports.blocks import NOTHING, Table
+from rigctl.reports.number_text import to_digits
+
+# Of these figures in the last digit, and single pixels of figures, depend.
+_LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
+
+
+def calibration_table(noise: Mapping[str, Any] | None) -> Table | None:
+    """Return the numbers of a noise calibration with their errors; nothing without one."""
+    if noise is None:
+        return None
+    rows = []
+    for name in NOISE_NAMES:
+        found = noise.get(name)
+        if isinstance(found, Mapping):
+            rows.append((name, to_digits(found["value"], found["std_error"]), f"{found['std_error']:.2g}"))
+    return Table(header=("noise calibration", "value", "its standard error"), rows=tuple(rows))
+
+
+def effects_block(plan: EffectPlan, taken: frozenset[Effect]) -> Table:
+    """Return each effect of the model: taken here or not, the most that leaving it out can change, and why."""
+    return Table(
+        header=("effect", "taken here", "of DoLP, s1, s2", "of counts", "called for", "reason"),
+        rows=tuple(
+            (
+                one.effect.value,
+                "yes" if one.effect in taken else "NO",
+                _bound(one.bound.ratios),
+                _bound(one.bound.radiance),
+                "yes" if one.acts else "no",
+                one.reason,
+            )
+            for one in plan.decisions
+        ),
+        off=tuple(one.acts and one.effect not in taken for one in plan.decisions),
+        left=(0, 1, 4, 5),
+        wide=5,
+    )
+
+
+def machine() -> dict[str, str]:
+    """Return what of this machine a report may depend on, in its last digits and single pixels."""
+    return {name: version(name) for name in _LIBRARIES} | {
+        "python": platform.python_version(),
+        "processor": platform.machine(),
+    }
+
+
+def _bound(value: float) -> str:
+    return f"{value:.1e}" if math.isfinite(value) else NOTHING

@@ -1,0 +1,143 @@
+"""Curves of error against time as tables, CSV, JSON and a plot."""
+
+import csv
+import io
+import math
+from typing import Any
+
+from rich.table import Table
+
+from model.accuracy.knobs import KNOBS
+from model.accuracy.quantities import Reading
+from rigctl.comparison.accuracy_curves import WHOLE_CHAIN, CurvePoint, Curves
+from rigctl.reports.accuracy_tables import accuracy_json
+from rigctl.reports.figure_style import png, subplots
+
+_SHOWN_FLOORS = ("radiance", "s1n", "s2n", "dolp_pixels", "p_detection")
+_COLUMNS = ("knob", "setting", "seconds", "true error", "estimated error")
+
+
+def curve_table(curves: Curves) -> Table:
+    """Return every point; a star marks the front."""
+    table = Table(title="error against time", title_justify="left", box=None, pad_edge=False)
+    for name in (*_COLUMNS, "front"):
+        table.add_column(name, justify="left" if name in ("knob", "setting", "front") else "right")
+    front = set(curves.front)
+    for point in curves.points:
+        table.add_row(*_texts(point), "*" if point in front else "")
+    return table
+
+
+def curve_csv(curves: Curves) -> bytes:
+    """Return every point, a row each."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("knob", "setting", "seconds", "true_error", "estimated_error", "on_front"))
+    front = set(curves.front)
+    for point in curves.points:
+        numbers = (f"{point.seconds:.6g}", f"{point.true:.6g}", f"{point.estimated:.6g}")
+        writer.writerow((point.knob, point.setting, *numbers, int(point in front)))
+    return text.getvalue().encode()
+
+
+def curve_json(curves: Curves) -> dict[str, Any]:
+    """Return points, choices and the floor as JSON holds them."""
+    front = set(curves.front)
+    return {
+        "points": [
+            {
+                "knob": point.knob,
+                "setting": point.setting,
+                "seconds": point.seconds,
+                "true_error": _number(point.true),
+                "estimated_error": _number(point.estimated),
+                "on_front": point in front,
+            }
+            for point in curves.points
+        ],
+        "choices": [accuracy_json(found) for found in curves.predictions],
+        "input_floor": {"/".join(key): floor for key, floor in curves.floor.items()},
+        "reference_s": curves.reference_s,
+    }
+
+
+def choice_table(curves: Curves) -> Table:
+    """Return what each tolerance chooses, and where its time goes."""
+    table = Table(title="what --tolerance chooses", title_justify="left", box=None, pad_edge=False)
+    names = list(curves.predictions[0].plan)
+    for name in ("tolerance", *names, "most of the error", "time in"):
+        table.add_column(name)
+    for found in curves.predictions:
+        labels = [KNOBS[name].levels[found.plan[name]].label for name in names]
+        total = sum(found.stage_s.values())
+        slow = sorted(found.stage_s.items(), key=lambda item: -item[1])[:2]
+        where = ", ".join(f"{stage} {100.0 * seconds / total:.0f} %" for stage, seconds in slow if total > 0.0)
+        table.add_row(f"{found.tolerance:g}", *labels, max(names, key=found.budget.worst), where)
+    return table
+
+
+def floor_lines(curves: Curves) -> list[str]:
+    """Return what the uncertain inputs make of a tolerance, in words."""
+    if not any(floor > 0.0 for floor in curves.floor.values()):
+        return ["the scene's numbers are stated without uncertainty: no floor; give std of what is not certain"]
+    lines = ["floor by the uncertain inputs (one standard deviation):"]
+    for quantity in _SHOWN_FLOORS:
+        keys = [key for key in curves.floor if key.quantity == quantity and _is_mean(key)]
+        if keys:
+            lines.append("  " + "; ".join(f"{key.place} {quantity} {curves.floor[key]:.1e}" for key in keys[:4]))
+    known = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and _is_mean(key)]
+    least = min((floor for floor in known if floor > 0.0), default=None)
+    if least is not None:
+        lines.append(
+            f"a tolerance below {least:.1e} buys nothing for DoLP: the inputs are not known better (absolute error)"
+        )
+    return lines
+
+
+def curve_png(curves: Curves) -> bytes:
+    """Return true and estimated error against time on logarithmic axes, and the floor."""
+    figure, axes = subplots(1, 2, size=(11.0, 4.8))
+    knobs = list(dict.fromkeys(point.knob for point in curves.points))
+    for place, knob in enumerate(knobs):
+        points = [point for point in curves.points if point.knob == knob]
+        style = {"color": f"C{place}", "linewidth": 2.2 if knob == WHOLE_CHAIN else 1.0}
+        seconds = [point.seconds for point in points]
+        for axis, errors in zip(
+            axes, ([point.true for point in points], [point.estimated for point in points]), strict=True
+        ):
+            axis.plot(seconds, [_shown(error) for error in errors], marker="o", markersize=4, label=knob, **style)
+    floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and _is_mean(key)]
+    least = min((floor for floor in floors if floor > 0.0), default=None)
+    for axis, title in zip(axes, ("true error", "estimated error"), strict=True):
+        if least is not None:
+            axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label="floor of the inputs (DoLP)")
+        axis.set(xscale="log", yscale="log", xlabel="time [s]", ylabel="largest error of any number", title=title)
+        axis.grid(visible=True, which="major", alpha=0.3)
+    axes[0].legend(fontsize=8)
+    return png(figure)
+
+
+def _is_mean(key: Reading) -> bool:
+    return key.statistic in ("mean", "s0", "0.001")
+
+
+def _texts(point: CurvePoint) -> tuple[str, ...]:
+    return (
+        point.knob,
+        point.setting,
+        f"{point.seconds:.3g}",
+        _digits(point.true),
+        _digits(point.estimated),
+    )
+
+
+def _digits(error: float) -> str:
+    return "-" if math.isnan(error) else f"{error:.1e}"
+
+
+def _shown(error: float) -> float:
+    return error if error > 0.0 and math.isfinite(error) else math.nan
+
+
+def _number(error: float) -> float | None:
+    return error if math.isfinite(error) else None

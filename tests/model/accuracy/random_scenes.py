@@ -1,0 +1,102 @@
+"""Random scenes over wide and hostile ranges, each by its seed."""
+
+import numpy as np
+
+from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.profile import AtmosphereState
+from model.atmosphere.transfer.phase import AerosolKind
+from model.field_of_view import whole_field
+from model.lit_scene import Air, LitRegion, LitScene
+from model.scenario import Readout
+from model.sensor import Sensor, SensorNoise
+from model.surface.pbrdf import Surface
+from model.surface.tilt import Tilt
+from model.view import View
+from rigctl.skies.solar_band import response_band
+
+_LARGEST_FIELD_RAD = np.radians(30.0)
+
+
+def random_scene(seed):
+    """One target on a background that may fill the field; sun to 75 deg, optical depth to 0.8, slopes from 0.03."""
+    draw = np.random.default_rng(seed)
+    sensor = random_sensor(draw)
+    view = View(
+        zenith_rad=np.radians(draw.uniform(0.0, 65.0)),
+        azimuth_rad=draw.uniform(0.0, 2.0 * np.pi),
+        roll_rad=draw.choice([0.0, draw.uniform(-0.5, 0.5)]),
+        height_m=draw.choice([0.0, 30.0, 3000.0, 9000.0]),
+    )
+    return LitScene(
+        air=random_air(draw),
+        view=view,
+        sun_azimuth_rad=draw.uniform(0.0, 2.0 * np.pi),
+        regions=(random_region(draw, "target", view), random_region(draw, "background", view)),
+        sensor=sensor,
+        readout=Readout(
+            angles_rad=np.radians([0.0, 45.0, 90.0, 135.0]),
+            channel_names=("dn_0", "dn_45", "dn_90", "dn_135"),
+            cycles=int(draw.integers(1, 20)),
+            extinction_ratio=sensor.tau_parallel / sensor.tau_perpendicular,
+        ),
+        pairs=(("target", "background"),),
+    )
+
+
+def random_air(draw):
+    """A clear or hazy sky in a wide or narrow band."""
+    short_nm = draw.uniform(400.0, 650.0)
+    long_nm = short_nm + draw.choice([20.0, 100.0, 300.0])
+    return Air(
+        sun_zenith_rad=np.radians(draw.uniform(0.0, 75.0)),
+        band=response_band(wavelength_nm=np.array([short_nm, long_nm]), response=np.ones(2), distance_factor=1.0),
+        tier=Tier.STANDARD,
+        aerosol=AerosolKind(draw.choice(["depolarizing", "polarizing"])),
+        state=AtmosphereState(aerosol_optical_depth=draw.choice([0.0, draw.uniform(0.02, 0.8)])),
+        ground_albedo=draw.choice([0.0, draw.uniform(0.0, 0.8)]),
+    )
+
+
+def random_region(draw, name, view):
+    """A glossy or rough material, level or tilted; level ones may fill a part of the field."""
+    metal = draw.random() < 0.3
+    surface = Surface(
+        n=draw.uniform(1.2, 2.5) if metal else draw.uniform(1.3, 1.7),
+        k=draw.uniform(0.5, 3.0) if metal else 0.0,
+        slope_rms=draw.uniform(0.03, 0.4),
+        dhr=None if metal else draw.choice([None, draw.uniform(0.2, 0.8)]),
+    )
+    fills = draw.random() < 0.3 and view.zenith_rad < np.radians(60.0)
+    width_rad, height_rad = draw.uniform(0.02, _LARGEST_FIELD_RAD, 2)
+    return LitRegion(
+        name=name,
+        surface=surface,
+        tilt=Tilt(tilt_rad=0.0, azimuth_rad=0.0),
+        part=whole_field(width_rad=width_rad, height_rad=height_rad) if fills else None,
+        texture_rms=draw.choice([0.0, 0.02, 0.1]),
+        texture_cov=np.zeros((3, 3)),
+    )
+
+
+def random_sensor(draw):
+    """From starved to nearly full pixels."""
+    along = draw.uniform(0.3, 0.9)
+    return Sensor(
+        pixel_pitch_m=draw.uniform(2e-6, 10e-6),
+        f_number=draw.uniform(1.4, 8.0),
+        optics_transmittance=0.9,
+        quantum_efficiency=draw.uniform(0.2, 0.8),
+        wavelength_m=550e-9,
+        exposure_s=10.0 ** draw.uniform(-5.0, -3.0),
+        bit_depth=16,
+        tau_parallel=along,
+        tau_perpendicular=along / 10.0 ** draw.uniform(1.0, 4.0),
+        noise=SensorNoise(
+            gain_dn_per_e=draw.uniform(0.1, 2.0),
+            read_noise_e=draw.uniform(1.0, 15.0),
+            dark_current_e_per_s=draw.uniform(0.0, 50.0),
+            black_level_dn=64.0,
+            prnu=draw.choice([0.0, 0.005]),
+            dsnu_e=draw.choice([0.0, 1.0]),
+        ),
+    )

@@ -1,0 +1,165 @@
+"""For each effect one scene that calls for it and one that does not, both with the effect there."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from model.accuracy.chain import evaluate, scenario_of
+from model.accuracy.effect_check import change, readings_of
+from model.accuracy.light_store import LightStore
+from model.effects.names import ALL, Effect
+from model.effects.planner import plan
+from model.lit_scene import LitScene
+from tests.model.effects.scenes import COARSE, THIN, panel_scene, radiance_scene
+
+TOLERANCE = 5e-3
+THINNER = {"pressure_pa": 0.5, "aerosol": 1e-8}
+# 1e5 electrons of light at 6 DN each: more than a 16-bit converter holds.
+BRIGHT = {"radiance": (600.0, 60.0, 0.0), "noise": {"gain_dn_per_e": 6.0}, "sensor": {"bit_depth": 16}}
+
+
+@dataclass(frozen=True)
+class Case:
+    effect: Effect
+    on: LitScene
+    off: LitScene
+    tolerance: float = field(default=TOLERANCE)
+
+
+CASES = [
+    Case(Effect.FIELD_OF_VIEW, panel_scene(half_field_rad=0.1), panel_scene(**THIN, half_field_rad=1e-6)),
+    Case(Effect.TEXTURE, radiance_scene(texture_rms=0.02), radiance_scene(texture_rms=2e-5)),
+    Case(Effect.SKYLIGHT, panel_scene(), panel_scene(**THINNER)),
+    Case(Effect.PATH_RADIANCE, panel_scene(), panel_scene(**THIN)),
+    Case(
+        Effect.LEAKAGE,
+        radiance_scene(sensor={"tau_perpendicular": 0.08}, readout={"extinction_ratio": 10.0}),
+        radiance_scene(sensor={"tau_perpendicular": 8e-6}, readout={"extinction_ratio": 1e5}),
+    ),
+    Case(
+        Effect.DARK_CURRENT,
+        radiance_scene(noise={"dark_current_e_per_s": 1e7}),
+        radiance_scene(noise={"dark_current_e_per_s": 20.0}),
+    ),
+    Case(
+        Effect.SHOT_NOISE,
+        radiance_scene(),
+        radiance_scene(noise={"read_noise_e": 500.0}),
+        tolerance=0.2,
+    ),
+    Case(Effect.READ_NOISE, radiance_scene(), radiance_scene(noise={"read_noise_e": 0.5})),
+    Case(
+        Effect.QUANTISATION,
+        radiance_scene(noise={"gain_dn_per_e": 0.01}),
+        radiance_scene(noise={"gain_dn_per_e": 0.25}),
+    ),
+    Case(Effect.WAVELENGTHS, panel_scene(), panel_scene(**THIN, half_width_m=2e-10)),
+    Case(
+        Effect.POLARIZER_ANGLE,
+        radiance_scene(polarizer_angle_std_rad=0.02),
+        radiance_scene(polarizer_angle_std_rad=1e-5),
+    ),
+    Case(
+        Effect.MISREGISTRATION,
+        radiance_scene(texture_rms=0.02, misregistration_pixels=1.0),
+        radiance_scene(texture_rms=0.02, misregistration_pixels=1e-3),
+    ),
+    Case(Effect.DRIFT, radiance_scene(drift=0.05), radiance_scene(drift=1e-6)),
+    Case(
+        Effect.NONUNIFORMITY,
+        radiance_scene(noise={"prnu": 0.01, "dsnu_e": 5.0}),
+        radiance_scene(noise={"prnu": 5e-6, "dsnu_e": 0.01}),
+    ),
+    Case(Effect.SATURATION, radiance_scene(**BRIGHT), radiance_scene(radiance=(74.0, 9.0, 2.0))),
+    Case(
+        Effect.FALLOFF,
+        panel_scene(half_field_rad=0.1, off_axis_falloff=True),
+        panel_scene(**THIN, half_field_rad=1e-4, off_axis_falloff=True),
+    ),
+    Case(Effect.ADJACENCY, panel_scene(surround_albedo=0.9), panel_scene(**THIN, surround_albedo=0.9)),
+]
+
+
+def planned(case, scene):
+    store = LightStore()
+    return plan(
+        scene,
+        tolerance=case.tolerance,
+        known=lambda effects: scenario_of(scene, COARSE, effects=effects, store=store).regions,
+    )
+
+
+def decision(case, scene):
+    return next(one for one in planned(case, scene).decisions if one.effect is case.effect)
+
+
+def actual_change(case, scene):
+    store = LightStore()
+    whole, without = (
+        readings_of(evaluate(scene, COARSE, effects=effects, store=store), scene, store)
+        for effects in (ALL, ALL - {case.effect})
+    )
+    return change(whole, without)
+
+
+def test_every_effect_has_its_two_scenes():
+    assert {case.effect for case in CASES} == set(Effect)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.effect.name.lower())
+def test_effect_that_matters_acts(case):
+    assert decision(case, case.on).acts
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.effect.name.lower())
+def test_effect_that_does_not_matter_is_left_out_though_it_is_there(case):
+    found = decision(case, case.off)
+    assert not found.acts
+    assert 0.0 < found.bound.largest <= case.tolerance
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.effect.name.lower())
+def test_what_is_left_out_changes_no_more_than_its_bound(case):
+    assert decision(case, case.off).bound.holds(actual_change(case, case.off))
+
+
+# Saturation changes no number of a prediction; it decides whether a warning is given.
+@pytest.mark.parametrize(
+    "case", [case for case in CASES if case.effect is not Effect.SATURATION], ids=lambda case: case.effect.name.lower()
+)
+def test_effect_that_matters_truly_changes_more_than_its_share(case):
+    assert actual_change(case, case.on).largest > case.tolerance
+
+
+def test_saturation_that_acts_gives_a_warning():
+    scene = radiance_scene(**BRIGHT)
+    warned, silent = (
+        evaluate(scene, COARSE, effects=effects).predictions["panel"].warnings
+        for effects in (ALL, ALL - {Effect.SATURATION})
+    )
+    assert any("saturation" in text for text in warned)
+    assert not any("saturation" in text for text in silent)
+
+
+def test_air_that_scatters_nothing_is_not_solved():
+    scene = panel_scene(**THINNER)
+    solved = []
+
+    def solver(*arguments, **keywords):
+        solved.append(arguments)
+        raise AssertionError("nothing is to be solved")
+
+    effects = plan(scene, tolerance=TOLERANCE).active
+    assert effects.isdisjoint({Effect.SKYLIGHT, Effect.PATH_RADIANCE})
+    evaluate(scene, COARSE, effects=effects, store=LightStore(solver=solver))
+    assert not solved
+
+
+def test_direction_of_the_beam_alone_is_what_the_bounds_rest_on():
+    # Without any air but the beam's, the limits of the light are the light: 45 deg, mirror direction.
+    scene = panel_scene(**THINNER)
+    limits = plan(scene, tolerance=TOLERANCE)
+    light = evaluate(scene, COARSE, effects=limits.active).lights["panel"]
+    assert light.mean()[0] > 0.0
+    np.testing.assert_array_equal(light.mean(), light.mean("reflected_sun"))

@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from rigctl.reports.blocks import Picture, Table
+from rigctl.reports.light_section import light_section
+
+
+class MadeLight:
+    """Light of three known parts."""
+
+    def __init__(self, sun, sky, path):
+        reflected = np.add(sun, sky)
+        total = reflected + path
+        self._parts = {
+            "reflected_sun": np.array(sun),
+            "reflected_sky": np.array(sky),
+            "path": np.array(path),
+            "reflected": reflected,
+            "total": total,
+        }
+
+    def mean(self, part):
+        return self._parts[part]
+
+
+@pytest.fixture(scope="module")
+def section():
+    lights = {
+        "paint": MadeLight([6.0, 3.0, 0.0], [3.0, -1.0, 0.0], [1.0, 0.0, 0.0]),
+        "road": MadeLight([20.0, 0.0, 1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    }
+    return light_section(lights)
+
+
+def test_every_part_of_every_region_has_its_row_and_share(section):
+    (table,) = (block for block in section.blocks if isinstance(block, Table))
+    assert len(table.rows) == 10
+    shares = {(row[0], row[1]): row[-1] for row in table.rows}
+    assert shares["paint", "reflected sun"] == "60.0%"
+    assert shares["paint", "path"] == "10.0%"
+    assert shares["road", "total at the aperture"] == "100.0%"
+    assert all(len(row) == len(table.header) for row in table.rows)
+
+
+def test_dark_parts_have_no_angle(section):
+    (table,) = (block for block in section.blocks if isinstance(block, Table))
+    (row,) = (row for row in table.rows if row[:2] == ("road", "path"))
+    assert row[5:7] == ("-", "-")
+
+
+def test_there_is_a_picture(section):
+    (picture,) = (block for block in section.blocks if isinstance(block, Picture))
+    assert picture.png.startswith(b"\x89PNG")
