@@ -77,7 +77,7 @@ class EffectPlan:
     def remarks(self) -> tuple[str, ...]:
         """What has to be said in every result: what a user left out that may matter."""
         return tuple(
-            f"{one.effect} is left out by request, though it may change the result by {in_words(one.bound)}"
+            f"{one.effect} is left out by request, though it may change numbers by {in_words(one.bound)}"
             for one in self.decisions
             if one.forced and not one.acts and one.bound.largest > 0.0
         )
@@ -176,9 +176,11 @@ def light_limits(scene: LitScene) -> dict[str, SunLight]:
 
 def in_words(bound: Bound) -> str:
     """Return a bound as text."""
+    if all(np.isinf(value) for value in astuple(bound)):
+        return "any amount"
     names = ("radiance", "ratios", "deviations", "detection")
     parts = [
-        f"{name} {'by any amount' if np.isinf(value) else format(value, '.1e')}"
+        f"{name} {'any amount' if np.isinf(value) else format(value, '.1e')}"
         for name, value in zip(names, astuple(bound), strict=True)
         if value > 0.0
     ]

@@ -64,9 +64,9 @@ def noise(
 
     Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
     """
-    frames = _frames(run=run, emva=emva, folder=folder, table=table, bit_depth=bit_depth, plane=_plane(plane))
     _require_folders(out, plot, report, defects)
     try:
+        frames = _frames(run=run, emva=emva, folder=folder, table=table, bit_depth=bit_depth, plane=_plane(plane))
         calibration = _calibrate(frames)
     except RefusedFramesError as error:
         if as_json:

@@ -9,6 +9,7 @@ import typer
 
 from model.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
+from rigctl.comparison.effect_choice import with_choices
 from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
@@ -50,6 +51,12 @@ def command(
         float | None,
         typer.Option(metavar="T", help="Largest numerical error, 1e-6 to 0.1; settings are chosen, errors estimated."),
     ] = None,
+    switched_on: Annotated[
+        list[str] | None, typer.Option("--with", metavar="NAME", help="Let an effect act (rigctl effects lists them).")
+    ] = None,
+    left_out: Annotated[
+        list[str] | None, typer.Option("--without", metavar="NAME", help="Leave an effect out, whatever it changes.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Print what the analytical model predicts for each region: counts, Stokes parameters, DoLP, deviations, SNR.
@@ -62,7 +69,7 @@ def command(
 
     Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
-    scene_file = load_scene(scene)
+    scene_file = with_choices(load_scene(scene), switched_on=switched_on or [], left_out=left_out or [])
     require_engine(engine, tier=None if scene_file.atmosphere is None else scene_file.atmosphere.tier)
     calibration = None if noise is None else _fitting_noise(noise, bit_depth=scene_file.sensor.bit_depth)
     predictor = ScenePredictor(

@@ -20,7 +20,12 @@ from rigctl.outlines.regions_text import regions_text
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results
 
-app = typer.Typer(no_args_is_help=True, help="Draw regions on a picture of a run, and find them again by markers.")
+_HELP = """Draw regions on a picture of a run, and find them again by markers.
+
+Example: rigctl regions draw runs/panels --out regions.toml
+"""
+
+app = typer.Typer(no_args_is_help=True, help=_HELP)
 
 _S_PER_MINUTE = 60.0
 

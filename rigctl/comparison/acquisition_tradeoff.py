@@ -1,6 +1,6 @@
 """What sessions of a scene give for their time, and the shortest that reaches what is wanted."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import degrees
 from typing import Any
@@ -238,8 +238,8 @@ def _reached(
     return tuple(found)
 
 
-def _ways(tried: Any) -> list[list[Session]]:
-    """Sessions of one angle set and pattern together."""
+def _ways(tried: Iterable[Session]) -> list[list[Session]]:
+    """Return the sessions of each angle set and pattern together."""
     ways: dict[tuple[tuple[float, ...], Pattern], list[Session]] = {}
     for session in tried:
         ways.setdefault((session.angles_rad, session.pattern), []).append(session)

@@ -65,7 +65,7 @@ def saved_line(checked: Verification) -> str:
 
 def _title(plan: EffectPlan) -> str:
     return (
-        f"effects: most that each kind of number can change if left out (in brackets: does change; any: no useful bound).\n"
+        f"effects: most that each kind of number can change if left out (in brackets: does change; any: no bound).\n"
         f"Left out while the sums stay within {plan.tolerance:.2g}; {plan.spent.largest:.2g} of it is spent"
     )
 

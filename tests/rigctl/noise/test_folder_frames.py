@@ -1,5 +1,6 @@
 """Frames out of folders of images and out of tables."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -100,9 +101,11 @@ def test_files_that_lost_their_noise_are_refused_by_name(tmp_path: Path, capsys:
     write_png(tmp_path / "flat_10ms.jpg", np.zeros((4, 4), np.uint8))
     with pytest.raises(RefusedFramesError, match="lossy_compression"):
         folder_frames(tmp_path, bit_depth=8)
-    arguments = ["--folder", str(tmp_path), "--bit-depth", "8", "--out", str(tmp_path / "n.json")]
+    arguments = ["--folder", str(tmp_path), "--bit-depth", "8", "--out", str(tmp_path / "n.json"), "--json"]
     assert main(["calibrate", "noise", *arguments]) == EXIT_DATA
-    assert "lossy_compression" in capsys.readouterr().err
+    shown = capsys.readouterr()
+    assert "lossy_compression" in shown.err
+    assert [flag["name"] for flag in json.loads(shown.out)["flags"]] == ["lossy_compression"]
 
 
 def test_images_want_a_bit_depth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
