@@ -20,9 +20,9 @@ from model.view import View
 SETTINGS = Settings(
     wavelengths=2,
     solver=SolverSettings(fine_layers=False, nodes=4, element_depth=0.2, tolerance=1e-3),
-    sky_zeniths=12,
-    sky_azimuths=12,
-    hemisphere_tolerance=1e-2,
+    sky_zeniths=8,
+    sky_azimuths=8,
+    hemisphere_tolerance=0.05,
     tiles_per_side=2,
     negligible_spread=0.0,
     dolp_tolerance=1e-11,
@@ -32,7 +32,7 @@ _ANGLES_DEG = ((0.0, 45.0, 90.0, 135.0), (0.0, 60.0, 120.0), (0.0, 30.0, 60.0, 9
 
 def random_scene(generator: np.random.Generator) -> LitScene:
     """A scene of two regions, by radiance or by material, with whatever a session may add."""
-    return _with_materials(generator) if generator.random() < 0.2 else _with_radiances(generator)
+    return _with_materials(generator) if generator.random() < 0.15 else _with_radiances(generator)
 
 
 def _with_radiances(generator: np.random.Generator) -> LitScene:
@@ -43,7 +43,8 @@ def _with_radiances(generator: np.random.Generator) -> LitScene:
 
 
 def _with_materials(generator: np.random.Generator) -> LitScene:
-    part = None if generator.random() < 0.3 else _part(generator)
+    part = None if generator.random() < 0.5 else _part(generator)
+    names = "ab" if generator.random() < 0.3 else "a"
     regions = tuple(
         LitRegion(
             name=name,
@@ -52,7 +53,7 @@ def _with_materials(generator: np.random.Generator) -> LitScene:
             part=part,
             **_texture(generator, with_cov=False),
         )
-        for name in "ab"
+        for name in names
     )
     view = View(
         zenith_rad=np.radians(60.0) * generator.random(),
@@ -64,7 +65,7 @@ def _with_materials(generator: np.random.Generator) -> LitScene:
         air=_air(generator),
         view=view,
         sun_azimuth_rad=2.0 * np.pi * generator.random(),
-        **_rest(generator),
+        **_rest(generator, pairs=names == "ab"),
     )
 
 
@@ -91,7 +92,7 @@ def _air(generator: np.random.Generator) -> Air:
 
 
 def _surface(generator: np.random.Generator) -> Surface:
-    n, slope = 1.3 + 0.7 * generator.random(), _log(generator, 0.02, 0.4)
+    n, slope = 1.3 + 0.7 * generator.random(), _log(generator, 0.05, 0.4)
     lobe_alone = generator.random() < 0.15
     return Surface(
         n=n,
@@ -123,7 +124,7 @@ def _part(generator: np.random.Generator) -> FieldPart:
     return FieldPart(left_rad=across - half, right_rad=across + half, bottom_rad=upward - half, top_rad=upward + half)
 
 
-def _rest(generator: np.random.Generator) -> dict[str, object]:
+def _rest(generator: np.random.Generator, *, pairs: bool = True) -> dict[str, object]:
     angles = np.radians(_ANGLES_DEG[generator.integers(len(_ANGLES_DEG))])
     along = 0.3 + 0.7 * generator.random()
     extinction = float(generator.choice([np.inf, _log(generator, 3.0, 1e7)], p=[0.1, 0.9]))
@@ -155,7 +156,7 @@ def _rest(generator: np.random.Generator) -> dict[str, object]:
             cycles=int(generator.choice([1, 8, 100])),
             extinction_ratio=extinction,
         ),
-        "pairs": (("a", "b"), ("b", "a")) if generator.random() < 0.5 else (),
+        "pairs": (("a", "b"), ("b", "a")) if pairs and generator.random() < 0.5 else (),
         "imperfections": Imperfections(
             polarizer_angle_std_rad=_maybe(generator, 1e-7, 0.05),
             misregistration_pixels=_maybe(generator, 1e-5, 3.0),

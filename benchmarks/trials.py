@@ -9,12 +9,14 @@ import sys
 from pathlib import Path
 
 from benchmarks.loop_disk import why_not
+from benchmarks.trial_effects import run_effects
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_inputs import run_inputs
 from benchmarks.trial_kills import run_kills
 from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_stale_frames import run_turns
+from benchmarks.trial_tolerance import run_tolerance
 from drivers.cameras.aravis_library import load_aravis
 from drivers.errors import NotConnectedError
 
@@ -27,6 +29,8 @@ def main() -> int:
     parser.add_argument("--moved-seeds", type=int, default=60)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--cuts", type=int, default=50)
+    parser.add_argument("--effect-scenes", type=int, default=1000)
+    parser.add_argument("--tolerance-scenes", type=int, default=200)
     parser.add_argument("--turns", type=int, default=100)
     parser.add_argument("--lossy-frames", type=int, default=100)
     parser.add_argument("--processes", type=int, default=3)
@@ -39,6 +43,8 @@ def main() -> int:
     else:
         print(f"power cuts were not simulated: {reason}")
     sound &= _run_network(turns=arguments.turns, frames=arguments.lossy_frames)
+    sound &= run_effects(arguments.effect_scenes)
+    sound &= run_tolerance(arguments.tolerance_scenes, [0.03, 0.01])
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )

@@ -20,3 +20,8 @@ class RefusedFramesError(CalibrationError):
         refusing = [f"{flag.name}: {flag.message}" for flag in flags if flag.refuses]
         super().__init__("the frames are refused:\n  " + "\n  ".join(refusing))
         self.flags = flags
+
+
+def refused(name: str, message: str) -> RefusedFramesError:
+    """Return the error of frames that one finding alone makes unfit."""
+    return RefusedFramesError((Flag(name=name, message=message, refuses=True),))

@@ -137,8 +137,8 @@ class DolpBudget:
     sigma
         Standard deviation by temporal noise; not a number where it does not exist (light too weak).
     drift_error, settling_error
-        Change of (S1, S2) / S0 by drifting light and by a polarizer that has not settled: the largest error of DoLP
-        that they make at any angle of polarization.
+        Change of (S1, S2) / S0 by drifting light and by a polarizer that has not settled: no error of DoLP is larger,
+        and that of the angle of polarization is in it too.
     """
 
     dolp: float

@@ -184,8 +184,10 @@ def propagate_first_order(moments: Moments, value: ArrayLike, jacobian: ArrayLik
     ----------
     [MK14] eq. (24)-(25) for DoLP; definition.
     """
-    j = np.asarray(jacobian, dtype=np.float64)
-    cov = j @ moments.cov @ np.swapaxes(j, -1, -2)
+    # Where what varies most drops out of f, as a common factor does of a ratio, J Sigma J' is left with rounding that
+    # is neither symmetric nor positive; a product with its own transpose is both.
+    spread = np.asarray(jacobian, dtype=np.float64) @ covariance_factor(moments.cov)
+    cov = spread @ np.swapaxes(spread, -1, -2)
     return Moments(mean=np.asarray(value, dtype=np.float64), cov=cov)
 
 

@@ -13,6 +13,7 @@ from calibration.sensor.photon_transfer import SATURATED_FRACTION
 _STEP = 0.01
 _STEP_SIGMA = 5.0
 _MIXED_STEP = 0.1
+_FLICKER = 0.0015
 _PROPORTIONAL = 0.1
 _LEAST_EXPOSURES = 5
 _BRIGHT = 0.2
@@ -34,6 +35,7 @@ def level_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
     found = (
         _swapped(levels),
         _unsteady(levels),
+        _flicker(levels),
         _non_monotonic(levels),
         _not_proportional(levels),
         _wrong_time_unit(levels),
@@ -85,6 +87,26 @@ def _unsteady(levels: Sequence[LevelStatistics]) -> Flag | None:
         message=f"frames that should be alike differ by up to {worst:.1%} in their mean (more than {_STEP:.0%} and "
         f"than noise): {level_names(unsteady)}; the gain does not suffer from flicker, black level and linearity may: "
         f"let lamp and camera warm up",
+    )
+
+
+def _flicker(levels: Sequence[LevelStatistics]) -> Flag | None:
+    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
+    if not flats:
+        return None
+    wander = [
+        (float(np.var(flat.frame_means_dn, ddof=1)) - flat.temporal_variance_dn2 / flat.n_pixels) / flat.mean_dn**2
+        for flat in flats
+    ]
+    noise = [flat.temporal_variance_dn2 / flat.n_pixels / flat.mean_dn**2 for flat in flats]
+    variance = float(np.mean(wander))
+    if variance < _FLICKER**2 or variance < _STEP_SIGMA * float(np.mean(noise)):
+        return None
+    return Flag(
+        name="lamp_flicker",
+        message=f"the light of flats wanders by {np.sqrt(variance):.2%} (rms) from frame to frame of a level, more "
+        f"than {_FLICKER:.2%} and than noise: the gain does not suffer, since the mean of each difference is taken "
+        f"off; the means, and with them linearity and quantum efficiency, are known less well: use a steadier lamp",
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError, RefusedFramesError
+from calibration.errors import CalibrationError, RefusedFramesError, refused
 from calibration.estimate import Estimate, JointCovariance
 from calibration.flags import Flag
 from calibration.sensor.curve_checks import curve_flags
@@ -92,9 +92,10 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     Raises
     ------
     RefusedFramesError
-        The frames show something that makes any number from them wrong; all flags are in it.
+        The frames show something that makes any number from them wrong, there are no dark or no flat levels, they
+        differ in size, or no flat can be used; what was found is in its flags.
     CalibrationError
-        There are no dark or no flat levels, they differ in size, or no flat can be used.
+        The bit depth is none.
 
     Notes
     -----
@@ -159,13 +160,16 @@ def _sorted_levels(
     flats = sorted((level for level in levels if level.kind == "flat"), key=lambda level: level.mean_dn)
     darks = [level for level in levels if level.kind == "dark"]
     if not flats or not darks:
-        raise CalibrationError(
+        raise refused(
+            "missing_levels",
             f"there are {len(flats)} flat and {len(darks)} dark levels of two frames or more; at least one of each is "
-            f"needed, better ten exposures with two flats and two darks at each"
+            f"needed, better ten exposures with two flats and two darks at each",
         )
     shapes = {level.shape for level in levels}
     if len(shapes) > 1:
-        raise CalibrationError(f"levels differ in size (rows, columns): {sorted(shapes)}; use one region throughout")
+        raise refused(
+            "mixed_size", f"levels differ in size (rows, columns): {sorted(shapes)}; use one region throughout"
+        )
     return flats, darks
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
+from calibration.errors import refused
 from calibration.sensor.dark_signal import DarkMatch, DarkSignal
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.linearity import LinearityCurve, fit_linearity
@@ -167,7 +167,7 @@ def fit_photon_transfer(
 
     Raises
     ------
-    CalibrationError
+    RefusedFramesError
         No level is brighter than its dark and below saturation.
 
     Notes
@@ -198,10 +198,11 @@ def fit_photon_transfer(
     used = (points.signal_dn > 0.0) & (points.signal_dn <= top_dn) & (points.flat_variance_dn2 > 0.0)
     used &= ~points.saturated
     if not used.any():
-        raise CalibrationError(
+        raise refused(
+            "no_usable_level",
             f"no flat level can be used: signals are {points.signal_dn.min():.4g} to {points.signal_dn.max():.4g} DN "
             f"above dark, {int(points.saturated.sum())} of {len(used)} levels are saturated; wanted are levels with "
-            f"noise, brighter than dark and below {top_dn:.0f} DN: take flats at other exposures"
+            f"noise, brighter than dark and below {top_dn:.0f} DN: take flats at other exposures",
         )
     linearity = _linearity(flats, points, used)
     fit = _fit_curve(points, used, linearity)

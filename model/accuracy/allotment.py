@@ -58,7 +58,7 @@ def allot(scene: LitScene, scales: Mapping[str, float], allowed: float, *, start
     Notes
     -----
     From the lowest levels that knob is raised, again and again, which takes off most error per second. For errors that
-    fall as powers of the time this ends where each error times its power is in proportion to its time, the least of all.
+    fall as powers of the time this ends where each error times its power is in proportion to its time.
 
     References
     ----------

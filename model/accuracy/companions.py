@@ -17,7 +17,7 @@ from model.lit_scene import Air
 # Streams do not care for layers nor layers for streams: each is compared with few of the other.
 _CHEAPEST = 0
 # What lies beyond the next level, in its difference from this one.
-_BEYOND = {STREAMS: 1.5, LAYERS: 1.5, WAVELENGTHS: 2.0}
+_BEYOND = {STREAMS: 1.3, LAYERS: 1.4, WAVELENGTHS: 1.5}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

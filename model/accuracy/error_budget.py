@@ -89,7 +89,7 @@ def _moved(moves: Sensitivity, error: LightError) -> Changes:
 
 
 def _widened(scene: LitScene, result: ChainResult, region: RegionLight, error: LightError) -> Changes:
-    """What a wrong covariance over the field changes."""
+    """Return what a wrong covariance over the field changes."""
     if not np.any(error.cov):
         return {}
     wider = changes(scene, result, replace(region, texture_cov=region.texture_cov + error.cov))
@@ -97,7 +97,7 @@ def _widened(scene: LitScene, result: ChainResult, region: RegionLight, error: L
 
 
 def _of_dolp(result: ChainResult) -> dict[Reading, float]:
-    """What the law of DoLP says of itself."""
+    """Return what the law of DoLP says of itself."""
     found = {}
     for name, one in result.predictions.items():
         numbers = one.quantities.get("dolp_pixels")

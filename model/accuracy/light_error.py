@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 _ZENITH_RAD, _PHI_RAD = np.meshgrid(np.radians([20.0, 45.0, 65.0, 78.0]), np.radians([10.0, 60.0, 120.0, 170.0]))
 _LOWEST_RAD = float(np.radians(88.0))
 # A grid of the sky whose largest error, near the horizon, is below this share of the tolerance needs no closer look.
-_HARMLESS = 0.05
+_HARMLESS = 0.005
 _BETWEEN = 1.5
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
 _PARTS = {

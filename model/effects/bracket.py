@@ -43,6 +43,8 @@ class RegionBracket:
         Upper bound of their whole covariance.
     cycles
         Over which means are taken.
+    crosstalk
+        Share by which light that drifts through a cycle mixes the Stokes parameters at most.
     """
 
     region: LitRegion
@@ -61,6 +63,7 @@ class RegionBracket:
     texture: FloatArray
     cov_high: FloatArray
     cycles: int
+    crosstalk: float
 
     @property
     def is_known(self) -> bool:
@@ -117,7 +120,8 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBracke
     Notes
     -----
     Light of sky and path adds to every channel, so that what the beam alone gives is a lower limit; noise grows with
-    the light. Drift, falloff and scatter of angles widen the limits.
+    the light. Drift, falloff and scatter of angles widen the limits. Drift by d mixes Stokes parameters by W diag(f) M
+    - 1, at most d / 2 times the condition of M.
 
     References
     ----------
@@ -159,6 +163,7 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBracke
         + _spatial_high(scene, texture, plan.inverse, high, s0_high)
         + _over_field(scene, region, light, s0_high=s0_high, scale=most * scale),
         cycles=readout.cycles,
+        crosstalk=np.sqrt(2.0) * 0.5 * abs(session.drift) * plan.condition,
     )
 
 

@@ -42,7 +42,7 @@ def field_of_view(scene: LitScene, region: RegionBracket, light: SunLight) -> Di
     """
     if light.spread == 0.0:
         return NOTHING
-    if not (region.is_known and np.isfinite(light.spread)):
+    if not (region.is_known and light.spread < 1.0):
         return UNKNOWN
     moved = _moved(scene, region, light.spread, light.spread)
     spread = region.to_channels(2.0 * (light.spread * region.s0_high) ** 2 * np.eye(3))
@@ -72,7 +72,7 @@ def wavelengths(scene: LitScene, region: RegionBracket) -> Disturbance:
     slants = 1.0 / np.cos(air.sun_zenith_rad) + 1.0 / np.cos(scene.view.zenith_rad)
     steepness = _POWER * (1.0 + 2.0 * depth(air) * slants)
     missed = steepness * abs(mean / middle - 1.0) + 0.5 * steepness * (steepness + 5.0) * half**2
-    return _moved(scene, region, missed, missed) if np.isfinite(missed) and region.is_known else UNKNOWN
+    return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
 
 
 def falloff(scene: LitScene, region: RegionBracket) -> Disturbance:
@@ -99,12 +99,13 @@ def _added(scene: LitScene, region: RegionBracket, radiance: float) -> Disturban
     if not (region.is_known and np.isfinite(radiance)):
         return UNKNOWN
     share = region.counts_per_radiance * radiance / region.s0_low
-    return _moved(scene, region, share, share)
+    return _moved(scene, region, share, share) if share < 1.0 else UNKNOWN
 
 
 def _moved(scene: LitScene, region: RegionBracket, s0: float, polarised: float) -> Disturbance:
     """Return a shift of the mean, with what it does to the shot noise and to the texture."""
     noise = scene.sensor.noise
+    s0, polarised = s0 + region.crosstalk * max(s0, polarised), polarised + region.crosstalk * max(s0, polarised)
     counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
     variance = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * counts)
     share = region.temporal_share(variance) if noise.shot_noise else 0.0
@@ -112,9 +113,13 @@ def _moved(scene: LitScene, region: RegionBracket, s0: float, polarised: float) 
 
 
 def _of_texture(scene: LitScene, region: RegionBracket, shift: float) -> float:
-    """Share by which texture and pattern, which go with the light, change: 2 b + b^2 of a part with amplitude b."""
+    """Share by which texture, pattern and spread over the field, which go with the light, change.
+
+    Of a part with amplitude b it is 2 b + b^2; over a field the light of each direction may change by all of the shift.
+    """
     one, noise = region.region, scene.sensor.noise
-    relative = np.sqrt(2.0) * (one.texture_rms + noise.prnu + max(one.texture_diagonal))
+    over_field = 0.0 if one.part is None else 1.0
+    relative = np.sqrt(2.0) * (one.texture_rms + noise.prnu + max(one.texture_diagonal) + over_field)
     if relative == 0.0:
         return 0.0
     cov = region.to_channels((relative * shift * region.s0_high) ** 2 * np.eye(3))

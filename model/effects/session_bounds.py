@@ -14,7 +14,9 @@ def leakage(scene: LitScene, region: RegionBracket) -> Disturbance:
     -----
     Counts grow by at most 2 e of their mean. The inverse divides the noise of S0 by 1 + e and that of S1 and S2 by
     1 - e: with condition c of the noise's covariance, its share changes by at most 2 e (1 + e) sqrt(c) / (1 - e)^2,
-    beside what 2 e more light brings of shot noise. Where the light is known the two covariances are compared.
+    beside what 2 e more light brings of shot noise. Where the light is known the two covariances of noise are compared.
+    Where angles scatter or pictures shift, c is that of the whole covariance. Drift, which mixes Stokes parameters by a
+    share x, does so by 2 e / (1 - e) x more or less.
     """
     along, across = scene.sensor.tau_parallel, scene.sensor.tau_perpendicular
     if across == 0.0 and np.isinf(scene.readout.extinction_ratio):
@@ -24,13 +26,16 @@ def leakage(scene: LitScene, region: RegionBracket) -> Disturbance:
     e, noise = across / along, scene.sensor.noise
     if e >= 0.5:
         return UNKNOWN
-    if region.is_exact:
-        return Disturbance(counts=2.0 * e, share=_leaked_share(scene, region, e))
-    eigenvalues = np.linalg.eigvalsh(region.noise_low)
-    condition = eigenvalues[-1] / eigenvalues[0] if eigenvalues[0] > 0.0 else np.inf
-    turned = 2.0 * e * (1.0 + e) / (1.0 - e) ** 2 * np.sqrt(condition)
-    more = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * e * region.s0_high)
-    return Disturbance(counts=2.0 * e, share=float(turned) + region.temporal_share(more) * (1.0 + e) / (1.0 - e))
+    mixed = 2.0 * e / (1.0 - e) * region.crosstalk
+    share = max(_leaked_share(scene, region, e), 2.0 * e * (1.0 + 2.0 * e))
+    session = scene.imperfections
+    if not region.is_exact or session.polarizer_angle_std_rad > 0.0 or session.misregistration_pixels > 0.0:
+        least, most = np.linalg.eigvalsh(region.noise_low)[0], np.linalg.eigvalsh(region.cov_high)[-1]
+        turned = 2.0 * e * (1.0 + e) / (1.0 - e) ** 2 * np.sqrt(most / least) if least > 0.0 else np.inf
+        more = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * e * region.s0_high)
+        share = max(share, float(turned) + region.temporal_share(more) * (1.0 + e) / (1.0 - e))
+    share += _of_scene(region, mixed) if mixed > 0.0 else 0.0
+    return Disturbance(counts=2.0 * e, s0=mixed, polarised=mixed, share=share)
 
 
 def polarizer_angle(scene: LitScene, region: RegionBracket) -> Disturbance:
@@ -38,7 +43,7 @@ def polarizer_angle(scene: LitScene, region: RegionBracket) -> Disturbance:
 
     Notes
     -----
-    The variance is at most half of Q^2 (1 - exp(-8 s^2)) / 2 + Q^2 (1 - exp(-4 s^2))^2 / 2 times the square of half the
+    Covariances of what differs over the region keep exp(-4 s^2) of their polarised part. The variance is at most half of Q^2 (1 - exp(-8 s^2)) / 2 + Q^2 (1 - exp(-4 s^2))^2 / 2 times the square of half the
     counts, Q^2 being the mean square of the polarised light, texture included.
     """
     std_rad, noise = scene.imperfections.polarizer_angle_std_rad, scene.sensor.noise
@@ -58,8 +63,10 @@ def polarizer_angle(scene: LitScene, region: RegionBracket) -> Disturbance:
     gain = np.full_like(
         region.signal_low, noise.gain_dn_per_e * noise.noise_factor**2 * 0.5 * region.s0_low * polarised
     )
+    mixed = region.crosstalk * polarised
+    polarised = polarised + mixed
     return Disturbance(
-        polarised=polarised, share=share + region.temporal_share(gain) + _of_texture(scene, region, polarised)
+        s0=mixed, polarised=polarised, share=share + region.temporal_share(gain) + _of_scene(region, lost)
     )
 
 
@@ -100,23 +107,19 @@ def drift(scene: LitScene, region: RegionBracket) -> Disturbance:
     counts = np.full_like(region.signal_low, size)
     noise = scene.sensor.noise
     shot = noise.noise_factor**2 * noise.gain_dn_per_e * counts * region.signal_high / (1.0 - size)
-    gain = float(np.max(np.abs(region.inverse).sum(axis=1))) * float(np.max(region.signal_high)) / region.s0_low
     return Disturbance(
         s0=float(most[0]),
         polarised=moved,
         counts=2.0 * size,
-        share=region.temporal_share(shot) + _of_texture(scene, region, size * gain / (1.0 - size)),
+        share=region.temporal_share(shot) + _of_scene(region, size / (1.0 - size)),
     )
 
 
-def _of_texture(scene: LitScene, region: RegionBracket, shift: float) -> float:
-    """Share by which texture and pattern change where each channel's light changes by a share of S0."""
-    own = region.texture + 2.0 * (scene.sensor.noise.prnu * region.s0_high) ** 2 * np.eye(3)
-    if not np.any(own):
-        return 0.0
+def _of_scene(region: RegionBracket, change: float) -> float:
+    """Share by which texture, pattern and spread over the field change where their amplitudes change by a share."""
     # Twice for the channels, of which each changes by its own share: |D C^(1/2)| is at most the largest share times it.
-    cov = region.to_channels(4.0 * shift**2 * float(np.linalg.eigvalsh(own)[-1]) * np.eye(3))
-    amplitude = np.sqrt(region.spatial_share(cov, is_part=False))
+    widest = float(np.linalg.eigvalsh(region.cov_high)[-1])
+    amplitude = np.sqrt(region.spatial_share(region.to_channels(4.0 * change**2 * widest * np.eye(3)), is_part=False))
     return float(2.0 * amplitude + amplitude**2)
 
 

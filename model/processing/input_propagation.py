@@ -49,9 +49,9 @@ def propagate(
     Parameters
     ----------
     function
-        Takes inputs, shape (k,), and returns results, shape (m,).
+        Takes inputs, shape (k,), and returns results, shape (m,); raises ValueError where inputs do not go together.
     values
-        Where the inputs stand, shape (k,).
+        Where the inputs stand, shape (k,); there the results exist.
     cov
         Covariance of the inputs, shape (k, k); an input with variance 0 is exact.
     least, most
@@ -60,12 +60,18 @@ def propagate(
         Share of a result's first-order standard uncertainty that the bend of one input's response may have, >= 0.
         With 0.1, what is neglected changes a standard uncertainty by at most 1 %.
 
+    Raises
+    ------
+    ValueError
+        The results exist on neither side of an input.
+
     Notes
     -----
     Slopes are central differences over one standard uncertainty. A curved input adds, to J cov J', the second moment of
     its own response by Gauss-Hermite quadrature less what its slope says of it: the bend's shift of the mean is in the
     covariance, since the results stay where they are. Of inputs that are correlated with others only their own bend is
-    seen, not how two of them bend together.
+    seen, not how two of them bend together. Where the results do not exist on one side of an input, the slope to the
+    other side has to do, as beside a limit.
 
     References
     ----------
@@ -119,26 +125,38 @@ class _Response:
         for count in _RULES:
             nodes, weights = np.polynomial.hermite_e.hermegauss(count)
             reach = self._std[k] * nodes.max()
-            if reach < self._below[k] and reach < self._above[k]:
-                off = np.array([self._at(k, node * self._std[k]) - self._centre for node in nodes])
-                moment = (off * (weights / weights.sum())[:, None]).T @ off
+            if not (reach < self._below[k] and reach < self._above[k]):
+                continue
+            off = [self._off(k, node * self._std[k]) for node in nodes]
+            known = [one for one in off if one is not None]
+            if len(known) == count:
+                moment = (np.array(known).T * (weights / weights.sum())) @ np.array(known)
                 effect = self.slopes[:, k] * self._std[k]
                 return np.asarray(moment - np.outer(effect, effect))
         return None
 
     def _slope(self, k: int) -> FloatArray:
         down, up = min(self._std[k], self._below[k]), min(self._std[k], self._above[k])
-        if not (up > 0.0 or down > 0.0):
-            raise ValueError(f"input {k} = {self._values[k]:g} may neither rise nor fall: its limits leave no room")
-        high = self._at(k, up) if up > 0.0 else self._centre
-        low = self._at(k, -down) if down > 0.0 else self._centre
-        if min(up, down) < self._std[k]:
-            self.untested.append(k)
-        else:
-            self._bends[k] = 0.5 * (high + low) - self._centre
-        return np.asarray((high - low) / (up + down))
+        high = self._off(k, up) if up > 0.0 else None
+        low = self._off(k, -down) if down > 0.0 else None
+        if high is not None and low is not None:
+            if min(up, down) < self._std[k]:
+                self.untested.append(k)
+            else:
+                self._bends[k] = 0.5 * (high + low)
+            return np.asarray((high - low) / (up + down))
+        self.untested.append(k)
+        if high is not None:
+            return np.asarray(high / up)
+        if low is not None:
+            return np.asarray(-low / down)
+        raise ValueError(f"input {k} = {self._values[k]:g} may neither rise nor fall within its standard uncertainty")
 
-    def _at(self, k: int, move: float) -> FloatArray:
+    def _off(self, k: int, move: float) -> FloatArray | None:
+        """Return the change of the results by a move of one input; None where they do not exist."""
         moved = self._values.copy()
         moved[k] += move
-        return self._function(moved)
+        try:
+            return self._function(moved) - self._centre
+        except ValueError:
+            return None

@@ -59,6 +59,7 @@ def command(
     Exit codes: 0 finished, 75 stopped before its end by a signal or by `rigctl stop`, 2, 3 and 4 as everywhere.
 
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels
+
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels --scene
     examples/scene-panels.toml --target-dolp-sigma 0.01
     """

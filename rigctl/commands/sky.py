@@ -31,6 +31,7 @@ def command(
     cache folder and taken from there again; those of another engine are not.
 
     Example: rigctl sky examples/scene-airborne.toml --out sky
+
     Example: rigctl sky examples/scene-airborne.toml --compare-aerosols --out sky
     """
     read = load_scene(scene)

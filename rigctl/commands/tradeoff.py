@@ -25,7 +25,7 @@ from rigctl.reports.tradeoff_curves import (
 )
 from rigctl.terminal import print_json, progress, results
 
-_TOLERANCES = "0.03,0.01,0.003,0.001"
+_TOLERANCES = "0.1,0.03,0.01,0.003"
 _SMALLEST, _LARGEST = 1e-4, 0.1
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from model.accuracy.chain import ChainResult, evaluate
 from model.accuracy.error_budget import error_budget
-from model.accuracy.knobs import KNOBS, Plan, settings_at
+from model.accuracy.knobs import KNOBS, WAVELENGTHS, Plan, settings_at
 from model.accuracy.light_error import light_errors
 from model.accuracy.light_store import LightStore
 from model.accuracy.predict import AccuratePrediction, predict
@@ -22,6 +22,8 @@ Clock = Callable[[], float]
 
 # The reference is of a tenth of the smallest tolerance shown.
 _FINER = 0.1
+# Levels of a knob that are shown below that of the plan.
+_BELOW = 2
 WHOLE_CHAIN = "whole chain"
 
 
@@ -38,7 +40,10 @@ class CurvePoint:
     seconds
         That it took, without anything kept from another.
     true, estimated
-        Largest error of any reading, against the finest settings and as estimated; the estimate of one knob is its own.
+        Largest error of any reading that is promised: true and as estimated. Of one knob its own, against finer levels
+        of that knob alone.
+    whole
+        Largest true error of all knobs together, against finer settings of all.
     """
 
     knob: str
@@ -46,6 +51,7 @@ class CurvePoint:
     seconds: float
     true: float
     estimated: float
+    whole: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,8 +79,8 @@ class Curves:
     def front(self) -> tuple[CurvePoint, ...]:
         """Points than which none is both faster and better, from fast to good."""
         found: list[CurvePoint] = []
-        for point in sorted(self.points, key=lambda one: (one.seconds, one.true)):
-            if not found or point.true < found[-1].true:
+        for point in sorted(self.points, key=lambda one: (one.seconds, one.whole)):
+            if not found or point.whole < found[-1].whole:
                 found.append(point)
         return tuple(found)
 
@@ -105,10 +111,10 @@ def accuracy_curves(
     reference = evaluate(scene, settings_at(finest, _FINER * min(tolerances)), clock=clock)
     truth = _readings(reference)
     points = [_of_chain(found, truth) for found in predictions]
-    middle = predictions[len(predictions) // 2]
+    middle = predictions[(len(predictions) - 1) // 2]
     for knob in KNOBS:
         yield knob
-        points += _of_knob(scene, knob, middle, clock)
+        points += _of_knob(scene, knob, middle, truth, clock)
     yield Curves(
         points=tuple(points),
         predictions=tuple(predictions),
@@ -137,7 +143,7 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
     inputs, store = predictor.inputs, LightStore()
     deviations = np.sqrt(np.diag(inputs.cov))
     used = np.flatnonzero(deviations > 0.0)
-    coarse = settings_at(dict.fromkeys(KNOBS, 1), 1e-2)
+    coarse = settings_at(dict.fromkeys(KNOBS, 0), 1e-2)
 
     def at(changed: dict[str, float]) -> dict[Reading, Value]:
         return _readings(evaluate(predictor.lit_scene(changed), coarse, store=store))
@@ -162,33 +168,44 @@ def _slope(value: Value, above: Value | None, below: Value | None, step: float) 
 def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePoint:
     true = differences(_readings(found.result), truth)
     promised = [key for key in true if key not in found.not_promised]
+    largest = max((true[key] for key in promised), default=np.nan)
     return CurvePoint(
         knob=WHOLE_CHAIN,
         setting=f"tolerance {found.tolerance:g}",
         seconds=sum(found.stage_s.values()),
-        true=max((true[key] for key in promised), default=np.nan),
+        true=largest,
+        whole=largest,
         estimated=max((found.budget.total[key] for key in promised), default=np.nan),
     )
 
 
-def _of_knob(scene: LitScene, knob: str, middle: AccuratePrediction, clock: Clock) -> list[CurvePoint]:
-    """One knob over its levels up to two beyond that of a plan, the others as the plan has them."""
+def _of_knob(
+    scene: LitScene, knob: str, middle: AccuratePrediction, whole: dict[Reading, Value], clock: Clock
+) -> list[CurvePoint]:
+    """One knob over its levels about that of a plan, the others as the plan has them; the finest is the truth."""
     top = min(middle.plan[knob] + 2, len(KNOBS[knob].levels) - 1)
-    found = [_at_level(scene, {**middle.plan, knob: level}, middle.tolerance, clock) for level in range(top + 1)]
+    levels = range(max(middle.plan[knob] - _BELOW, 0), top + 1)
+    found = [_at_level(scene, {**middle.plan, knob: level}, middle.tolerance, clock) for level in levels]
     truth = _readings(found[-1][0])
     points = []
-    for level, (result, errors) in enumerate(found[:-1]):
-        true = differences(_readings(result), truth)
+    for level, (result, errors) in zip(levels, found[:-1], strict=False):
+        own = _readings(result)
         points.append(
             CurvePoint(
                 knob=knob,
                 setting=KNOBS[knob].levels[level].label,
                 seconds=sum(result.stage_s.values()),
-                true=max((error for error in true.values() if np.isfinite(error)), default=0.0),
+                true=_largest(own, truth),
+                whole=_largest(own, whole),
                 estimated=max(errors[knob].values(), default=0.0),
             )
         )
     return points
+
+
+def _largest(own: dict[Reading, Value], truth: dict[Reading, Value]) -> float:
+    """Largest difference of the readings that both have."""
+    return max((error for error in differences(own, truth).values() if np.isfinite(error)), default=0.0)
 
 
 def _at_level(
@@ -202,8 +219,9 @@ def _at_level(
 
 
 def _finer(plan: Plan) -> dict[str, int]:
-    """A level more of each knob, two of those of the sky: about a tenth of the errors."""
-    return {name: min(plan[name] + 1, len(knob.levels) - 1) for name, knob in KNOBS.items()}
+    """Return a plan one level finer in each knob, the wavelengths two: about a tenth of the errors that count."""
+    more = dict.fromkeys(KNOBS, 1) | {WAVELENGTHS: 2}
+    return {name: min(plan[name] + more[name], len(knob.levels) - 1) for name, knob in KNOBS.items()}
 
 
 def _readings(result: ChainResult) -> dict[Reading, Value]:

@@ -1,13 +1,14 @@
 """Model beside measurement, row by row, with a decision over all rows."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.field_light import FieldLight
 from model.prediction import RegionPrediction, predict
 from model.processing.input_propagation import Propagation
 from model.rig_errors import predict_with_errors
@@ -16,7 +17,7 @@ from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.explanation import Explanation, explain_rows
 from rigctl.comparison.propagated_rows import only_uncertain, propagate_rows
-from rigctl.comparison.remarks import curved_inputs, made_of, model_warnings, not_tested, overruled
+from rigctl.comparison.remarks import curved_inputs, model_warnings, not_tested, overruled
 from rigctl.comparison.rig_inputs import rig_errors, with_rig
 from rigctl.comparison.rows import Row, decide, pair, scored
 from rigctl.comparison.run_geometry import scene_of_run
@@ -67,6 +68,8 @@ class Comparison:
         What each cause makes of the uncertainty of a region's polarization.
     checks : tuple of Check
         What the run says of itself, before any model.
+    lights : dict
+        Region to its light, of the regions that are given by a material.
     """
 
     kind: str
@@ -83,6 +86,7 @@ class Comparison:
     trends: tuple[Trend, ...] = ()
     budgets: tuple[RegionBudget, ...] = ()
     checks: tuple[Check, ...] = ()
+    lights: dict[str, FieldLight] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -145,8 +149,7 @@ def compare_with_scene(
     rows = tuple(_paired(predictions, measurement))
     uncertain = only_uncertain(inputs)
     propagation = propagate_rows(rows, inputs, predicted)
-    errors = np.sqrt(np.maximum(np.diag(propagation.cov), 0.0))
-    decided = decide(tuple(scored(row, error) for row, error in zip(rows, errors, strict=True)), alpha=alpha)
+    decided = _decided(rows, propagation, alpha)
     return Comparison(
         kind="scene",
         alpha=alpha,
@@ -159,7 +162,6 @@ def compare_with_scene(
             *overruled(stated, measurement, exposure_s),
             *moved,
             *light.remarks(scene, inputs.named),
-            *made_of(scene, light, inputs),
             *model_warnings(predictions),
             *curved_inputs(propagation, uncertain),
         ),
@@ -170,14 +172,20 @@ def compare_with_scene(
         explanation=explain_rows(decided, propagation=propagation, inputs=uncertain, measurement=measurement),
         trends=trends_of(decided, propagation.cov, measurement),
         budgets=scene_budget(
-            predictions,
-            measurement,
-            values=inputs.named,
-            rows=decided,
-            propagation=propagation,
-            uncertain=uncertain,
+            predictions, measurement, inputs=inputs, rows=decided, propagation=propagation, uncertain=uncertain
         ),
+        lights=_lights(scene, light, inputs),
     )
+
+
+def _decided(rows: tuple[Row, ...], propagation: Propagation, alpha: float) -> tuple[Row, ...]:
+    errors = np.sqrt(np.maximum(np.diag(propagation.cov), 0.0))
+    return decide(tuple(scored(row, error) for row, error in zip(rows, errors, strict=True)), alpha=alpha)
+
+
+def _lights(scene: SceneFile, light: SceneLight, inputs: Inputs) -> dict[str, FieldLight]:
+    named = [region for region in scene.regions if region.material is not None]
+    return {region.name: light.region(scene, region, inputs.named) for region in named}
 
 
 def predict_run(

@@ -11,7 +11,7 @@ from model.processing.input_propagation import Propagation, propagate
 from rigctl.comparison.input_limits import largest, smallest
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.scene_inputs import Inputs
-from rigctl.errors import DataError
+from rigctl.errors import ConfigError, DataError
 
 FloatArray = NDArray[np.float64]
 
@@ -44,6 +44,8 @@ def propagate_rows(
 
     Raises
     ------
+    ConfigError
+        The model has no prediction on either side of an input.
     DataError
         Within the uncertainty of an input a number of a row does not exist.
     """
@@ -52,11 +54,18 @@ def propagate_rows(
     def off(some: FloatArray) -> FloatArray:
         values = inputs.values.copy()
         values[uncertain] = some
-        regions = predicted(values)
+        try:
+            regions = predicted(values)
+        except ConfigError as error:
+            # For the propagation: here the inputs do not go together. It takes the other side, and names the input.
+            raise ValueError(str(error)) from error
         return np.array([off_prediction(row, _value(row, regions)) for row in rows])
 
     found = only_uncertain(inputs)
-    return propagate(off, found.values, found.cov, least=smallest(found), most=largest(found))
+    try:
+        return propagate(off, found.values, found.cov, least=smallest(found), most=largest(found))
+    except ValueError as error:
+        raise ConfigError(f"the uncertainties of the inputs ({', '.join(found.names)}): {error}") from error
 
 
 def _value(row: Row, regions: Mapping[str, RegionPrediction]) -> float:

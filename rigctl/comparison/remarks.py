@@ -9,7 +9,6 @@ from model.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
 from rigctl.comparison.scale import Scale
 from rigctl.comparison.scene_inputs import Inputs
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
 
@@ -17,20 +16,6 @@ FloatArray = NDArray[np.float64]
 
 # A stage that lands this near to an angle was sent there [deg].
 _LANDING_DEG = 1.0
-
-
-def made_of(scene: SceneFile, light: SceneLight, inputs: Inputs) -> Iterable[str]:
-    """Return what the light of each region given by its material is made of, in words."""
-    for region in scene.regions:
-        if region.material is not None:
-            found = light.region(scene, region, inputs.named)
-            sun, sky, path, total = (
-                found.mean(part)[0] for part in ("reflected_sun", "reflected_sky", "path", "total")
-            )
-            yield (
-                f"{region.name}: {sun / total:.1%} of S0 is reflected sun, {sky / total:.1%} reflected sky, "
-                f"{path / total:.1%} path"
-            )
 
 
 def overruled(scene: SceneFile, measurement: Measurement, exposure_s: float) -> Iterable[str]:
@@ -73,7 +58,7 @@ def curved_inputs(propagation: Propagation, uncertain: Inputs) -> Iterable[str]:
         yield f"curved within its uncertainty, hence propagated by quadrature: {names}"
     if propagation.limited:
         names = ", ".join(uncertain.names[k] for k in propagation.limited)
-        yield f"so near to a limit, for its uncertainty, that a slope had to do: {names}"
+        yield f"so near to what is possible, for its uncertainty, that a slope had to do: {names}"
 
 
 def not_tested(measurement: Measurement, scene: SceneFile, scale: Scale, uncertain: Inputs) -> tuple[str, ...]:

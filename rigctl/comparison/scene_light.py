@@ -114,5 +114,8 @@ def _of_atmosphere(air: AtmosphereSection, request: SkyRequest) -> Iterable[str]
 def _alternative(air: AtmosphereSection) -> str:
     if air.alternative is None:
         return ""
-    share = air.alternative.share
-    return f", with a share of {share.value:g} +- {share.std:g} of the light as of {air.alternative.aerosol}"
+    other, share = air.alternative, air.alternative.share
+    changed = [other.aerosol or "", other.aerosol_type or "", other.upper_aerosol_type or ""]
+    own = [section.name for section in (other.own_aerosol, other.own_upper_aerosol) if section is not None]
+    named = " ".join(word for word in (*changed, *own) if word)
+    return f", with a share of {share.value:g} +- {share.std:g} of the light as if it were {named}"

@@ -101,8 +101,8 @@ def _alternative(air: AtmosphereSection, values: Values) -> AlternativeAir | Non
     if other is None:
         return None
     return AlternativeAir(
-        aerosol=other.aerosol,
-        state=_state(air, values, lower=other.lower, upper=other.upper),
+        aerosol=other.aerosol or air.aerosol,
+        state=_state(air, values, lower=other.lower or air.lower, upper=other.upper or air.upper),
         share=values["atmosphere.alternative.share"],
     )
 

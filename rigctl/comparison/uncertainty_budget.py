@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.channels import ChannelMoments
-from model.error_budget import budget, noise_causes
 from model.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
+from model.uncertainty_budget import budget, noise_causes
 from rigctl.comparison.rig_inputs import ANGLE, DRIFT, OFFSET
 from rigctl.comparison.rows import Row
 from rigctl.comparison.scene_inputs import Inputs
@@ -41,7 +41,7 @@ def scene_budget(
     predictions: Mapping[str, RegionPrediction],
     measurement: Measurement,
     *,
-    values: Mapping[str, float],
+    inputs: Inputs,
     rows: tuple[Row, ...],
     propagation: Propagation,
     uncertain: Inputs,
@@ -52,8 +52,8 @@ def scene_budget(
     ----------
     predictions, measurement
         Both sides.
-    values : mapping
-        All inputs by name.
+    inputs : Inputs
+        All of them.
     rows, propagation, uncertain
         What the uncertain inputs do to the mean counts.
     """
@@ -62,8 +62,8 @@ def scene_budget(
         region = measurement.regions[name]
         causes = noise_causes(
             prediction.channels,
-            gain_dn_per_e=values[_GAIN],
-            noise_factor=values[_NOISE_FACTOR],
+            gain_dn_per_e=inputs.named[_GAIN],
+            noise_factor=inputs.named[_NOISE_FACTOR],
             pixels=region.independent_pixels,
             cycles=measurement.grid.cycles,
         )

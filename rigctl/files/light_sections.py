@@ -67,26 +67,33 @@ class MeasuredDepthSection(Section):
 class AlternativeSection(Section):
     """Another aerosol that it might as well be, and how much of the light is taken as of that one.
 
-    Between two skies light is mixed linearly. The standard uncertainty of `share` is how unsure one is of the kind:
-    ``share = { value = 0.0, std = 0.5 }`` lets a prediction carry half the difference between the two as uncertainty.
+    What is left out is as in [atmosphere]. Between two skies light is mixed linearly. The standard uncertainty of
+    `share` is how unsure one is of the kind: ``share = { value = 0.0, std = 0.5 }`` lets a prediction carry half the
+    difference between the two as uncertainty.
     """
 
-    aerosol: AerosolKind = AerosolKind.SPHERES
-    aerosol_type: AerosolType = AerosolType.RURAL
-    upper_aerosol_type: AerosolType = AerosolType.TROPOSPHERIC
+    aerosol: AerosolKind | None = None
+    aerosol_type: AerosolType | None = None
+    upper_aerosol_type: AerosolType | None = None
     own_aerosol: OwnAerosolSection | None = None
     own_upper_aerosol: OwnAerosolSection | None = None
     share: Share
 
     @property
-    def lower(self) -> AerosolChoice:
-        """Aerosol below 2 km."""
+    def lower(self) -> AerosolChoice | None:
+        """Aerosol below 2 km, where it is another."""
         return self.aerosol_type if self.own_aerosol is None else self.own_aerosol.aerosol()
 
     @property
-    def upper(self) -> AerosolChoice:
-        """Aerosol above 2 km."""
+    def upper(self) -> AerosolChoice | None:
+        """Aerosol above 2 km, where it is another."""
         return self.upper_aerosol_type if self.own_upper_aerosol is None else self.own_upper_aerosol.aerosol()
+
+    @model_validator(mode="after")
+    def _is_another(self) -> "AlternativeSection":
+        if (self.aerosol, self.lower, self.upper) == (None, None, None):
+            raise ValueError("needs what is another: aerosol, aerosol_type, own_aerosol, or those of the upper air")
+        return self
 
 
 class AtmosphereSection(Section):

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import RefusedFramesError
-from calibration.flags import Flag
+from calibration.errors import refused
 from calibration.sensor.frame_statistics import LevelKind
 from drivers.cameras.raw_files import RAW_SUFFIXES, Plane
 from rigctl.calibrations.made_for import MadeFor
@@ -144,15 +143,10 @@ def _counts(path: Path, plane: Plane | None) -> NDArray[np.uint16]:
 def _refuse_lossy(paths: Sequence[Path]) -> None:
     if not paths:
         return
-    raise RefusedFramesError(
-        (
-            Flag(
-                name="lossy_compression",
-                message=f"{len(paths)} files such as {paths[0]} are compressed with loss: noise is what such a format "
-                f"takes away, and their values went through a tone curve; save raw frames as PNG, TIFF or FITS",
-                refuses=True,
-            ),
-        )
+    raise refused(
+        "lossy_compression",
+        f"{len(paths)} files such as {paths[0]} are compressed with loss: noise is what such a format takes away, and "
+        f"their values went through a tone curve; save raw frames as PNG, TIFF or FITS",
     )
 
 

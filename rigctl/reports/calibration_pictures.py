@@ -61,7 +61,7 @@ def _defects(axes: Axes, pattern: FixedPattern) -> None:
         (shown,) = axes.plot(x, y, _MARKERS[name], ms=4, color=_DEFECT_COLOURS[name], label=f"{name}: {count}")
         shown.set_markerfacecolor("none")
     axes.set(xlabel="x [pixel]", ylabel="y [pixel]", title=f"{pattern.defects.n_defect} pixels unlike the others")
-    axes.legend(fontsize=8, loc="upper right", framealpha=0.9)
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
 
 
 def histograms_png(pattern: FixedPattern) -> bytes:

@@ -10,6 +10,7 @@ from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports import budget_figure, compare_tables, figures
 from rigctl.reports.blocks import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.light_section import light_section
 from rigctl.reports.tables_json import STATISTICS
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
@@ -60,6 +61,7 @@ def compare_report(
             *_first(comparison, measurement),
             *_explained(comparison.explanation),
             *_figures(comparison, measurement, regions),
+            *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
             *_effects(effects),
             Section(title="The run by itself", blocks=(compare_tables.check_table(comparison.checks),)),

@@ -24,7 +24,7 @@ from rigctl.reports.compare_context import calibration_table, effects_block, mac
 from rigctl.reports.pdf import pdf
 from rigctl.reports.report import render
 from rigctl.reports.rows_csv import rows_csv
-from rigctl.reports.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
+from rigctl.reports.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
 from rigctl.runs.run_folder import MANIFEST_FILE, Run, read_run
 from rigctl.version import VERSION
@@ -135,16 +135,7 @@ def compare_run(
     registered = registration_of(measurement)
     checks = run_checks(measurement, registered)
     require_sound(checks, run=str(run_path))
-    if scene is not None:
-        comparison = compare_with_scene(
-            measurement, scene=scene, noise=given.noise, alpha=alpha, scale=scale, radiometric=given.radiometric
-        )
-    elif scale == "absolute" and given.radiometric is None:
-        comparison = compare_closed_loop(measurement, noise=given.noise, alpha=alpha)
-    else:
-        raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
-    files = {"scene": scene_path, "regions": regions_path, **vars(paths), "manifest": run_path / MANIFEST_FILE}
-    said = (*given.doubts, *correction_remarks(measurement, regions))
+    comparison = _comparison(measurement, scene, given, alpha, scale)
     budgets = with_registration(
         comparison.budgets,
         measurement,
@@ -152,18 +143,29 @@ def compare_run(
         found=registered,
         means={name: found.channels.mean_dn for name, found in comparison.predictions.items()},
     )
+    files = {"scene": scene_path, "regions": regions_path, **vars(paths), "manifest": run_path / MANIFEST_FILE}
+    used = {what: path for what, path in files.items() if path is not None}
+    said = (*given.doubts, *correction_remarks(measurement, regions), *comparison.remarks)
     return ComparedRun(
-        comparison=replace(comparison, remarks=(*said, *comparison.remarks), checks=checks, budgets=budgets),
+        comparison=replace(comparison, remarks=said, checks=checks, budgets=budgets),
         measurement=measurement,
         regions=regions,
-        provenance=_provenance(
-            run,
-            {what: path for what, path in files.items() if path is not None},
-            {"alpha": alpha, "scale": scale},
-        ),
+        provenance=_provenance(run, used, {"alpha": alpha, "scale": scale}),
         calibration=calibration_table(given.noise),
         effects=None if scene is None else _effects(scene, given.noise),
     )
+
+
+def _comparison(
+    measurement: Measurement, scene: SceneFile | None, given: RunCalibrations, alpha: float, scale: ScaleKind
+) -> Comparison:
+    if scene is not None:
+        return compare_with_scene(
+            measurement, scene=scene, noise=given.noise, alpha=alpha, scale=scale, radiometric=given.radiometric
+        )
+    if scale == "absolute" and given.radiometric is None:
+        return compare_closed_loop(measurement, noise=given.noise, alpha=alpha)
+    raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
 
 
 def _effects(scene: SceneFile, noise: dict[str, Any] | None) -> Table:

@@ -86,7 +86,7 @@ def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction
             ax.set_xlabel(f"s{component} = S{component}/S0")
         _histogram(axes[3 * line + 2], degree_of_polarization(lit.T), _dolp_law(stokes), title=name)
         axes[3 * line + 2].set_xlabel("DoLP")
-    axes[0].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
     return png(figure)
 
 
@@ -156,6 +156,7 @@ def _histogram(ax: "Axes", values: FloatArray, law: Law, *, title: str) -> None:
     ax.plot(x, law(x), color=PREDICTED, linewidth=1.8, label="predicted law")
     ax.set_title(title, fontsize=9)
     ax.set_ylabel("density")
+    ax.locator_params(axis="x", nbins=5)
 
 
 def _ratio_law(stokes: Moments, component: int) -> Law:

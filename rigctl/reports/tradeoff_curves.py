@@ -14,7 +14,7 @@ from rigctl.reports.accuracy_tables import accuracy_json
 from rigctl.reports.figure_style import png, subplots
 
 _SHOWN_FLOORS = ("radiance", "s1n", "s2n", "dolp_pixels", "p_detection")
-_COLUMNS = ("knob", "setting", "seconds", "true error", "estimated error")
+_COLUMNS = ("knob", "setting", "seconds", "true error", "estimated error", "error of all")
 
 
 def curve_table(curves: Curves) -> Table:
@@ -32,10 +32,10 @@ def curve_csv(curves: Curves) -> bytes:
     """Return every point, a row each."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("knob", "setting", "seconds", "true_error", "estimated_error", "on_front"))
+    writer.writerow(("knob", "setting", "seconds", "true_error", "estimated_error", "error_of_all", "on_front"))
     front = set(curves.front)
     for point in curves.points:
-        numbers = (f"{point.seconds:.6g}", f"{point.true:.6g}", f"{point.estimated:.6g}")
+        numbers = tuple(f"{number:.6g}" for number in (point.seconds, point.true, point.estimated, point.whole))
         writer.writerow((point.knob, point.setting, *numbers, int(point in front)))
     return text.getvalue().encode()
 
@@ -51,6 +51,7 @@ def curve_json(curves: Curves) -> dict[str, Any]:
                 "seconds": point.seconds,
                 "true_error": _number(point.true),
                 "estimated_error": _number(point.estimated),
+                "error_of_all": _number(point.whole),
                 "on_front": point in front,
             }
             for point in curves.points
@@ -100,12 +101,12 @@ def curve_png(curves: Curves) -> bytes:
     knobs = list(dict.fromkeys(point.knob for point in curves.points))
     for place, knob in enumerate(knobs):
         points = [point for point in curves.points if point.knob == knob]
-        style = {"color": f"C{place}", "linewidth": 2.2 if knob == WHOLE_CHAIN else 1.0}
+        width = 2.2 if knob == WHOLE_CHAIN else 1.0
         seconds = [point.seconds for point in points]
-        for axis, errors in zip(
-            axes, ([point.true for point in points], [point.estimated for point in points]), strict=True
-        ):
-            axis.plot(seconds, [_shown(error) for error in errors], marker="o", markersize=4, label=knob, **style)
+        both = ([point.true for point in points], [point.estimated for point in points])
+        for axis, errors in zip(axes, both, strict=True):
+            shown = [_shown(error) for error in errors]
+            axis.plot(seconds, shown, marker="o", markersize=4, label=knob, color=f"C{place}", linewidth=width)
     floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and _is_mean(key)]
     least = min((floor for floor in floors if floor > 0.0), default=None)
     for axis, title in zip(axes, ("true error", "estimated error"), strict=True):
@@ -128,6 +129,7 @@ def _texts(point: CurvePoint) -> tuple[str, ...]:
         f"{point.seconds:.3g}",
         _digits(point.true),
         _digits(point.estimated),
+        _digits(point.whole),
     )
 
 

@@ -9,8 +9,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Literal
 
-from rigctl.durable_file import write_durably
-
 REQUEST_FILE = "request"
 Request = Literal["hold", "go on", "stop"]
 _WORDS: dict[str, Request] = {"hold": "hold", "go on": "go on", "stop": "stop"}
@@ -29,8 +27,19 @@ def ask(run: Path, request: Request) -> None:
     ------
     OSError
         The folder cannot be written.
+
+    Notes
+    -----
+    Nobody needs a request after a power cut, so that it is not waited for the disk. Its unfinished file does not look
+    like that of a frame, which whoever repairs the run would take away.
     """
-    write_durably(run / REQUEST_FILE, request.encode("ascii"))
+    beside = run / f".{REQUEST_FILE}.{os.getpid()}"
+    try:
+        beside.write_text(request, encoding="ascii")
+        beside.replace(run / REQUEST_FILE)
+    except OSError:
+        beside.unlink(missing_ok=True)
+        raise
 
 
 def ask_process(run: Path, process: int, request: Request) -> None:
@@ -85,6 +94,12 @@ class Control:
             self._file.unlink(missing_ok=True)
         request, self._request = self._request, None
         return request
+
+    def forget(self) -> None:
+        """Drop what was asked of an earlier session that ended before it looked."""
+        if self._file is not None:
+            self._file.unlink(missing_ok=True)
+        self._request = None
 
     def is_stop_asked(self) -> bool:
         """Return whether a stop was asked for; the request stays."""

@@ -119,11 +119,13 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
         require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             _note_resumed(writer, repair, rest.steps)
+            control = Control(path)
+            control.forget()
             conduct = conduct_of(
                 session,
                 rig_file,
                 clock=clock,
-                control=Control(path),
+                control=control,
                 until_ns=until_ns,
                 noise=run.session.get("noise"),
             )

@@ -60,3 +60,13 @@ def test_factor_reproduces_a_covariance_of_any_rank_and_unit(exponent, rank):
     factor = covariance_factor(cov)
     # Rounding of an eigenvalue problem of size 4.
     assert np.max(np.abs(factor @ factor.T - cov)) <= 2e-15 * np.trace(cov)
+
+
+def test_common_factor_that_drops_out_of_a_ratio_leaves_a_covariance():
+    # Texture alone, DoLP 0.999: the ratios S1/S0 and S2/S0 do not vary, and rounding must not be refused.
+    stokes = np.array([1.0, 0.8, 0.598331])
+    cov = 0.01**2 * np.outer(stokes, stokes) + 1e-14 * np.diag([1.0, 2.0, 3.0])
+    jacobian = np.array([[-stokes[1], 1.0, 0.0], [-stokes[2], 0.0, 1.0]])
+    found = propagate_first_order(Moments(mean=stokes, cov=cov), stokes[1:], jacobian)
+    np.testing.assert_array_equal(found.cov, found.cov.T)
+    assert np.all(np.linalg.eigvalsh(found.cov) >= -1e-20)

@@ -11,7 +11,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure, signal_of_cycle
 from rigctl.runs.run_folder import read_run
 from rigctl.sessions.take_session import take_session
-from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
+from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE, small_rig, small_session
 
 TARGET = 0.008
 
@@ -54,3 +54,12 @@ def test_a_dry_run_says_how_many_cycles_it_would_take(capsys):
     options = ["--out", "run", "--dry-run", "--scene", str(EXAMPLES / "scene-panels.toml")]
     assert main(["acquire", *files, *options, "--target-dolp-sigma", "0.01"]) == 0
     assert "4 cycles of 4 angles" in capsys.readouterr().err
+
+
+def test_the_verb_proposes_a_session(tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(SMALL_SCENE)
+    out = tmp_path / "out"
+    words = ["tradeoff", str(tmp_path / "scene.toml"), "--acquisition", "--region", "left", "--out", str(out)]
+    assert main([*words, "--target-dolp-sigma", str(TARGET)]) == 0
+    assert "shortest: " in capsys.readouterr().out
+    assert (out / "acquisition.csv").exists()

@@ -140,6 +140,15 @@ def test_a_lamp_that_makes_bands_on_a_rolling_shutter(depth: float, refuses: boo
     assert flags(levels(banded, kinds="flat"))["banded_light"].refuses is refuses
 
 
+def test_levels_that_are_missing_are_named() -> None:
+    assert flags([level for level in levels() if level.kind == "flat"])["missing_levels"].refuses
+
+
+def test_flats_that_are_all_saturated_are_named() -> None:
+    full = levels(lambda frame: np.full_like(frame, 4095), kinds="flat")
+    assert flags(full)["no_usable_level"].refuses
+
+
 def test_darks_and_flats_that_are_mixed_up_are_refused() -> None:
     swapped = [replace(level, kind="dark" if level.kind == "flat" else "flat") for level in levels()]
     assert flags(swapped)["darks_brighter_than_flats"].refuses
@@ -191,6 +200,13 @@ def test_dim_flats_with_row_noise_are_not_called_filtered_or_banded() -> None:
     found = flags([*dim, *(striped("dark", 0.0, 1e-3 * place) for place in range(1, 11))])
     assert "row_noise" in found
     assert not {"correlated_noise", "banded_light"} & set(found)
+
+
+@pytest.mark.parametrize(("flicker", "flagged"), [(0.003, True), (0.0003, False)])
+def test_a_lamp_that_flickers_a_little_is_flagged(flicker: float, flagged: bool) -> None:
+    sensor = SyntheticSensor(shape=(160, 160))
+    sweep = SyntheticCamera(sensor, 25).sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S, flicker=flicker)
+    assert ("lamp_flicker" in flags(sweep)) is flagged
 
 
 def test_a_digital_gain_is_flagged() -> None:

@@ -17,7 +17,7 @@ from rigctl.skies.solar_band import response_band
 _LARGEST_FIELD_RAD = np.radians(30.0)
 
 
-def random_scene(seed):
+def random_scene(seed: int) -> LitScene:
     """One target on a background that may fill the field; sun to 75 deg, optical depth to 0.8, slopes from 0.03."""
     draw = np.random.default_rng(seed)
     sensor = random_sensor(draw)
@@ -43,7 +43,7 @@ def random_scene(seed):
     )
 
 
-def random_air(draw):
+def random_air(draw: np.random.Generator) -> Air:
     """A clear or hazy sky in a wide or narrow band."""
     short_nm = draw.uniform(400.0, 650.0)
     long_nm = short_nm + draw.choice([20.0, 100.0, 300.0])
@@ -57,14 +57,14 @@ def random_air(draw):
     )
 
 
-def random_region(draw, name, view):
+def random_region(draw: np.random.Generator, name: str, view: View) -> LitRegion:
     """A glossy or rough material, level or tilted; level ones may fill a part of the field."""
     metal = draw.random() < 0.3
     surface = Surface(
         n=draw.uniform(1.2, 2.5) if metal else draw.uniform(1.3, 1.7),
         k=draw.uniform(0.5, 3.0) if metal else 0.0,
         slope_rms=draw.uniform(0.03, 0.4),
-        dhr=None if metal else draw.choice([None, draw.uniform(0.2, 0.8)]),
+        dhr=None if metal else _maybe(draw, draw.uniform(0.2, 0.8)),
     )
     fills = draw.random() < 0.3 and view.zenith_rad < np.radians(60.0)
     width_rad, height_rad = draw.uniform(0.02, _LARGEST_FIELD_RAD, 2)
@@ -78,7 +78,11 @@ def random_region(draw, name, view):
     )
 
 
-def random_sensor(draw):
+def _maybe(draw: np.random.Generator, number: float) -> float | None:
+    return number if draw.integers(2) else None
+
+
+def random_sensor(draw: np.random.Generator) -> Sensor:
     """From starved to nearly full pixels."""
     along = draw.uniform(0.3, 0.9)
     return Sensor(

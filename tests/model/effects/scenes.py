@@ -21,8 +21,8 @@ from model.view import View
 COARSE = Settings(
     wavelengths=2,
     solver=SolverSettings(fine_layers=False, nodes=4, element_depth=0.2, tolerance=1e-3),
-    sky_zeniths=12,
-    sky_azimuths=12,
+    sky_zeniths=8,
+    sky_azimuths=8,
     hemisphere_tolerance=1e-2,
     tiles_per_side=2,
     negligible_spread=0.0,

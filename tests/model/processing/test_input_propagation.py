@@ -62,5 +62,28 @@ def test_limits_are_never_crossed():
 
 
 def test_an_input_without_any_room_is_refused():
-    with pytest.raises(ValueError, match="leave no room"):
+    with pytest.raises(ValueError, match="neither rise nor fall"):
         _propagate(lambda x: x, [1.0], np.array([[0.04]]), least=np.array([1.0]), most=np.array([1.0]))
+
+
+def test_where_results_do_not_exist_on_one_side_the_other_has_to_do():
+    def function(x):
+        if x[0] > 1.1:
+            raise ValueError("too large")
+        return 2.0 * x
+
+    found = _propagate(function, [1.0], np.array([[0.25]]))
+    np.testing.assert_allclose(found.effects, [[1.0]], rtol=1e-12)
+    assert found.limited == (0,)
+
+
+def test_a_curved_response_that_ends_before_the_outer_node_takes_the_narrower_rule():
+    def function(x):
+        if abs(x[0]) > 2.0:
+            raise ValueError("too far")
+        return x**2
+
+    # Nodes of three lie at 1.73 standard uncertainties, of five at 2.86.
+    found = _propagate(function, [0.0], np.array([[1.0]]))
+    assert found.curved == (0,)
+    np.testing.assert_allclose(found.cov, [[3.0]], rtol=1e-12)

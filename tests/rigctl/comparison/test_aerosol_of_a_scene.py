@@ -113,7 +113,19 @@ def test_the_remarks_name_the_doubt(tmp_path, store):
     text = SCENE.replace(AIR, AIR + ALTERNATIVE % (0.1, 0.2))
     scene = load_scene(written(tmp_path, text))
     remarks = " ".join(SceneLight(store).remarks(scene, gather(scene, None).named))
-    assert "with a share of 0.1 +- 0.2 of the light as of polarizing" in remarks
+    assert "with a share of 0.1 +- 0.2 of the light as if it were polarizing tropospheric" in remarks
+
+
+def test_what_an_alternative_leaves_out_is_as_it_was(tmp_path, store):
+    alternative = '[atmosphere.alternative]\naerosol = "polarizing"\nshare = 1.0\n'
+    whole = paint(predictor(tmp_path, store, AIR + OWN + alternative))
+    pure = paint(predictor(tmp_path, store, AIR + 'aerosol = "polarizing"\n' + OWN))
+    np.testing.assert_allclose(whole, pure, rtol=1e-4, atol=1e-9)
+
+
+def test_an_alternative_that_is_none_is_refused(tmp_path, store):
+    with pytest.raises(ConfigError, match="needs what is another"):
+        predictor(tmp_path, store, AIR + "[atmosphere.alternative]\nshare = 0.5\n")
 
 
 def test_an_engine_that_is_not_installed_says_how_to_get_it(store, monkeypatch):

@@ -74,9 +74,12 @@ def test_the_sun_of_the_frames_decides_and_the_difference_is_said(compared):
     assert abs(_rows(found, "dn_0", "mean")["paint"].z_measurement) < 4.5
 
 
-def test_remarks_say_what_the_light_is_made_of(compared):
-    remarks = compared().remarks
-    assert any(text.startswith("paint: ") and "reflected sky" in text for text in remarks)
+def test_what_the_light_is_made_of_comes_with_it_and_the_remarks_say_what_is_assumed(compared):
+    found = compared()
+    assert set(found.lights) == {"paint", "road"}
+    parts = [found.lights["paint"].mean(part) for part in ("reflected_sun", "reflected_sky", "path")]
+    np.testing.assert_allclose(np.sum(parts, axis=0), found.lights["paint"].mean("total"), rtol=1e-12)
+    remarks = found.remarks
     assert any("optical depth at 550 nm" in text for text in remarks)
     assert any("assumed, not measured" in text for text in remarks)
 

@@ -1,9 +1,11 @@
+import csv
 import json
 import re
 
 import numpy as np
 import pytest
 
+from rigctl.reports.budget_figure import _LOOKS
 from rigctl.reports.compare_run import compare_run
 from rigctl.reports.number_text import to_digits
 from rigctl.sessions.perturbation import perturbed
@@ -33,6 +35,38 @@ def test_the_report_says_what_is_simulated_assumed_and_not_tested(compared):
     assert "The frames are simulated" in html
     assert "assumed, not calibrated: noise.gain_dn_per_e = 0.24" in html
     assert "What this does not test" in html
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        "In short",
+        "Trends",
+        "Uncertainty budget",
+        "Effects taken and skipped",
+        "The run by itself",
+        "Where it comes from",
+    ],
+)
+def test_the_report_has_its_sections(compared, section):
+    assert f"<h2>{section}</h2>" in (compared[0] / "report.html").read_text()
+
+
+def test_the_report_names_what_of_it_depends_on_the_machine(compared):
+    provenance = json.loads((compared[0] / "comparison.json").read_text())["provenance"]
+    assert set(provenance["machine"]) >= {"numpy", "matplotlib", "python", "processor"}
+    assert provenance["settings"] == {"alpha": 1e-3, "scale": "absolute"}
+
+
+def test_every_row_stands_in_the_csv_once(compared):
+    with (compared[0] / "comparison.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(compared[1].comparison.rows)
+    assert float(rows[0]["predicted"]) == compared[1].comparison.rows[0].predicted
+
+
+def test_every_cause_of_the_budget_has_a_look_of_its_own():
+    assert len(set(_LOOKS.values())) >= len(_LOOKS) - 1
 
 
 def test_the_report_prints_the_rule_of_its_decision(compared):

@@ -64,7 +64,7 @@ def test_the_picture_is_one(kinds):
 
 
 def test_a_doubt_about_the_kind_is_left_out_of_the_comparison(tmp_path):
-    doubt = "[atmosphere.alternative]\nshare = 0.5\n"
+    doubt = '[atmosphere.alternative]\naerosol = "spheres"\nshare = 0.5\n'
     text = ONE_WAVELENGTH.replace('tier = "fast"', 'tier = "single"').replace("[[regions]]", doubt + "[[regions]]", 1)
     scene = load_scene(written(tmp_path, text))
     mixed, alone = sky_sheet(scene), next(iter(skies_of_kinds(scene)))

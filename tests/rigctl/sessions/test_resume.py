@@ -11,9 +11,11 @@ from drivers.errors import NotConnectedError
 from rigctl.durable_file import PART_SUFFIX
 from rigctl.errors import RunFolderError
 from rigctl.files.session_file import SessionFile
+from rigctl.runs.repair import repair_run
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_lock import RunLock
 from rigctl.runs.verification import verify_run
+from rigctl.sessions.control import ask
 from rigctl.sessions.rig import open_rig
 from rigctl.sessions.take_session import resume_session, take_session
 from tests.rigctl.example_files import small_rig, small_session
@@ -152,6 +154,19 @@ def test_two_processes_cannot_write_one_run(tmp_path):
     finally:
         lock.release()
     assert resume_session(run).is_finished
+
+
+def test_what_was_asked_of_the_session_that_ended_is_not_asked_of_the_next(tmp_path):
+    run = _cut_after(tmp_path, 3)
+    ask(run, "stop")
+    assert resume_session(run).is_finished
+
+
+def test_a_request_under_way_is_no_damage_of_the_run(tmp_path):
+    run = _cut_after(tmp_path, 3)
+    ask(run, "hold")
+    assert repair_run(run).set_aside == ()
+    assert verify_run(run).leftovers == ()
 
 
 def test_another_camera_than_the_one_it_began_with_is_refused(tmp_path):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from model.error_budget import budget, shift_cause
 from model.processing.reconstruction import design
+from model.uncertainty_budget import budget, shift_cause
 
 PLAN = design(np.deg2rad([0.0, 45.0, 90.0, 135.0]), np.inf)
 

@@ -1,0 +1,121 @@
+import json
+
+import pytest
+
+from model.effects.names import ALL, Effect
+from rigctl.cli import main
+from rigctl.comparison.effect_choice import acting_effects, with_choices
+from rigctl.comparison.effect_plan import plan_effects, verify_effects
+from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.errors import ConfigError
+from rigctl.files.effect_sections import effect_names, effect_of
+from rigctl.files.scene_file import load_scene
+from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
+
+PANELS = EXAMPLES / "scene-panels.toml"
+
+
+def answer(capsys, *arguments):
+    assert main(["effects", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def small(tmp_path):
+    def written(extra=""):
+        path = tmp_path / "scene.toml"
+        path.write_text(SMALL_SCENE.replace("[sensor]", f"{extra}\n[sensor]", 1), encoding="utf-8")
+        return path
+
+    return written
+
+
+def test_every_effect_is_listed_with_bound_decision_and_reason(capsys):
+    found = answer(capsys, PANELS)
+    assert sorted(one["effect"] for one in found["effects"]) == sorted(effect.value for effect in Effect)
+    assert all(one["reason"] and one["cost"] and one["place"] for one in found["effects"])
+    assert found["tolerance"] == 0.005
+
+
+def test_verified_bounds_hold_and_times_are_given(capsys):
+    found = answer(capsys, PANELS, "--tolerance", 0.02, "--verify")
+    assert found["violations"] == []
+    assert found["time_s"]["all_effects"] > 0.0
+    left_out = [one for one in found["effects"] if not one["acts"]]
+    assert all(one["actual"]["deviations"] <= one["bound"]["deviations"] + 1e-9 for one in left_out)
+
+
+def test_bound_that_does_not_hold_is_an_error(capsys, monkeypatch):
+    monkeypatch.setattr("model.accuracy.effect_check.CheckedEffect.holds", False)
+    assert main(["effects", str(PANELS), "--verify"]) == 70
+    assert "does not hold" in capsys.readouterr().err
+
+
+def test_table_is_printed_for_people(capsys):
+    assert main(["effects", str(PANELS)]) == 0
+    text = capsys.readouterr().out
+    assert "read noise" in text
+    assert "left out" in text
+
+
+def test_effect_left_out_by_option_is_said(capsys):
+    found = answer(capsys, PANELS, "--without", "read-noise")
+    (entry,) = [one for one in found["effects"] if one["effect"] == "read noise"]
+    assert entry["forced"]
+    assert not entry["acts"]
+    assert any("read noise is left out by request" in remark for remark in found["remarks"])
+
+
+def test_unknown_effect_is_refused_with_those_there_are(capsys):
+    assert main(["effects", str(PANELS), "--without", "coma"]) == 2
+    assert "read-noise" in capsys.readouterr().err
+
+
+def test_effect_both_on_and_off_is_refused():
+    with pytest.raises(ConfigError, match="both"):
+        with_choices(load_scene(PANELS), switched_on=["texture"], left_out=["texture"])
+
+
+def test_options_go_before_the_file(small):
+    scene = load_scene(small('effects = { with = ["drift"], without = ["texture", "leakage"] }'))
+    chosen = with_choices(scene, switched_on=["texture"], left_out=[])
+    assert acting_effects(scene) == ALL - {Effect.TEXTURE, Effect.LEAKAGE}
+    assert acting_effects(chosen) == ALL - {Effect.LEAKAGE}
+
+
+def test_file_that_leaves_an_effect_out_is_predicted_without_it_and_says_so(small):
+    whole = ScenePredictor(load_scene(small()), None).predict()
+    without = ScenePredictor(load_scene(small('effects = { without = ["read-noise"] }')), None).predict()
+    deviations = [one.predictions["left"].quantities["dn_0"]["std_temporal"] for one in (whole, without)]
+    assert deviations[1] < deviations[0]
+    assert any("left out by request: read-noise" in remark for remark in without.remarks)
+    assert not any("left out" in remark for remark in whole.remarks)
+
+
+def test_errors_of_a_scene_file_reach_the_prediction(small):
+    whole = ScenePredictor(load_scene(small()), None).predictions()
+    errors = "errors = { illumination_drift = 0.1, polarizer_angle_std_deg = 1.0, misregistration_px = 1.0 }"
+    changed = ScenePredictor(load_scene(small(errors)), None).predictions()
+    for quantity, statistic in (("dolp", "mean"), ("dn_0", "std_temporal"), ("s1", "std_spatial_mean")):
+        one, other = (found["left"].quantities[quantity][statistic] for found in (whole, changed))
+        assert abs(other / one - 1.0) > 1e-3
+
+
+def test_planner_and_accuracy_share_a_tolerance():
+    predictor = ScenePredictor(load_scene(PANELS), None)
+    plan = predictor.effect_plan(0.02)
+    found = predictor.to_tolerance(0.02, effects=plan)
+    assert 0.0 < plan.spent.largest <= 0.01
+    assert found.tolerance == pytest.approx(0.02 - plan.spent.largest, rel=1e-12)
+    assert found.result.effects == plan.active
+
+
+def test_verification_counts_what_is_left_out_only():
+    planned = plan_effects(load_scene(PANELS), None, tolerance=0.02)
+    checked = verify_effects(planned)
+    assert {one.effect for one in checked.checked} == ALL - planned.plan.active
+    assert checked.violations == ()
+
+
+def test_names_of_files_lead_back_to_effects():
+    assert [effect_of(name) for name in effect_names()] == list(Effect)

@@ -1,0 +1,46 @@
+import csv
+import json
+
+import pytest
+
+from rigctl import cli
+from tests.rigctl.example_files import EXAMPLES
+
+# Every radiance is given: no sky is solved, and the knobs of the light have no error.
+PANELS = str(EXAMPLES / "scene-panels.toml")
+
+
+def test_curves_choices_and_floor_are_written(tmp_path, capsys):
+    assert cli.main(["tradeoff", PANELS, "--tolerances", "0.01,0.001", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert "what --tolerance chooses" in shown
+    assert "buys nothing for DoLP" in shown
+    rows = list(csv.DictReader((tmp_path / "tradeoff.csv").read_text().splitlines()))
+    assert [row["setting"] for row in rows if row["knob"] == "whole chain"] == ["tolerance 0.01", "tolerance 0.001"]
+    assert all(float(row["true_error"]) <= 0.001 for row in rows)
+    assert (tmp_path / "tradeoff.png").read_bytes().startswith(b"\x89PNG")
+    assert len(json.loads((tmp_path / "tradeoff.json").read_text())["choices"]) == 2
+
+
+@pytest.mark.parametrize("tolerances", ["0.5", "1e-9", "fine"])
+def test_tolerances_that_cannot_be_are_refused(tolerances, capsys):
+    assert cli.main(["tradeoff", PANELS, "--tolerances", tolerances]) == 2
+    assert "--tolerances" in capsys.readouterr().err
+
+
+def test_options_of_a_session_need_acquisition(capsys):
+    assert cli.main(["tradeoff", PANELS, "--target-dolp-sigma", "0.002"]) == 2
+    assert "--acquisition" in capsys.readouterr().err
+
+
+def test_a_prediction_to_a_tolerance_says_its_error(capsys):
+    assert cli.main(["predict", PANELS, "--tolerance", "0.001", "--json"]) == 0
+    accuracy = json.loads(capsys.readouterr().out)["accuracy"]
+    assert accuracy["tolerance"] == 0.001
+    assert all(one["error"] <= 0.001 for one in accuracy["estimated_errors"])
+    assert accuracy["not_promised"] == {}
+
+
+def test_a_tolerance_outside_its_range_is_refused(capsys):
+    assert cli.main(["predict", PANELS, "--tolerance", "0.5"]) == 2
+    assert "allowed is 1e-06 to 0.1" in capsys.readouterr().err
