@@ -127,7 +127,8 @@ def predict_region(
         quantities |= _ratios(stokes)
     if law.exists:
         quantities["dolp_pixels"] = {"mean": law.mean, "std": law.std}
-        quantities["dolp_snr"] = {"mean": law.mean / law.std} | quantities.get("dolp_snr", {})
+        if law.std > 0.0:
+            quantities["dolp_snr"] = {"mean": law.mean / law.std} | quantities.get("dolp_snr", {})
     missing = () if law.exists else (f"mean and deviation of the pixels' DoLP do not exist: {law.reason}",)
     return RegionPrediction(
         channels=channels,
@@ -247,5 +248,4 @@ def _polarised_ratios(stokes: Moments) -> Quantities:
             "mean": float(np.rad2deg(aolp.mean[0])),
             "std": float(np.rad2deg(np.sqrt(aolp.cov[0, 0]))),
         },
-        "dolp_snr": {"first_order": float(first.mean) / first_std},
-    }
+    } | ({"dolp_snr": {"first_order": float(first.mean) / first_std}} if first_std > 0.0 else {})

@@ -9,6 +9,9 @@ from model.quadrature import gauss_legendre
 
 FloatArray = NDArray[np.float64]
 
+# What the degrees beyond take from the covariance, over the square of the next: they also stand in for lower ones.
+_BEYOND = 8.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FieldError:
@@ -47,14 +50,13 @@ def field_error(values: FloatArray) -> FieldError:
     basis = _legendre(per_side)
     coefficients = np.einsum("ai,bj,ijc->abc", basis, basis, values.reshape(per_side, per_side, 3))
     degree = np.maximum(*np.indices((per_side, per_side)))
-    sizes = np.array([np.sqrt(np.sum(coefficients[degree == k] ** 2)) for k in range(1, per_side)])
+    sizes = np.stack([np.sqrt(np.sum(coefficients[degree == k] ** 2, axis=0)) for k in range(1, per_side)])
     last = coefficients[degree == per_side - 1]
-    ratio = _ratio(sizes, float(np.sqrt(np.sum(coefficients[0, 0] ** 2))))
-    rest = ratio**2 / max(1.0 - ratio**2, 0.05)
+    ratio = np.array([_ratio(size, abs(mean)) for size, mean in zip(sizes.T, coefficients[0, 0], strict=True)])
+    rest = np.sqrt(_BEYOND * ratio**2 / np.maximum(1.0 - ratio**2, 0.05))
     return FieldError(
-        mean=np.sqrt(np.sum(last**2, axis=0)) * ratio ** (per_side + 1),
-        # The next degrees, and what they take from the last one but one by standing in for it.
-        cov=3.0 * rest * last.T @ last,
+        mean=sizes[-1] * ratio ** (per_side + 1),
+        cov=np.outer(rest, rest) * (last.T @ last),
     )
 
 

@@ -43,8 +43,9 @@ def polarizer_angle(scene: LitScene, region: RegionBracket) -> Disturbance:
 
     Notes
     -----
-    Covariances of what differs over the region keep exp(-4 s^2) of their polarised part. The variance is at most half of Q^2 (1 - exp(-8 s^2)) / 2 + Q^2 (1 - exp(-4 s^2))^2 / 2 times the square of half the
-    counts, Q^2 being the mean square of the polarised light, texture included.
+    Covariances of what differs over the region keep exp(-4 s^2) of their polarised part. The variance is at most
+    Q^2 (1 - exp(-8 s^2)) / 2 + Q^2 (1 - exp(-4 s^2))^2 / 2 times the square of half the counts, Q^2 being the mean
+    square of the polarised light, texture included.
     """
     std_rad, noise = scene.imperfections.polarizer_angle_std_rad, scene.sensor.noise
     if std_rad == 0.0:

@@ -5,6 +5,7 @@ import io
 import math
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from model.accuracy.knobs import KNOBS
@@ -112,7 +113,10 @@ def curve_png(curves: Curves) -> bytes:
     for axis, title in zip(axes, ("true error", "estimated error"), strict=True):
         if least is not None:
             axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label="floor of the inputs (DoLP)")
-        axis.set(xscale="log", yscale="log", xlabel="time [s]", ylabel="largest error of any number", title=title)
+        axis.set(xscale="log", xlabel="time [s]", ylabel="largest error of any number", title=title)
+        # A scene of stated radiances has no error that a logarithm could show.
+        if any(np.any(np.asarray(line.get_ydata(), dtype=np.float64) > 0.0) for line in axis.lines):
+            axis.set_yscale("log")
         axis.grid(visible=True, which="major", alpha=0.3)
     axes[0].legend(fontsize=8)
     return png(figure)

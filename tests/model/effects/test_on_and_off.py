@@ -28,7 +28,7 @@ class Case:
 
 
 CASES = [
-    Case(Effect.FIELD_OF_VIEW, panel_scene(half_field_rad=0.1), panel_scene(**THIN, half_field_rad=1e-6)),
+    Case(Effect.FIELD_OF_VIEW, panel_scene(half_field_rad=0.1), panel_scene(**THIN, half_field_rad=2e-8)),
     Case(Effect.TEXTURE, radiance_scene(texture_rms=0.02), radiance_scene(texture_rms=2e-5)),
     Case(Effect.SKYLIGHT, panel_scene(), panel_scene(**THINNER)),
     Case(Effect.PATH_RADIANCE, panel_scene(), panel_scene(**THIN)),

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
+from model.accuracy.chain import evaluate
 from model.effects.bound import Bound
 from model.effects.facts import FACTS
 from model.effects.names import ALL, Effect
 from model.effects.planner import plan
-from tests.model.effects.scenes import panel_scene, radiance_scene
+from tests.model.effects.scenes import COARSE, panel_scene, radiance_scene
 
 
 def test_sum_of_what_is_left_out_stays_within_the_tolerance():
@@ -94,3 +95,10 @@ def test_bounds_add_and_compare():
     assert one.worse(other) == Bound(radiance=0.3, ratios=0.2, detection=0.4)
     assert other.holds(Bound(radiance=0.3))
     assert not other.holds(Bound(ratios=1e-6))
+
+
+def test_scene_from_which_all_noise_is_left_out_is_still_predicted():
+    quiet = ALL - {Effect.SHOT_NOISE, Effect.READ_NOISE, Effect.DARK_CURRENT, Effect.QUANTISATION}
+    (found,) = evaluate(radiance_scene(), COARSE, effects=quiet).predictions.values()
+    assert found.quantities["dolp"]["mean"] > 0.0
+    assert "dolp_snr" not in found.quantities

@@ -14,7 +14,7 @@ def test_curves_choices_and_floor_are_written(tmp_path, capsys):
     assert cli.main(["tradeoff", PANELS, "--tolerances", "0.01,0.001", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "what --tolerance chooses" in shown
-    assert "buys nothing for DoLP" in shown
+    assert "stated without uncertainty: no floor" in shown
     rows = list(csv.DictReader((tmp_path / "tradeoff.csv").read_text().splitlines()))
     assert [row["setting"] for row in rows if row["knob"] == "whole chain"] == ["tolerance 0.01", "tolerance 0.001"]
     assert all(float(row["true_error"]) <= 0.001 for row in rows)
@@ -36,7 +36,8 @@ def test_options_of_a_session_need_acquisition(capsys):
 def test_a_prediction_to_a_tolerance_says_its_error(capsys):
     assert cli.main(["predict", PANELS, "--tolerance", "0.001", "--json"]) == 0
     accuracy = json.loads(capsys.readouterr().out)["accuracy"]
-    assert accuracy["tolerance"] == 0.001
+    # Effects that are left out have their share of it.
+    assert 0.0005 <= accuracy["tolerance"] <= 0.001
     assert all(one["error"] <= 0.001 for one in accuracy["estimated_errors"])
     assert accuracy["not_promised"] == {}
 
