@@ -32,7 +32,7 @@ _ANGLES_DEG = ((0.0, 45.0, 90.0, 135.0), (0.0, 60.0, 120.0), (0.0, 30.0, 60.0, 9
 
 def random_scene(generator: np.random.Generator) -> LitScene:
     """A scene of two regions, by radiance or by material, with whatever a session may add."""
-    return _with_materials(generator) if generator.random() < 0.15 else _with_radiances(generator)
+    return random_materials(generator) if generator.random() < 0.15 else _with_radiances(generator)
 
 
 def _with_radiances(generator: np.random.Generator) -> LitScene:
@@ -42,7 +42,8 @@ def _with_radiances(generator: np.random.Generator) -> LitScene:
     return LitScene(regions=regions, **_rest(generator))
 
 
-def _with_materials(generator: np.random.Generator) -> LitScene:
+def random_materials(generator: np.random.Generator) -> LitScene:
+    """One or two regions by material."""
     part = None if generator.random() < 0.5 else _part(generator)
     names = "ab" if generator.random() < 0.3 else "a"
     regions = tuple(

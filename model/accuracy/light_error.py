@@ -1,6 +1,7 @@
 """Estimated error of the light of each region, knob by knob."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from model.hemisphere import reflected_by_rules
 from model.illumination import Illumination
 from model.lit_scene import LitRegion, LitScene
 from model.panel_light import PanelLight
-from model.sampled_sky import sample_sky
+from model.sampled_sky import Sky, sample_sky
 from model.scene import ApertureLight
 from model.surface.tilt import Tilt
 
@@ -90,13 +91,14 @@ def light_errors(
     if illumination is None or scene.air is None:
         return found
     pairs = companions(scene.air, plan, result.settings, illumination.lighting, store)
+    grid = _Grid(illumination=illumination, settings=result.settings)
     for region in scene.regions:
         if region.surface is None or region.tilt is None:
             continue
         light = result.lights[region.name]
         for knob, pair in pairs.items():
             found[knob][region.name] = _between(pair, light, region.tilt, scene)
-        found[SKY_GRID][region.name] = _of_grid(light, region, scene, result, tolerance)
+        found[SKY_GRID][region.name] = _of_grid(light, region, scene, grid, tolerance)
         found[HEMISPHERE][region.name] = _of_hemisphere(light, illumination, scene)
         found[TILES][region.name] = _of_tiles(light, scene)
     return found
@@ -123,37 +125,45 @@ def _between(pair: Pair, light: FieldLight, tilt: Tilt, scene: LitScene) -> Ligh
     )
 
 
-def _of_grid(
-    light: FieldLight, region: LitRegion, scene: LitScene, result: ChainResult, tolerance: float
-) -> LightError:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Grid:
+    """The sky of one wavelength, itself and on the grid, for all regions."""
+
+    illumination: Illumination
+    settings: Settings
+
+    @cached_property
+    def both(self) -> tuple[Sky, Sky] | None:
+        """Sky and grid; None where nothing is computed."""
+        band = _first_band(self.illumination.lighting)
+        if band is None:
+            return None
+        exact = one_wavelength(band).sky
+        sampled = sample_sky(
+            exact,
+            sun_zenith_rad=self.illumination.sun_zenith_rad,
+            zeniths=self.settings.sky_zeniths,
+            azimuths=self.settings.sky_azimuths,
+        )
+        return exact, sampled
+
+
+def _of_grid(light: FieldLight, region: LitRegion, scene: LitScene, grid: _Grid, tolerance: float) -> LightError:
     """Difference of the sky's grid from the sky itself, as a region reflects both; of one wavelength."""
-    illumination = result.illumination
-    if illumination is None:
-        return _NOTHING
     sky, everything = abs(light.mean("reflected_sky")[0]), abs(light.mean()[0])
-    share = illumination.skylight.relative_error
-    band = _first_band(illumination.lighting)
-    if share * sky > _HARMLESS * tolerance * everything and band is not None:
-        share = _BETWEEN * _grid_difference(_looked_at(light)[-1], region, illumination, band, result.settings)
+    share = grid.illumination.skylight.relative_error
+    if share * sky > _HARMLESS * tolerance * everything and grid.both is not None:
+        share = _BETWEEN * _grid_difference(_looked_at(light)[-1], region, grid.illumination, grid.both)
     each = np.array([abs(one.reflected_sky[0]) for one in _looked_at(light)])
     return _counted(scene, {}, {"reflected_sky": share * each[:, np.newaxis] * np.ones(3)})
 
 
-def _grid_difference(
-    one: ApertureLight, region: LitRegion, illumination: Illumination, band: BandLighting, settings: Settings
-) -> float:
+def _grid_difference(one: ApertureLight, region: LitRegion, illumination: Illumination, both: tuple[Sky, Sky]) -> float:
     surface, tilt = region.surface, region.tilt
     if surface is None or tilt is None:
         return 0.0
     panel = PanelLight(surface=surface, tilt=tilt, view=one.view)
-    exact = one_wavelength(band).sky
-    sampled = sample_sky(
-        exact,
-        sun_zenith_rad=illumination.sun_zenith_rad,
-        zeniths=settings.sky_zeniths,
-        azimuths=settings.sky_azimuths,
-    )
-    seen = [reflected_by_rules(panel, replace(illumination.skylight, sky=sky), one.rules) for sky in (exact, sampled)]
+    seen = [reflected_by_rules(panel, replace(illumination.skylight, sky=sky), one.rules) for sky in both]
     return float(np.max(np.abs(seen[1] - seen[0])) / seen[0][0]) if seen[0][0] > 0.0 else 0.0
 
 
