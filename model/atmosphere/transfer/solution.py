@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from model.atmosphere.transfer.depth import slant, source_weights
 from model.atmosphere.transfer.first_order import single_scattering
 from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.spherical_functions import stokes_basis
+from model.atmosphere.transfer.spherical_functions import basis_functions
 
-_CHUNK = 512  # directions evaluated at once, to bound the memory
+_CHUNK = 512  # lines of sight evaluated at once, to bound the memory
 _ROUNDING = 1e-9  # by which sums of depths and cosines of a caller may overshoot
 
 
@@ -144,9 +144,12 @@ class Solution:
         total = single_scattering(
             self.layers, mu0=self.mu0, tau_above=tau, mu=mu, phi_rad=propagation_rad, upward=upward
         )
-        weights = self._path_weights(tau, mu, upward=upward)
+        # Lines of sight that differ in azimuth alone, as on a grid of the sky, share the modes.
+        lines, line_of = np.unique(tau + 1j * mu, return_inverse=True)
+        weights = self._path_weights(lines.real, lines.imag, upward=upward)
         for block in self.blocks:
-            total += _block_radiance(block, weights, mu if upward else -mu, propagation_rad)
+            modes = _mode_radiance(block, weights, lines.imag if upward else -lines.imag)
+            total += _azimuth_sum(block.modes, modes[:, line_of], propagation_rad)
         if upward:
             total[:, 0] += self.ground_radiance * np.exp(-slant(self.edges[-1] - tau, mu))
         return total
@@ -162,18 +165,21 @@ class Solution:
         return (weights[..., ::-1] if upward else weights).reshape(tau.size, 3 * depths.size)
 
 
-def _block_radiance(
-    block: ModeBlock, weights: NDArray[np.float64], direction: NDArray[np.float64], phi_rad: NDArray[np.float64]
+def _mode_radiance(
+    block: ModeBlock, weights: NDArray[np.float64], direction: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """I, Q, U of one block of modes, shape (R, 3): along the path in expansion space, then to the direction."""
+    """I, Q, U of each mode of a block, shape (M, R, 3): along the path in expansion space, then to the direction."""
     modes, elements, points, degrees, stokes_count = block.expansion.shape
     along_path = weights @ block.expansion.reshape(modes, elements * points, degrees * stokes_count)
     expansion = np.moveaxis(along_path.reshape(modes, direction.size, degrees, stokes_count), 1, -1)
-    basis = stokes_basis(degree_max=degrees - 1, order_max=max(block.modes), mu=direction)[min(block.modes) :]
+    functions = basis_functions(degree_max=degrees - 1, order_max=max(block.modes), mu=direction)
+    plain, even, odd = functions[:, min(block.modes) :]
     radiance = np.zeros((modes, direction.size, 3))
-    for component in range(stokes_count):
-        radiance += 0.5 * np.sum(basis[:, :, component] * expansion[:, :, component, :, np.newaxis], axis=1)
-    return _azimuth_sum(block.modes, radiance, phi_rad)
+    radiance[..., 0] = np.sum(plain * expansion[:, :, 0], axis=1)
+    if stokes_count > 1:
+        radiance[..., 1] = np.sum(even * expansion[:, :, 1] + odd * expansion[:, :, 2], axis=1)
+        radiance[..., 2] = np.sum(odd * expansion[:, :, 1] + even * expansion[:, :, 2], axis=1)
+    return 0.5 * radiance
 
 
 def _azimuth_sum(modes: range, radiance: NDArray[np.float64], phi_rad: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,13 +1,16 @@
 """Wigner functions, and the basis in which the scattering matrix of randomly oriented particles separates."""
 
 from collections.abc import Iterator
+from functools import lru_cache
 from math import comb, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+FloatArray = NDArray[np.float64]
 
-def wigner_d(*, degree_max: int, order_max: int, second: int, mu: NDArray[np.float64]) -> NDArray[np.float64]:
+
+def wigner_d(*, degree_max: int, order_max: int, second: int, mu: FloatArray) -> FloatArray:
     """Wigner's functions d^l_mn(arccos mu) for every degree l and first order m, at one second order n.
 
     Parameters
@@ -37,35 +40,41 @@ def wigner_d(*, degree_max: int, order_max: int, second: int, mu: NDArray[np.flo
         lowest = max(order, abs(second))
         if lowest <= degree_max:
             values[order, lowest] = _lowest_degree(order, second, mu)
-    for degree in range(abs(second), degree_max):
+    for degree, rise, shift, fall in _recurrence(degree_max, order_max, second):
         # Orders above this degree start later, from their own closed form.
-        orders = np.arange(min(order_max, degree) + 1)
-        values[orders, degree + 1] = _next_degree(values[orders], degree, orders, second, mu)
+        known = slice(0, rise.shape[0])
+        values[known, degree + 1] = (rise * mu - shift) * values[known, degree]
+        values[known, degree + 1] -= fall * values[known, max(degree, 1) - 1]
     return values
 
 
-def _lowest_degree(order: int, second: int, mu: NDArray[np.float64]) -> NDArray[np.float64]:
+def _lowest_degree(order: int, second: int, mu: FloatArray) -> FloatArray:
     """d^l_mn at l = max(m, |n|)."""
     difference, total = abs(order - second), abs(order + second)
     sign = 1.0 if second >= order else (-1.0) ** difference
-    shape: NDArray[np.float64] = ((1.0 - mu) / 2.0) ** (difference / 2) * ((1.0 + mu) / 2.0) ** (total / 2)
+    shape: FloatArray = ((1.0 - mu) / 2.0) ** (difference / 2) * ((1.0 + mu) / 2.0) ** (total / 2)
     return sign * sqrt(comb(difference + total, total)) * shape
 
 
-def _next_degree(
-    values: NDArray[np.float64], degree: int, orders: NDArray[np.int_], second: int, mu: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """d^(l+1)_mn from degrees l and l - 1; the last one does not enter at l = 0."""
-    upper = degree + 1
-    divisor = max(degree, 1)
-    product = (orders * second / divisor)[:, np.newaxis]
-    scale = np.sqrt((upper**2 - orders**2) * (upper**2 - second**2))[:, np.newaxis]
-    earlier = np.sqrt((degree**2 - orders**2) * (degree**2 - second**2))[:, np.newaxis] * (upper / divisor)
-    rise: NDArray[np.float64] = (2 * degree + 1) * (upper * mu - product) * values[:, degree]
-    return (rise - earlier * values[:, divisor - 1]) / scale
+@lru_cache(maxsize=64)
+def _recurrence(
+    degree_max: int, order_max: int, second: int
+) -> tuple[tuple[int, FloatArray, FloatArray, FloatArray], ...]:
+    """For each degree l its factors in d^(l+1) = (rise mu - shift) d^l - fall d^(l-1), by first order, shape (M, 1)."""
+    return tuple((degree, *_factors(degree, order_max, second)) for degree in range(abs(second), degree_max))
 
 
-def matrix_functions(*, degree_max: int, mu: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+def _factors(degree: int, order_max: int, second: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Factors of one degree; at l = 0 there is no degree before, and its factor is 0."""
+    orders = np.arange(min(order_max, degree) + 1)[:, np.newaxis]
+    upper, divisor = degree + 1, max(degree, 1)
+    scale = np.sqrt((upper**2 - orders**2) * (upper**2 - second**2))
+    earlier = np.sqrt((degree**2 - orders**2) * (degree**2 - second**2)) * (upper / divisor)
+    twice = 2 * degree + 1
+    return twice * upper / scale, twice * (orders * second / divisor) / scale, earlier / scale
+
+
+def matrix_functions(*, degree_max: int, mu: FloatArray) -> Iterator[FloatArray]:
     """Functions in which a scattering matrix is expanded, degree by degree from 0.
 
     Parameters
@@ -101,7 +110,7 @@ def matrix_functions(*, degree_max: int, mu: NDArray[np.float64]) -> Iterator[ND
         yield current
 
 
-def stokes_basis(*, degree_max: int, order_max: int, mu: NDArray[np.float64]) -> NDArray[np.float64]:
+def stokes_basis(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
     """Basis matrices that carry the radiance (I, Q, U) of one azimuth mode to expansion space and back.
 
     Parameters
@@ -126,9 +135,38 @@ def stokes_basis(*, degree_max: int, order_max: int, mu: NDArray[np.float64]) ->
     ----------
     Siewert, Astron. Astrophys. 109 (1982) 195; de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237.
     """
+    plain, even, odd = basis_functions(degree_max=degree_max, order_max=order_max, mu=mu)
     basis = np.zeros((order_max + 1, degree_max + 1, 3, mu.size, 3))
-    plain, plus, minus = (wigner_d(degree_max=degree_max, order_max=order_max, second=n, mu=mu) for n in (0, 2, -2))
     basis[:, :, 0, :, 0] = plain
-    basis[:, :, 1, :, 1] = basis[:, :, 2, :, 2] = (plus + minus) / 2.0
-    basis[:, :, 1, :, 2] = basis[:, :, 2, :, 1] = (minus - plus) / 2.0
+    basis[:, :, 1, :, 1] = basis[:, :, 2, :, 2] = even
+    basis[:, :, 1, :, 2] = basis[:, :, 2, :, 1] = odd
     return basis
+
+
+def basis_functions(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
+    """Entries of the matrices of `stokes_basis` that are not zero: I to I, Q to Q as U to U, Q to U as U to Q.
+
+    Parameters
+    ----------
+    degree_max, order_max, mu
+        As in `stokes_basis`.
+
+    Returns
+    -------
+    ndarray, shape (3, order_max + 1, degree_max + 1, N)
+        Not to be written to: the last few are kept, for all wavelengths of a band ask for the same.
+
+    References
+    ----------
+    Siewert, Astron. Astrophys. 109 (1982) 195.
+    """
+    return _kept_functions(degree_max, order_max, np.ascontiguousarray(mu, dtype=np.float64).tobytes())
+
+
+@lru_cache(maxsize=6)
+def _kept_functions(degree_max: int, order_max: int, mu_bytes: bytes) -> FloatArray:
+    mu = np.frombuffer(mu_bytes)
+    plain, plus, minus = (wigner_d(degree_max=degree_max, order_max=order_max, second=n, mu=mu) for n in (0, 2, -2))
+    functions = np.stack([plain, 0.5 * (plus + minus), 0.5 * (minus - plus)])
+    functions.flags.writeable = False
+    return functions
