@@ -153,6 +153,9 @@ class Aureole:
         return np.asarray(smooth * np.exp(self.correction(np.minimum(root, self.correction.x[-1]))))
 
 
+_NO_AUREOLE = Aureole(sun_zenith_rad=0.0, asymmetries=np.zeros(1), weights=np.ones(1))
+
+
 def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
     """Return a sky sampled over the hemisphere, with an estimate of what the samples miss.
 
@@ -180,17 +183,44 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     ----------
     Definition.
     """
-    for name, steps in (("zeniths", zeniths), ("azimuths", azimuths)):
-        if steps < 4:
-            raise ValueError(f"sample_sky: {name} = {steps}, allowed is 4 or more")
-    nodes_rad = 0.25 * np.pi * (1.0 - np.cos(np.pi * np.arange(zeniths + 1) / zeniths))
-    phi_rad = np.pi * np.arange(azimuths + 1) / azimuths
+    nodes_rad, phi_rad = _grid(zeniths, azimuths)
     aureole = _aureole(sky, sun_zenith_rad)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
     samples[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
     sampled = SampledSky(nodes_rad=nodes_rad, series=_fourier_series(samples), aureole=aureole, relative_error=0.0)
     error = _largest_difference(sky, sampled, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
     return replace(sampled, relative_error=error)
+
+
+def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
+    """Return a sky without an aureole sampled over the hemisphere, such as the difference of two skies.
+
+    Parameters
+    ----------
+    sky, zeniths, azimuths
+        As in `sample_sky`. What the samples miss is not estimated.
+
+    Raises
+    ------
+    ValueError
+        Too few steps.
+
+    References
+    ----------
+    Definition.
+    """
+    nodes_rad, phi_rad = _grid(zeniths, azimuths)
+    series = _fourier_series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
+    return SampledSky(nodes_rad=nodes_rad, series=series, aureole=_NO_AUREOLE, relative_error=0.0)
+
+
+def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
+    """Zenith angles, Chebyshev points, and azimuths."""
+    for name, steps in (("zeniths", zeniths), ("azimuths", azimuths)):
+        if steps < 4:
+            raise ValueError(f"sample_sky: {name} = {steps}, allowed is 4 or more")
+    nodes_rad = 0.25 * np.pi * (1.0 - np.cos(np.pi * np.arange(zeniths + 1) / zeniths))
+    return nodes_rad, np.pi * np.arange(azimuths + 1) / azimuths
 
 
 def _aureole(sky: Sky, sun_zenith_rad: float) -> Aureole:
@@ -206,7 +236,7 @@ def _aureole(sky: Sky, sun_zenith_rad: float) -> Aureole:
         zenith = sun_zenith_rad - from_sun
         radiance = sky(zenith_rad=np.abs(zenith), phi_rad=np.where(zenith < 0.0, np.pi, 0.0))[:, 0]
     if not np.all(radiance > 0.0):
-        return Aureole(sun_zenith_rad=sun_zenith_rad, asymmetries=np.zeros(1), weights=np.ones(1))
+        return _NO_AUREOLE
     columns = _henyey_greenstein(_ASYMMETRIES, np.cos(from_sun)) / radiance[:, np.newaxis]
     scale = np.max(columns, axis=0)
     weights = nnls(columns / scale, np.ones(_AUREOLE_SAMPLES), maxiter=_FIT_STEPS)[0] / scale

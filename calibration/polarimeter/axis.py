@@ -38,11 +38,22 @@ class AxisCandidate:
 
 @dataclass(frozen=True, kw_only=True)
 class AxisFit:
-    """Both senses, the better one first; `is_decided` says whether the other is ruled out."""
+    """Both senses of rotation.
+
+    Attributes
+    ----------
+    best, other : AxisCandidate
+        The better one first.
+    is_decided : bool
+        The other is ruled out.
+    scatter_rad : float
+        How far the directions lie from the better one, root mean square beyond their own errors [rad].
+    """
 
     best: AxisCandidate
     other: AxisCandidate
     is_decided: bool
+    scatter_rad: float
 
 
 def fit_axis(
@@ -93,7 +104,14 @@ def fit_axis(
     ]
     best, other = sorted(fits, key=lambda fit: fit.chi2)
     scale = max(1.0, best.chi2 / max(1, len(axis_rad) - 1))
-    return AxisFit(best=best, other=other, is_decided=other.chi2 - best.chi2 > _DECIDED * scale)
+    left_rad = half_turn(axis_rad - best.sense * stage_rad - best.offset_rad)
+    beyond = float(np.mean(np.square(left_rad) - np.square(std_error_rad)))
+    return AxisFit(
+        best=best,
+        other=other,
+        is_decided=other.chi2 - best.chi2 > _DECIDED * scale,
+        scatter_rad=float(np.sqrt(max(beyond, 0.0))),
+    )
 
 
 def _candidate(

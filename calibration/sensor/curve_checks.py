@@ -11,8 +11,10 @@ from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_names import level_names
 from calibration.sensor.photon_transfer import BEND_LEVELS, PhotonTransfer
 
-# A curve that falls short of its own first slope by half is no photon noise of a linear sensor.
-_NO_LINE = 0.5
+# A curve that is off its own first slope by so much is no photon noise of a linear sensor.
+_NO_LINE = 0.3
+# Beyond saturation the mean grows by little; a curve whose variance falls while the mean goes on is a tone curve.
+_BEYOND_SATURATION = 1.5
 _BEND = 0.02
 _BEND_SIGMA = 3.0
 _SCATTER = 0.005
@@ -69,10 +71,11 @@ def _relative_bend_error(transfer: PhotonTransfer) -> float:
 
 
 def _not_photon_noise(transfer: PhotonTransfer) -> Flag | None:
-    if transfer.gain_dn_per_e > 0.0 and abs(_relative_bend(transfer)) < _NO_LINE:
+    is_line = transfer.gain_dn_per_e > 0.0 and abs(_relative_bend(transfer)) < _NO_LINE
+    if is_line and not _falls_early(transfer):
         return None
-    first, last = np.flatnonzero(transfer.used)[[0, -1]]
     signal, variance = transfer.points.signal_dn, transfer.points.variance_dn2
+    first, last = np.flatnonzero(transfer.used if not is_line else ~transfer.points.saturated)[[0, -1]]
     return Flag(
         name="not_photon_noise",
         message=f"the temporal variance goes from {variance[first]:.4g} to {variance[last]:.4g} DN^2 while the signal "
@@ -80,6 +83,12 @@ def _not_photon_noise(transfer: PhotonTransfer) -> Flag | None:
         f"switch gamma, tone mapping, noise reduction and compression off, and check kinds and exposures",
         refuses=True,
     )
+
+
+def _falls_early(transfer: PhotonTransfer) -> bool:
+    """Return whether the variance is largest at a signal far below others that are not saturated."""
+    peak, open_ = transfer.saturation, transfer.points.signal_dn[~transfer.points.saturated]
+    return peak is not None and float(open_.max()) > _BEYOND_SATURATION * transfer.points.signal_dn[peak.upper]
 
 
 def _too_few_levels(transfer: PhotonTransfer) -> Flag | None:

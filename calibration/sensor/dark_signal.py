@@ -1,7 +1,7 @@
 """Mean and variance of dark frames against exposure, and which dark belongs to which flat."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,8 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
     )
     variances = np.array([dark.temporal_variance_dn2 for dark in darks])
     limited = bool(np.median(variances) < QUANTISATION_LIMIT_DN2)
+    if limited:
+        mean_fit = _with_rounding(mean_fit, exposure_range_s=float(np.ptp(known)) if has_slope else 0.0)
     variance_fit = None if limited else _fit_variance(darks, design, variances)
     return DarkSignal(
         mean_fit=mean_fit,
@@ -93,6 +95,18 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
         ),
         quantisation_limited=limited,
     )
+
+
+def _with_rounding(fit: ScatterFit, *, exposure_range_s: float) -> ScatterFit:
+    """Return the line through means that noise does not dither, with what rounding may have done to all of them alike.
+
+    The mean at no exposure is off by a rounding error, the slope by two of them over the range of exposures.
+    """
+    extra = np.zeros_like(fit.covariance)
+    extra[0, 0] = QUANTISATION_VAR_DN2
+    if exposure_range_s > 0.0:
+        extra[1, 1] = 2.0 * QUANTISATION_VAR_DN2 / exposure_range_s**2
+    return replace(fit, covariance=fit.covariance + extra)
 
 
 def _mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:

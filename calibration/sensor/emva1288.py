@@ -68,7 +68,7 @@ class EmvaFigure:
 
 
 def emva1288_figures(
-    flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, bit_depth: int
+    flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int
 ) -> dict[str, EmvaFigure | None]:
     """Return the numbers of EMVA 1288 Release 4.0 Linear, each under a name of `EMVA_SYMBOLS`.
 
@@ -76,8 +76,8 @@ def emva1288_figures(
     ----------
     flats, darks : sequences of LevelStatistics
         At least one of each, of one camera at one gain.
-    bit_depth : int
-        Bits per sample.
+    ceiling_dn : int
+        Sample of a saturated pixel [DN].
 
     Notes
     -----
@@ -97,7 +97,7 @@ def emva1288_figures(
     ----------
     EMVA Standard 1288, Release 4.0 Linear.
     """
-    sweep = emva_sweep(flats, darks, full_scale_dn=2**bit_depth - 1)
+    sweep = emva_sweep(flats, darks, ceiling_dn=ceiling_dn)
     found: dict[str, EmvaFigure | None] = {**_temporal(sweep), **_linearity(sweep)}
     gain = found.get("gain_dn_per_e")
     if gain is not None:

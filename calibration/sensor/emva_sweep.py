@@ -38,7 +38,7 @@ class EmvaSweep:
     saturation : int or None
         The flat of largest variance; None where the variance does not fall.
     full_signal_dn : float
-        Signal that reaches full scale [DN].
+        Signal that reaches the ceiling [DN].
     n_frames : (n,) array of int
         Frames of each flat and of its dark.
     n_dark_frames : int
@@ -60,7 +60,7 @@ class EmvaSweep:
 
     @property
     def saturation_signal_dn(self) -> float:
-        """Signal at saturation, full scale where saturation is not reached [DN]."""
+        """Signal at saturation, that of the ceiling where saturation is not reached [DN]."""
         return self.full_signal_dn if self.saturation is None else float(self.signal_dn[self.saturation])
 
     @property
@@ -69,15 +69,15 @@ class EmvaSweep:
         return len(np.unique(self.exposure_s)) > 2
 
 
-def emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, full_scale_dn: int) -> EmvaSweep:
+def emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> EmvaSweep:
     """Return the sweep of a set of levels.
 
     Parameters
     ----------
     flats, darks : sequences of LevelStatistics
         At least one of each.
-    full_scale_dn : int
-        Largest possible sample [DN].
+    ceiling_dn : int
+        Sample of a saturated pixel [DN].
 
     Notes
     -----
@@ -103,7 +103,7 @@ def emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics
         dark_mean_dn=dark_mean,
         dark_variance_dn2=dark_variance,
         saturation=None if peak is None else peak.lower,
-        full_signal_dn=full_scale_dn - float(dark_mean.min()),
+        full_signal_dn=ceiling_dn - float(dark_mean.min()),
         n_frames=np.array([flat.n_frames for flat in flats]) + _dark_frames(weights, darks),
         n_dark_frames=sum(dark.n_frames for dark in darks),
     )

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 
 from calibration.flags import Flag
+from calibration.sensor.ceiling import SATURATED_FRACTION
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_names import describe_level, level_names
-from calibration.sensor.photon_transfer import SATURATED_FRACTION
 
 _STEP = 0.01
 _STEP_SIGMA = 5.0
@@ -127,9 +127,16 @@ def _non_monotonic(levels: Sequence[LevelStatistics]) -> Flag | None:
     )
 
 
+def _below_saturation(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
+    """Return the flats that are neither at the ceiling nor above the one of largest variance."""
+    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
+    peak = max(flats, key=lambda level: level.temporal_variance_dn2, default=None)
+    return [flat for flat in flats if peak is None or flat.mean_dn <= peak.mean_dn]
+
+
 def _not_proportional(levels: Sequence[LevelStatistics]) -> Flag | None:
     darks = [level.mean_dn for level in levels if level.kind == "dark"]
-    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
+    flats = _below_saturation(levels)
     exposures = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
     if not darks or np.isnan(exposures).any() or len(np.unique(exposures)) < max(_LEAST_EXPOSURES, len(flats) // 2):
         return None

@@ -61,9 +61,14 @@ class LinearityCurve:
 
     @property
     def variance_cubic_error_per_dn2(self) -> float:
-        """Standard error of `variance_cubic_per_dn2` [DN^-2]."""
+        """Standard error of `variance_cubic_per_dn2` [DN^-2].
+
+        A lamp that fades or brightens evenly makes a quadratic term b with a cubic one of 2 b^2, and no term of the
+        photon-transfer curve: 8 b^2 less than it seems. Whether b is the sensor's or the lamp's is not known.
+        """
         gradient = np.array([-4.0 * self.quadratic_per_dn, 5.0])
-        return float(np.sqrt(gradient @ self.covariance @ gradient))
+        of_the_lamp = 8.0 * self.quadratic_per_dn**2 / np.sqrt(3.0)
+        return float(np.hypot(np.sqrt(gradient @ self.covariance @ gradient), of_the_lamp))
 
 
 def fit_linearity(

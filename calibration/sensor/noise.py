@@ -8,6 +8,7 @@ import numpy as np
 from calibration.errors import CalibrationError, RefusedFramesError, refused
 from calibration.estimate import Estimate, JointCovariance
 from calibration.flags import Flag
+from calibration.sensor.ceiling import sample_ceiling_dn
 from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
@@ -116,9 +117,9 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     _refuse_if_any(flags)
     dark = fit_dark_signal(darks)
     match = match_darks(flats, darks)
-    full_scale_dn = 2**bit_depth - 1
-    points = transfer_points(flats, dark, match, full_scale_dn=full_scale_dn)
-    transfer = fit_photon_transfer(flats, points, full_signal_dn=full_scale_dn - float(dark.means_dn.min()))
+    ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
+    points = transfer_points(flats, dark, match, ceiling_dn=ceiling_dn)
+    transfer = fit_photon_transfer(flats, points, full_signal_dn=ceiling_dn - float(dark.means_dn.min()))
     flags += curve_flags(flats, transfer, dark, match)
     _refuse_if_any(flags)
     spatial = choose_spatial_levels(flats, darks, transfer=transfer, match=match)
@@ -148,7 +149,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         flats=tuple(flats),
         darks=tuple(darks),
         spatial=spatial,
-        emva1288=emva1288_figures(flats, darks, bit_depth=bit_depth),
+        emva1288=emva1288_figures(flats, darks, ceiling_dn=ceiling_dn),
     )
 
 

@@ -18,9 +18,12 @@ from calibration.sensor.propagation import (
     DARK_VARIANCE,
     FLAT_SPATIAL,
     GAIN,
+    N_MEASURED,
+    RESPONSE_SLOPE,
     SpatialLevels,
     measured_covariance,
 )
+from calibration.sensor.response_slope import response_slope
 
 FloatArray = NDArray[np.float64]
 
@@ -34,9 +37,9 @@ class Measured:
 
     Attributes
     ----------
-    values : (6,) array
+    values : (7,) array
         In the order of `calibration.sensor.propagation`.
-    covariance : (6, 6) array
+    covariance : (7, 7) array
         Of their errors.
     signal_dn : float
         Signal of the flat level that the fixed pattern is taken from [DN].
@@ -102,7 +105,7 @@ def measure(
     """Return what the levels gave in DN, with its covariance. What does not exist is 0, as is its covariance."""
     dark_spatial = np.array([level.spatial_variance_dn2 for level in darks])
     flat_weights = match.weights[spatial.flat]
-    values = np.zeros(6)
+    values, covariance = np.zeros(N_MEASURED), np.zeros((N_MEASURED, N_MEASURED))
     values[GAIN] = transfer.gain_dn_per_e
     values[DARK_VARIANCE] = 0.0 if dark.variance_fit is None else dark.variance_fit.parameters[0]
     # What is smooth across the picture is light and lens rather than the sensor.
@@ -111,11 +114,17 @@ def measure(
     values[DARK_SPATIAL] = dark_spatial[spatial.dark]
     values[BLACK_LEVEL] = dark.mean_fit.parameters[0]
     values[DARK_SLOPE] = dark.mean_fit.parameters[1] if dark.has_slope else 0.0
+    covariance[:RESPONSE_SLOPE, :RESPONSE_SLOPE] = measured_covariance(
+        flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial
+    )
+    signal_dn = float(transfer.points.signal_dn[spatial.flat])
+    slope = response_slope(transfer, signal_dn)
+    values[RESPONSE_SLOPE], covariance[RESPONSE_SLOPE, RESPONSE_SLOPE] = slope.value, slope.std_error**2
     matched = np.greater(match.weights[transfer.used].sum(axis=0), 0.0)
     return Measured(
         values=values,
-        covariance=measured_covariance(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial),
-        signal_dn=float(transfer.points.signal_dn[spatial.flat]),
+        covariance=covariance,
+        signal_dn=signal_dn,
         n_gain=_frames(flats, transfer.used) + _frames(darks, matched),
         n_dark=_frames(darks, np.ones(len(darks), dtype=bool)),
         n_flat_pattern=flats[spatial.flat].n_frames + _frames(darks, np.greater(flat_weights, 0.0)),
@@ -164,7 +173,7 @@ def noise_figures(measured: Measured, *, has_read_noise: bool, has_dark_current:
 
 
 def _gradient(derivatives: dict[int, float]) -> FloatArray:
-    gradient = np.zeros(6)
+    gradient = np.zeros(N_MEASURED)
     gradient[list(derivatives)] = list(derivatives.values())
     return gradient
 
@@ -207,12 +216,12 @@ def _black_level(measured: Measured) -> _Figure:
 
 
 def _prnu(measured: Measured) -> _Figure:
-    variance = measured.values[FLAT_SPATIAL]
-    value = float(np.sqrt(variance)) / measured.signal_dn
+    variance, slope = measured.values[FLAT_SPATIAL], measured.values[RESPONSE_SLOPE]
+    value = float(np.sqrt(variance) / slope) / measured.signal_dn
     return _Figure(
         name="prnu",
         value=value,
-        gradient=_gradient({FLAT_SPATIAL: 0.5 * value / variance}),
+        gradient=_gradient({FLAT_SPATIAL: 0.5 * value / variance, RESPONSE_SLOPE: -value / slope}),
         n=measured.n_flat_pattern,
     )
 

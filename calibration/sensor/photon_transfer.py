@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import refused
-from calibration.sensor.dark_signal import DarkMatch, DarkSignal
+from calibration.sensor.ceiling import is_saturated
+from calibration.sensor.dark_signal import QUANTISATION_VAR_DN2, DarkMatch, DarkSignal
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.linearity import LinearityCurve, fit_linearity
 from calibration.sensor.saturation import SaturationLevel, saturation_level
@@ -21,8 +22,6 @@ BEND_LEVELS = 5
 _CUBIC_LEVELS = 8
 # Upper end of the fit, as a share of saturation. The standard's is 0.7, for a fit without a bend.
 RANGE_OF_SATURATION = 0.8
-# A level with more of its samples at full scale is saturated.
-SATURATED_FRACTION = 1e-3
 _PASSES = 3
 _TERMS = 3
 
@@ -41,8 +40,10 @@ class TransferPoints:
         Temporal variance of the flat itself, and its sampling error [DN^2].
     dark_covariance_dn4 : (n, n) array
         Covariance of the errors that the points have from their darks [DN^4].
+    black_error_dn : float
+        Standard error that all signals share from the rounding of dark frames without noise [DN].
     saturated : (n,) array of bool
-        More than 0.1 % of the samples are at full scale.
+        More than 0.1 % of the samples are at the ceiling.
     """
 
     signal_dn: FloatArray
@@ -50,6 +51,7 @@ class TransferPoints:
     flat_variance_dn2: FloatArray
     flat_std_error_dn2: FloatArray
     dark_covariance_dn4: FloatArray
+    black_error_dn: float
     saturated: NDArray[np.bool_]
 
     @property
@@ -112,6 +114,11 @@ class PhotonTransfer:
         return abs(float(self.fit.response[0, -1])) * self.gain_dn_per_e * self.linearity.variance_cubic_error_per_dn2
 
     @property
+    def gain_error_of_black_dn_per_e(self) -> float:
+        """Part of the gain's standard error that all signals share from the rounding of dark frames."""
+        return abs(float(self.gain_response.sum())) * self.gain_dn_per_e * self.points.black_error_dn
+
+    @property
     def top_dn(self) -> float:
         """Signal of the brightest point of the fit [DN]."""
         return float(self.points.signal_dn[self.used].max())
@@ -123,7 +130,7 @@ class PhotonTransfer:
 
 
 def transfer_points(
-    flats: Sequence[LevelStatistics], dark: DarkSignal, match: DarkMatch, *, full_scale_dn: int
+    flats: Sequence[LevelStatistics], dark: DarkSignal, match: DarkMatch, *, ceiling_dn: int
 ) -> TransferPoints:
     """Return the points of the photon-transfer curve.
 
@@ -135,8 +142,8 @@ def transfer_points(
         The dark levels.
     match : DarkMatch
         Which darks belong to which flat.
-    full_scale_dn : int
-        Largest possible sample [DN].
+    ceiling_dn : int
+        Sample of a saturated pixel [DN].
     """
     total = np.array([flat.temporal_variance_dn2 for flat in flats])
     return TransferPoints(
@@ -145,9 +152,8 @@ def transfer_points(
         flat_variance_dn2=total,
         flat_std_error_dn2=np.array([flat.temporal_std_error_dn2 for flat in flats]),
         dark_covariance_dn4=match.weights @ dark.variance_covariance_dn4 @ match.weights.T,
-        saturated=np.array(
-            [f.samples.max_dn >= full_scale_dn and f.samples.max_fraction > SATURATED_FRACTION for f in flats]
-        ),
+        black_error_dn=float(np.sqrt(QUANTISATION_VAR_DN2)) if dark.quantisation_limited else 0.0,
+        saturated=np.array([is_saturated(flat, ceiling_dn=ceiling_dn) for flat in flats]),
     )
 
 
@@ -163,7 +169,7 @@ def fit_photon_transfer(
     points : TransferPoints
         The curve, by ascending signal.
     full_signal_dn : float
-        Signal that reaches full scale [DN]; it stands for saturation where the curve does not reach it.
+        Signal that reaches the ceiling [DN]; it stands for saturation where the curve does not reach it.
 
     Raises
     ------
@@ -172,7 +178,7 @@ def fit_photon_transfer(
 
     Notes
     -----
-    Used are levels up to 80 % of saturation with less than 0.1 % of their samples at full scale. No intercept:
+    Used are levels up to 80 % of saturation with less than 0.1 % of their samples at the ceiling. No intercept:
     the dark is taken off at the same exposure.
 
     Weights are the inverse sampling variances, as each level's own squares scatter. On real sensors points

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.dark_signal import DarkMatch, DarkSignal
+from calibration.sensor.dark_signal import QUANTISATION_VAR_DN2, DarkMatch, DarkSignal
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.pattern_parts import small_scale_freedom
 from calibration.sensor.photon_transfer import PhotonTransfer
@@ -15,6 +15,9 @@ FloatArray = NDArray[np.float64]
 
 # Rows of the covariance that `measured_covariance` returns.
 GAIN, DARK_VARIANCE, FLAT_SPATIAL, DARK_SPATIAL, BLACK_LEVEL, DARK_SLOPE = range(6)
+# One more that is measured, independent of these: the slope of the response where the fixed pattern is taken.
+RESPONSE_SLOPE = 6
+N_MEASURED = 7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +57,14 @@ def measured_covariance(
     covariance[:4, :4] = response @ statistics @ response.T
     scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
     covariance[GAIN, GAIN] += float(scattered @ scattered) * transfer.fit.scatter**2
-    covariance[GAIN, GAIN] += transfer.gain_error_of_linearity_dn_per_e**2
+    covariance[GAIN, GAIN] += transfer.gain_error_of_linearity_dn_per_e**2 + transfer.gain_error_of_black_dn_per_e**2
     # The fixed pattern with light is what is left within blocks, which have fewer degrees of freedom.
     covariance[FLAT_SPATIAL, FLAT_SPATIAL] /= small_scale_freedom(flats[spatial.flat].shape)
     size = len(dark.mean_fit.parameters)
     covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance
     level = darks[spatial.dark]
+    if dark.quantisation_limited:
+        covariance[DARK_SPATIAL, DARK_SPATIAL] += QUANTISATION_VAR_DN2**2
     covariance[BLACK_LEVEL, BLACK_LEVEL] += max(level.spatial_variance_dn2, 0.0) / level.n_pixels
     return covariance
 

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.flags import Flag
+from calibration.sensor.ceiling import SATURATED_FRACTION, is_saturated, sample_ceiling_dn
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_names import level_names
-from calibration.sensor.photon_transfer import SATURATED_FRACTION
 
 # The standard's own limit: more zeros than this in a dark frame and its lower half is cut off.
 _ZERO_FRACTION = 0.005
 _PILED_FRACTION = 0.5
-_MISSING_CODES = 0.05
+_MISSING_CODES, _STRETCHED = 0.05, 0.5
 
 
 def sample_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[Flag, ...]:
@@ -27,14 +27,16 @@ def sample_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[
     bit_depth : int
         Bits per sample that are stated.
     """
+    ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
     found = (
         _left_justified(levels),
         _wrong_bit_depth(levels, bit_depth),
+        _low_ceiling(levels, ceiling_dn, bit_depth),
         _clipped_black(levels),
         _repeated_frames(levels),
-        _saturated_levels(levels, bit_depth),
-        _saturated_dark(levels, bit_depth),
-        _no_noise(levels, bit_depth),
+        _saturated_levels(levels, ceiling_dn),
+        _saturated_dark(levels, ceiling_dn),
+        _no_noise(levels, ceiling_dn),
         _missing_codes(levels),
     )
     return tuple(flag for flag in found if flag is not None)
@@ -103,9 +105,14 @@ def _clipped_black(levels: Sequence[LevelStatistics]) -> Flag | None:
     )
 
 
+def _rounding_hides_noise(level: LevelStatistics) -> bool:
+    """Return whether pixels differ so little, in space and time, that rounding may make all frames the same."""
+    return level.spatial_variance_dn2 + level.temporal_variance_dn2 < QUANTISATION_LIMIT_DN2
+
+
 def _repeated_frames(levels: Sequence[LevelStatistics]) -> Flag | None:
-    # Where most samples are at one ceiling, two frames may well be the same.
-    varied = [level for level in levels if level.samples.max_fraction < _PILED_FRACTION]
+    # Where most samples are at one ceiling, or rounding hides all noise, two frames may well be the same.
+    varied = [v for v in levels if v.samples.max_fraction < _PILED_FRACTION and not _rounding_hides_noise(v)]
     counts = Counter(digest for level in varied for digest in level.samples.digests)
     repeated = {digest for digest, count in counts.items() if count > 1}
     if not repeated:
@@ -120,43 +127,53 @@ def _repeated_frames(levels: Sequence[LevelStatistics]) -> Flag | None:
     )
 
 
-def _is_saturated(level: LevelStatistics, bit_depth: int) -> bool:
-    return level.samples.max_dn >= 2**bit_depth - 1 and level.samples.max_fraction > SATURATED_FRACTION
+def _low_ceiling(levels: Sequence[LevelStatistics], ceiling_dn: int, bit_depth: int) -> Flag | None:
+    full_scale = 2**bit_depth - 1
+    if not full_scale // 4 < ceiling_dn < full_scale or _unused_low_bits(levels):
+        return None
+    return Flag(
+        name="low_ceiling",
+        message=f"samples pile up at {ceiling_dn} DN, below the {full_scale} DN that {bit_depth} bits allow: that is "
+        f"where this camera saturates (it takes its black level off, or its firmware stops there), and it is taken so "
+        f"here; pixels of scenes count as saturated at full scale only: keep them below {ceiling_dn} DN, "
+        f"or say `rigctl import --saturation-dn {ceiling_dn}`",
+    )
 
 
-def _saturated_levels(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
-    saturated = [level for level in levels if level.kind == "flat" and _is_saturated(level, bit_depth)]
+def _saturated_levels(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None:
+    saturated = [level for level in levels if level.kind == "flat" and is_saturated(level, ceiling_dn=ceiling_dn)]
     if not saturated:
         return None
     return Flag(
         name="saturated_levels",
-        message=f"more than {SATURATED_FRACTION:.1%} of the samples are at full scale ({2**bit_depth - 1} DN) in "
+        message=f"more than {SATURATED_FRACTION:.1%} of the samples are at the ceiling ({ceiling_dn} DN) in "
         f"{level_names(saturated)}; left out of the gain, they show where saturation is",
     )
 
 
-def _saturated_dark(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
-    saturated = [level for level in levels if level.kind == "dark" and _is_saturated(level, bit_depth)]
+def _saturated_dark(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None:
+    saturated = [level for level in levels if level.kind == "dark" and is_saturated(level, ceiling_dn=ceiling_dn)]
     if not saturated:
         return None
     return Flag(
         name="saturated_dark",
-        message=f"more than {SATURATED_FRACTION:.1%} of the samples of dark frames are at full scale "
-        f"({2**bit_depth - 1} DN) in {level_names(saturated)}: light got in, or dark current fills the pixels; "
+        message=f"more than {SATURATED_FRACTION:.1%} of the samples of dark frames are at the ceiling "
+        f"({ceiling_dn} DN) in {level_names(saturated)}: light got in, or dark current fills the pixels; "
         f"cover the lens, or take shorter dark exposures",
         refuses=True,
     )
 
 
-def _no_noise(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
-    darks = [level.temporal_variance_dn2 for level in levels if level.kind == "dark"]
-    rounding_hides_dark_noise = bool(darks) and float(np.median(darks)) < QUANTISATION_LIMIT_DN2
+def _no_noise(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None:
+    # Above the flat of most noise the sensor saturates, perhaps at another value each exposure (black taken off).
+    noisy = [level for level in levels if level.kind == "flat" and level.temporal_variance_dn2 > 0.0]
+    peak_dn = max(noisy, key=lambda level: level.temporal_variance_dn2).mean_dn if noisy else np.inf
     silent = [
         level
         for level in levels
         if level.temporal_variance_dn2 == 0.0
-        and not (level.kind == "flat" and _is_saturated(level, bit_depth))
-        and not (level.kind == "dark" and rounding_hides_dark_noise)
+        and not (level.kind == "flat" and (is_saturated(level, ceiling_dn=ceiling_dn) or level.mean_dn > peak_dn))
+        and not (level.kind == "dark" and _rounding_hides_noise(level))
     ]
     if not silent:
         return None
@@ -178,5 +195,7 @@ def _missing_codes(levels: Sequence[LevelStatistics]) -> Flag | None:
         name="missing_codes",
         message=f"{share:.0%} of the values amid the others never occur: samples were multiplied, or passed through a "
         f"table, after the converter (digital gain, gamma, a change of bits), so that rounding makes more noise than "
-        f"1/12 DN^2: switch digital gain, gamma and tone mapping off",
+        f"1/12 DN^2, and a gain in these counts is not the converter's: switch digital gain, gamma and tone mapping "
+        f"off, and save samples with the bits that the converter has (not stretched to 16)",
+        refuses=share > _STRETCHED,
     )

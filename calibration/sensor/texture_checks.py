@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.flags import Flag
+from calibration.sensor.ceiling import SATURATED_FRACTION
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_names import level_names
-from calibration.sensor.photon_transfer import SATURATED_FRACTION
 
 FloatArray = NDArray[np.float64]
 

@@ -4,20 +4,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.accuracy.knobs import KNOBS, LAYERS, STREAMS, WAVELENGTHS, Plan, at_level
+from model.accuracy.knobs import KNOBS, LAYERS, STREAMS, Plan, at_level
 from model.accuracy.light_store import LightStore
 from model.accuracy.settings import Settings
-from model.accuracy.spectral_error import left_out
-from model.atmosphere.lighting.analytic_sky import AnalyticLighting
 from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.mixed_lighting import MixedLighting
 from model.lit_scene import Air
+from model.sampled_sky import Sky
 
 # Streams do not care for layers nor layers for streams: each is compared with few of the other.
 _CHEAPEST = 0
-# What lies beyond the next level, in its difference from this one.
-_BEYOND = {STREAMS: 1.3, LAYERS: 1.4, WAVELENGTHS: 1.5}
+# What lies beyond the next level, in its difference from this one,
+# and by how much the mean over the band is above its middle.
+_BEYOND = {STREAMS: 1.6, LAYERS: 1.8}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +51,7 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
 
     Notes
     -----
-    A table has no such knob, and light scattered once only that of wavelengths.
+    Light scattered once, and a table, have no such knobs.
 
     References
     ----------
@@ -59,34 +59,48 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
     """
     if isinstance(lighting, MixedLighting) and air.alternative is not None:
         return _mixed(air, air.alternative, plan, settings, lighting, store)
-    band = lighting.path_and_beam if isinstance(lighting, AnalyticLighting) else lighting
-    if not isinstance(band, BandLighting) or air.state is None:
+    if not isinstance(lighting, BandLighting) or not air.is_solved:
         return {}
-    found = {}
-    if len(band.columns) > 1:
-        fewer = left_out(band, band=air.band, state=air.state)
-        other = _as_analytic(lighting, fewer.lighting) if isinstance(lighting, AnalyticLighting) else fewer.lighting
-        found[WAVELENGTHS] = Pair(one=lighting, other=other, factor=_BEYOND[WAVELENGTHS] * fewer.ratio)
-    if air.is_solved:
-        found |= {knob: _next_level(air, plan, settings, band, knob, store) for knob in (STREAMS, LAYERS)}
-    return found
+    return {knob: _next_level(air, plan, settings, lighting, knob, store) for knob in (STREAMS, LAYERS)}
 
 
-def one_wavelength(band: BandLighting) -> BandLighting:
-    """Return the shortest wavelength of a band, with the light of all of it.
+def coarse_sky(air: Air, settings: Settings, lighting: Lighting, store: LightStore) -> Sky:
+    """Return the sky of one wavelength, solved with the least of all.
 
     Parameters
     ----------
-    band
-        With solutions.
+    air, settings, lighting, store
+        As `companions` takes them.
+
+    Notes
+    -----
+    It is as smooth as that of the band: the aureole, the steepest of all, is light scattered once, which is exact.
+
+    References
+    ----------
+    Definition.
     """
+    one = lighting.first if isinstance(lighting, MixedLighting) else lighting
+    if not isinstance(one, BandLighting):
+        return one.sky
+    if not air.is_solved:
+        return _middle(one).sky
+    coarse = at_level(at_level(settings, LAYERS, _CHEAPEST), STREAMS, _CHEAPEST)
+    return _solved(air, coarse, one, store).sky
+
+
+def _middle(band: BandLighting) -> BandLighting:
+    """Light of the middle of a band's wavelengths, standing for all of them."""
+    at = slice((len(band.columns) - 1) // 2, (len(band.columns) - 1) // 2 + 1)
     total = np.array([np.sum(band.irradiance)])
-    return replace(band, columns=band.columns[:1], solutions=band.solutions[:1], irradiance=total)
+    return replace(band, columns=band.columns[at], solutions=band.solutions[at], irradiance=total)
 
 
 def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, knob: str, store: LightStore) -> Pair:
     """Return one wavelength at this level and at the next, or at the one before where there is none."""
-    coarse = at_level(settings, LAYERS if knob == STREAMS else STREAMS, _CHEAPEST)
+    other = LAYERS if knob == STREAMS else STREAMS
+    # With few layers the streams of the plan are solved already, and need not be made fewer.
+    coarse = settings if plan[LAYERS] == _CHEAPEST else at_level(settings, other, _CHEAPEST)
     finest = len(KNOBS[knob].levels) - 1
     neighbour = plan[knob] + 1 if plan[knob] < finest else plan[knob] - 1
     here, there = (_solved(air, at_level(coarse, knob, level), band, store) for level in (plan[knob], neighbour))
@@ -94,7 +108,9 @@ def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, kn
 
 
 def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore) -> BandLighting:
-    column, chosen = band.columns[0], settings.solver
+    """Light of the middle wavelength with settings of its own."""
+    middle, chosen = _middle(band), settings.solver
+    (column,), (known,) = middle.columns, middle.solutions
     solution = store.solver(
         column.layers(
             fine=chosen.fine_layers,
@@ -102,19 +118,14 @@ def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore)
             matrix_tolerance=chosen.matrix_tolerance,
             cuts=chosen.layer_cuts,
         ),
-        mu0=band.solutions[0].mu0,
+        mu0=known.mu0,
         albedo=air.ground_albedo,
         aerosol=air.aerosol,
         nodes=chosen.nodes,
         element_depth=chosen.element_depth,
         tolerance=chosen.tolerance,
     )
-    return replace(one_wavelength(band), solutions=(solution,))
-
-
-def _as_analytic(lighting: AnalyticLighting, band: BandLighting) -> AnalyticLighting:
-    zenith = float(band.sky(zenith_rad=0.0, phi_rad=0.0)[0])
-    return replace(lighting, path_and_beam=band, zenith_radiance=zenith)
+    return replace(middle, solutions=(solution,))
 
 
 def _mixed(

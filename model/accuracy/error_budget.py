@@ -10,7 +10,7 @@ from model.accuracy.chain import ChainResult
 from model.accuracy.knobs import DOLP, ROC, TILES
 from model.accuracy.light_error import LightError
 from model.accuracy.quantities import Reading, readings
-from model.accuracy.sensitivity import Changes, Sensitivity, changes, sensitivity
+from model.accuracy.sensitivity import Changes, Sensitivity, changes, over_field, sensitivity
 from model.lit_scene import LitScene
 from model.scenario import RegionLight
 
@@ -75,14 +75,15 @@ def _add(errors: dict[Reading, float], more: Changes) -> None:
 
 
 def _moved(moves: Sensitivity, error: LightError) -> Changes:
-    """Size of what the signed error of the components makes, and sizes of what may have any sign."""
+    """Size of what errors make that come together, and sizes of what may have any sign."""
     found: dict[Reading, float] = defaultdict(float)
-    signed = zip(moves.by_stokes, error.stokes, strict=True)
-    for change, size in ((change, float(size)) for change, size in signed if size != 0.0):
-        _add(found, {key: each * size for key, each in change.items()})
-    sizes = {key: abs(each) for key, each in found.items()}
-    found = defaultdict(float, sizes)
-    for change, size in zip((*moves.by_stokes, moves.by_field), (*error.loose, error.field), strict=True):
+    for row in error.together:
+        together: dict[Reading, float] = defaultdict(float)
+        for change, size in zip(moves.by_stokes, row.tolist(), strict=True):
+            if size != 0.0:
+                _add(together, {key: each * size for key, each in change.items()})
+        _add(found, {key: abs(each) for key, each in together.items()})
+    for change, size in zip((*moves.by_stokes, moves.by_field), (*error.apart, error.field), strict=True):
         if size > 0.0:
             _add(found, {key: abs(each) * float(size) for key, each in change.items()})
     return found
@@ -92,7 +93,7 @@ def _widened(scene: LitScene, result: ChainResult, region: RegionLight, error: L
     """Return what a wrong covariance over the field changes."""
     if not np.any(error.cov):
         return {}
-    wider = changes(scene, result, replace(region, texture_cov=region.texture_cov + error.cov))
+    wider = changes(scene, result, replace(region, field_cov=over_field(region) + error.cov))
     return {key: abs(change) for key, change in wider.items()}
 
 

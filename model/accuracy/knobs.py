@@ -1,7 +1,7 @@
 """What can be turned in the chain: each knob with its levels, its law of convergence, and its likely cost.
 
-The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin.
-What a result states is estimated on its own scene (`model.accuracy.light_error`).
+The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin
+(`model.accuracy.outlook`). What a result states is estimated on its own scene (`model.accuracy.light_error`).
 """
 
 from collections.abc import Mapping
@@ -71,7 +71,8 @@ Plan = Mapping[str, int]
 _STREAMS = (4, 6, 8, 12, 16, 24, 32)
 # Fine profile or coarse, cuts of each of its layers, largest depth of an element.
 _LAYERS = ((False, 1, 0.1), (False, 2, 0.1), (True, 1, 0.05), (True, 2, 0.03), (True, 4, 0.02), (True, 8, 0.01))
-_WAVELENGTHS = (2, 3, 4, 5, 6, 8, 10, 13)
+# How many, and whether each stretch between the entries of the aerosol's tables has its part of them.
+_WAVELENGTHS = ((1, False), (2, False), (3, False), (3, True), (4, True), (6, True), (8, True), (12, True), (16, True))
 _GRIDS = ((12, 10), (16, 14), (24, 20), (36, 32), (48, 44))
 _TILES = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20)
 _TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -115,12 +116,12 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
             Knob(
                 name=WAVELENGTHS,
                 stage="sky",
-                law="geometric down to 2e-4; then slowly, for the tables of the aerosol have kinks",
-                estimate="a wavelength left out, times what the optical depth at all wavelengths says of the rest",
+                law="geometric; below 1e-4 only between the entries of the aerosol's tables",
+                estimate="the same rule for functions of the optical depth, known at all wavelengths",
                 levels=_levels(
-                    tuple(map(str, _WAVELENGTHS)),
-                    (6e-3, 1e-3, 2.5e-4, 2e-4, 1e-4, 7e-5, 5e-5, 4e-5),
-                    (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0),
+                    tuple(f"{n} between tables' entries" if split else str(n) for n, split in _WAVELENGTHS),
+                    (5e-2, 2e-3, 2e-4, 1e-4, 1e-5, 1e-6, 2e-7, 5e-8, 1e-8),
+                    (1.0, 2.0, 3.0, 5.0, 6.0, 8.0, 10.0, 14.0, 18.0),
                 ),
             ),
             Knob(
@@ -179,8 +180,10 @@ def settings_at(plan: Plan, tolerance: float) -> Settings:
     """
     fine, cuts, element_depth = _LAYERS[plan[LAYERS]]
     zeniths, azimuths = _GRIDS[plan[SKY_GRID]]
+    count, split_at_kinks = _WAVELENGTHS[plan[WAVELENGTHS]]
     return Settings(
-        wavelengths=_WAVELENGTHS[plan[WAVELENGTHS]],
+        wavelengths=count,
+        split_at_kinks=split_at_kinks,
         solver=SolverSettings(
             fine_layers=fine,
             nodes=_STREAMS[plan[STREAMS]],
@@ -200,18 +203,21 @@ def settings_at(plan: Plan, tolerance: float) -> Settings:
 
 
 def at_level(settings: Settings, knob: str, level: int) -> Settings:
-    """Return settings with one knob of the solver at another level.
+    """Return settings with one knob of the sky at another level.
 
     Parameters
     ----------
     settings
         To be changed.
     knob
-        STREAMS or LAYERS.
+        STREAMS, LAYERS or WAVELENGTHS.
     level
         Its new level.
     """
     if knob == STREAMS:
         return replace(settings, solver=replace(settings.solver, nodes=_STREAMS[level]))
+    if knob == WAVELENGTHS:
+        count, split_at_kinks = _WAVELENGTHS[level]
+        return replace(settings, wavelengths=count, split_at_kinks=split_at_kinks)
     fine, cuts, depth = _LAYERS[level]
     return replace(settings, solver=replace(settings.solver, fine_layers=fine, layer_cuts=cuts, element_depth=depth))

@@ -162,6 +162,7 @@ class LightStore:
             albedo=air.ground_albedo,
             aerosol=air.aerosol,
             wavelengths=settings.wavelengths,
+            split_at_kinks=settings.split_at_kinks,
             dolp_max=air.dolp_max,
             solver=self._solver if _scatters(effects) else unlit_solution,
             settings=settings.solver,
@@ -222,7 +223,13 @@ def _scatters(effects: frozenset[Effect]) -> bool:
 
 def _sky_key(air: Air, settings: Settings, effects: frozenset[Effect]) -> object:
     acting = effects & {Effect.SKYLIGHT, Effect.PATH_RADIANCE}
-    numbers = (settings.wavelengths, astuple(settings.solver), settings.sky_zeniths, settings.sky_azimuths)
+    numbers = (
+        settings.wavelengths,
+        settings.split_at_kinks,
+        astuple(settings.solver),
+        settings.sky_zeniths,
+        settings.sky_azimuths,
+    )
     return (air.key, numbers, acting)
 
 

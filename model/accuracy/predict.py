@@ -4,12 +4,13 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from model.accuracy.allotment import allot, expected_error
+from model.accuracy.allotment import allot
 from model.accuracy.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.error_budget import Budget, error_budget
 from model.accuracy.knobs import KNOBS, Plan, settings_at
 from model.accuracy.light_error import light_errors
 from model.accuracy.light_store import LightStore
+from model.accuracy.outlook import Outlook, outlook
 from model.accuracy.quantities import Reading
 from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.names import ALL, Effect
@@ -19,8 +20,9 @@ ESTIMATES = "error estimates"
 # Tolerances that the levels are made for.
 SMALLEST, LARGEST = 1e-6, 0.1
 # Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
-# times as much, then with errors as they were estimated for each number.
-_FIRST_AIM, _AIM = 0.15, 0.6
+# times as much, then with errors as they were estimated for each number. A first plan need not be finer than the last
+# number: it costs little beside a finer one, and tells it what counts.
+_FIRST_AIM, _AIM, _FIRST_LEAST = 0.4, 0.6, 2e-3
 _ROUNDS = 6
 _SPHERES = (
     "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "
@@ -101,7 +103,8 @@ def predict(
         raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
     lights = LightStore() if store is None else store
     taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
-    plan: dict[str, int] = allot(scene, dict.fromkeys(KNOBS, 1.0), _FIRST_AIM * tolerance)
+    ahead = outlook(scene)
+    plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), max(_FIRST_AIM * tolerance, _FIRST_LEAST))
     for rounds in range(1, _ROUNDS + 1):
         result = evaluate(scene, settings_at(plan, tolerance), effects=effects, store=lights, clock=clock)
         start = clock()
@@ -110,7 +113,7 @@ def predict(
         taken[ESTIMATES] += clock() - start
         for stage, seconds in result.stage_s.items():
             taken[stage] += seconds
-        finer = _finer(scene, plan, budget, tolerance)
+        finer = _finer(scene, ahead, plan, budget, tolerance)
         if finer == plan or rounds == _ROUNDS:
             break
         plan = finer
@@ -125,20 +128,20 @@ def predict(
     )
 
 
-def _finer(scene: LitScene, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:
+def _finer(scene: LitScene, ahead: Outlook, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:
     """Return a finer plan for the readings that can be brought within the tolerance; the same one if there are none."""
     allowed, finer = _AIM * tolerance, plan
     for key in (key for key, error in budget.total.items() if error > tolerance):
-        scales = _scales(plan, budget, key)
-        raised = allot(scene, scales, allowed, start=finer)
-        if expected_error(raised, scales) <= allowed:
+        scales = _scales(ahead, plan, budget, key)
+        raised = allot(scene, ahead, scales, allowed, start=finer)
+        if ahead.error(raised, scales) <= allowed:
             finer = raised
     return finer
 
 
-def _scales(plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:
+def _scales(ahead: Outlook, plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:
     """By what the likely errors of the knobs are to be multiplied for those that were estimated of a reading."""
-    return {name: budget.by_knob[name].get(key, 0.0) / knob.levels[plan[name]].error for name, knob in KNOBS.items()}
+    return {name: budget.by_knob[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
 
 
 def _not_promised(scene: LitScene, budget: Budget, tolerance: float) -> dict[Reading, str]:

@@ -112,6 +112,11 @@ def _moved(region: RegionLight, component: int, step: float) -> RegionLight:
 
 def _spread(region: RegionLight, size: float) -> RegionLight:
     """Light whose deviations over the field have grown by a size in every direction."""
-    values, vectors = np.linalg.eigh(region.texture_cov)
+    values, vectors = np.linalg.eigh(over_field(region))
     roots = np.sqrt(np.maximum(values, 0.0)) + size
-    return replace(region, texture_cov=np.asarray((vectors * roots**2) @ vectors.T))
+    return replace(region, field_cov=np.asarray((vectors * roots**2) @ vectors.T))
+
+
+def over_field(region: RegionLight) -> FloatArray:
+    """Return the covariance of a region's light over its part of the field, shape (3, 3)."""
+    return np.zeros((3, 3)) if region.field_cov is None else region.field_cov

@@ -14,8 +14,9 @@ class Settings:
 
     Attributes
     ----------
-    wavelengths
-        At which the atmosphere is solved, 1 to 20.
+    wavelengths, split_at_kinks
+        At how many the atmosphere is solved, 1 to 20, and whether each stretch between the entries of the aerosol's tables
+        has its own part of them, rounded up.
     solver
         Streams, layers, element depth and orders of scattering of a solution.
     sky_zeniths, sky_azimuths
@@ -35,6 +36,7 @@ class Settings:
 
     wavelengths: int
     solver: SolverSettings
+    split_at_kinks: bool = False
     sky_zeniths: int = 24
     sky_azimuths: int = 20
     hemisphere_tolerance: float = 1e-4

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.atmosphere.aerosol.choice import AerosolChoice, extinction_of, optics_of, spheres_of
+from model.atmosphere.aerosol.choice import AerosolChoice, extinction_of, kinks_of, optics_of, spheres_of
 from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
 from model.atmosphere.aerosol.models import AerosolOptics, AerosolType
 from model.atmosphere.aerosol.particle_modes import MieAerosol
@@ -229,6 +229,26 @@ def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
         lower_spheres=lower_spheres,
         upper_spheres=upper_spheres,
     )
+
+
+def kinks_m(state: AtmosphereState, *, aerosol: AerosolKind) -> tuple[float, ...]:
+    """Wavelengths at which the light has a kink, for the tables of the aerosol have one [m], increasing.
+
+    Parameters
+    ----------
+    state
+        The atmosphere.
+    aerosol
+        SPHERES have the tables of their indices; every kind has the optical depth and albedo of its choice.
+
+    References
+    ----------
+    definition
+    """
+    choices = {state.boundary_aerosol, state.upper_aerosol}
+    if aerosol is AerosolKind.SPHERES:
+        choices |= {spheres_of(choice, relative_humidity=state.relative_humidity) for choice in choices}
+    return tuple(sorted(set().union(*(kinks_of(one, relative_humidity=state.relative_humidity) for one in choices))))
 
 
 def optical_depth(state: AtmosphereState, *, wavelength_m: ArrayLike) -> NDArray[np.float64]:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 
 def distance_factor(*, day_of_year: float) -> float:
@@ -75,6 +74,12 @@ class SolarBand:
         first, last = max(used[0] - 1, 0), min(used[-1] + 1, self.response.size - 1)
         return float(self.wavelength_m[first]), float(self.wavelength_m[last])
 
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """Irradiance that each sample stands for by the trapezoidal rule, shape (N,) [W m-2]; they sum to the band's."""
+        reach = np.diff(self.wavelength_m)
+        return np.asarray(self.weighted * 0.5 * (np.append(reach, 0.0) + np.append(0.0, reach)))
+
     def integral(self, factor: NDArray[np.float64]) -> NDArray[np.float64]:
         """Irradiance in the band after a spectral factor (..., N) [W m-2], by the trapezoidal rule.
 
@@ -82,4 +87,4 @@ class SolarBand:
         ----------
         definition
         """
-        return np.asarray(trapezoid(self.weighted * factor, self.wavelength_m, axis=-1))
+        return np.asarray(np.sum(self.shares * factor, axis=-1))

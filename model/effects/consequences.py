@@ -20,6 +20,8 @@ _LARGEST_SHARE = 0.3
 # Largest density of the distance of a normal vector from a point, times the least of its deviations. It is the Gaussian
 # surface of a ball: 0.59 about the mean, less elsewhere; a slab, the extreme of convex bodies known, has 0.80.
 _SURFACE = 1.0
+# Means that are computed in two ways differ by rounding, a share of S0 of this size.
+_ROUNDING = 1e-14
 
 
 def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
@@ -60,7 +62,8 @@ def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
     spread += _of_gradient(bracket, found, shift=shift, low=low, dolp_low=dolp_low)
     if not spread < 0.5:
         return _EVERYTHING
-    snr = (shift / ((1.0 - tail) * dolp_low) if dolp_low > 0.0 else np.inf) if shift > 0.0 else 0.0
+    moved = shift + (_ROUNDING if dolp_low > 0.0 else 0.0)
+    snr = (moved / ((1.0 - tail) * dolp_low) if dolp_low > 0.0 else np.inf) if moved > 0.0 else 0.0
     return Bound(
         radiance=_of_counts(bracket, found, shift),
         ratios=shift / (1.0 - tail) + divergence * high,

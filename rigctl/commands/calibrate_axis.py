@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from calibration.polarimeter.axis import AxisFit
 from rigctl.calibrations.content_file import write_content
 from rigctl.config import Uncertain
 from rigctl.durable_file import write_durably
@@ -24,6 +23,9 @@ from rigctl.polarimeter.polarizer_file import (
 from rigctl.polarimeter.scan_frames import analyzer_scan, generator_scan
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.terminal import print_json, results
+
+# Scans know a direction to hundredths of a degree: what is farther off is a mistake, or light that changed.
+_DISAGREEING_RAD = float(np.radians(0.5))
 
 
 def axis(
@@ -69,6 +71,7 @@ def axis(
 
     Example: rigctl calibrate axis runs/ref0 runs/ref30 --reference-deg 0 --reference-deg 30 --out polarizer.json
     """
+    _require_finite(reference_deg or [], axis_std_deg=axis_std_deg, expect_std_deg=expect_std_deg)
     known = KnownLight(
         axis_error_rad=float(np.radians(axis_std_deg)),
         dolp=_dolp(dolp, dolp_std),
@@ -83,7 +86,7 @@ def axis(
     if as_json:
         print_json(content)
     if not found.axis.is_decided:
-        raise DataError(_undecided(found.axis))
+        raise DataError(_undecided(found))
     blocks = None if maps is None else _maps(folders[0], generator, known, side_pixels=block)
     write_content(out, content)
     if blocks is not None and maps is not None:
@@ -92,6 +95,15 @@ def axis(
         _write_report(report, found, content, blocks)
     if not as_json:
         _print(content)
+
+
+def _require_finite(references_deg: list[float], *, axis_std_deg: float, expect_std_deg: float) -> None:
+    if not np.isfinite(references_deg).all():
+        raise ConfigError(f"--reference-deg is {references_deg}; allowed are finite angles")
+    errors = {"--axis-std-deg": axis_std_deg, "--expect-std-deg": expect_std_deg}
+    for name, value in errors.items():
+        if not 0.0 <= value < np.inf:
+            raise ConfigError(f"{name} is {value}; allowed is 0 or more")
 
 
 def _dolp(value: float | None, std: float) -> Uncertain | None:
@@ -138,14 +150,28 @@ def _write(path: Path, data: bytes) -> None:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
 
 
-def _undecided(axis: AxisFit) -> str:
+def _undecided(found: PolarizerCalibration) -> str:
+    axis = found.axis
     (first, second) = (
         f"sense {one.sense:+d} with offset {np.degrees(one.offset_rad):.3f} deg" for one in (axis.best, axis.other)
     )
+    if axis.scatter_rad > _DISAGREEING_RAD:
+        return (
+            f"the directions contradict one another: {first} leaves {np.degrees(axis.scatter_rad):.2f} deg (rms) "
+            f"between them, far more than the noise of the scans, and the other sense fits no better: check each "
+            f"direction (counter-clockwise from horizontal as the camera sees the scene) and that it is of its own run"
+        )
+    if found.channels is not None:
+        return (
+            f"the sense of rotation is not found: {first} and {second} fit alike, since the stage stood at one axis "
+            f"only (angles that are 90 deg apart count as one): scan the generator at two stage angles or more, such "
+            f"as 0 and 45 deg"
+        )
     return (
         f"the sense of rotation is not found: {first} and {second} fit alike; a single reference cannot tell them "
-        f"apart without --expect-offset-deg, and one along or across the axis of the stage's zero (horizontal or "
-        f"vertical) not even with it: add a run with a reference some 30 deg away (a second RUN and --reference-deg)"
+        f"apart without --expect-offset-deg (nor with it, if both are within five of its --expect-std-deg), and one "
+        f"along or across the axis of the stage's zero (horizontal or vertical) not even with it: add a run with a "
+        f"reference some 30 deg away (a second RUN and --reference-deg)"
     )
 
 
@@ -153,6 +179,11 @@ def _print(content: dict[str, Any]) -> None:
     console = results()
     offset, extinction = content["offset_deg"], content["extinction_ratio"]
     console.print(f"sense {content['sense']:+d}, offset {offset['value']:.4f} +- {offset['std_error']:.4f} deg")
+    if content["scatter_deg"] > np.degrees(_DISAGREEING_RAD):
+        console.print(
+            f"the directions disagree by {content['scatter_deg']:.2f} deg (rms), which is in the error: check each, "
+            f"and that light and polarizers stayed as they were"
+        )
     if extinction is not None:
         upper = "no upper limit" if extinction["upper"] is None else f"{extinction['upper']:.4g}"
         ratio = "not measured" if extinction["ratio"] is None else f"{extinction['ratio']:.4g}"

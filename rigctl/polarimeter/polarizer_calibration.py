@@ -17,9 +17,13 @@ from calibration.polarimeter.axis import AxisFit, fit_axis
 from calibration.polarimeter.data_reduction import DataReduction, linear_states, measured_data_reduction
 from calibration.polarimeter.fourier_fit import FourierFit, Harmonic, fit_fourier, residual_harmonics
 from rigctl.config import Uncertain
+from rigctl.errors import DataError
 from rigctl.polarimeter.scan_frames import AnalyzerScan, GeneratorScan
 
 FloatArray = NDArray[np.float64]
+
+# What is not so many of its own errors above 0 is not there.
+_SEEN_SIGMAS = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,12 +70,26 @@ class ScanCurve:
 
     @classmethod
     def of(cls, label: str, angle_rad: FloatArray, signal_dn: FloatArray) -> "ScanCurve":
-        """Return the curve of a scan."""
+        """Return the curve of a scan.
+
+        Raises
+        ------
+        DataError
+            It has no light, or its light does not change with the angle.
+        """
+        fit = fit_fourier(angle_rad, signal_dn)
+        if float(fit.terms[0]) < _SEEN_SIGMAS * float(fit.mean_error()):
+            raise DataError(f"{label}: there is no light above the dark level: check dark frames and region")
+        if float(fit.modulation) < _SEEN_SIGMAS * float(fit.modulation_error()):
+            raise DataError(
+                f"{label}: the light changes with the angle by no more than noise ({float(fit.modulation):.2%} +- "
+                f"{float(fit.modulation_error()):.2%}): is the polarizer, and what polarizes the light, in its place?"
+            )
         return cls(
             label=label,
             angle_rad=angle_rad,
             signal_dn=signal_dn,
-            fit=fit_fourier(angle_rad, signal_dn),
+            fit=fit,
             harmonics=residual_harmonics(angle_rad, signal_dn),
         )
 

@@ -57,6 +57,7 @@ def polarizer_json(
         "axis": "polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene",
         "sense": best.sense if found.axis.is_decided else None,
         "offset_deg": _offset(best) if found.axis.is_decided else None,
+        "scatter_deg": float(np.degrees(found.axis.scatter_rad)),
         "candidates": [{"sense": one.sense, **_offset(one), "chi2": one.chi2} for one in (best, found.axis.other)],
         "diattenuation": _value(found.diattenuation, found.diattenuation_error),
         "extinction_ratio": None if found.extinction is None else asdict(found.extinction),

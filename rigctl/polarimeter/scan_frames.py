@@ -14,8 +14,10 @@ from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]
 
-# Frames whose stage angles agree to this many digits of a degree were taken at one angle.
-_DIGITS = 1
+# Frames whose stage angles are no further apart were taken at one angle [deg]; stages land within hundredths.
+_ONE_ANGLE_DEG = 0.2
+# So many pixels of a region may be saturated, as hot ones are; they are left out of all frames of a scan.
+_FEW_SATURATED = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,22 +91,37 @@ def generator_cells(run: Run, records: Sequence[FrameRecord], generator_deg: Gen
     DataError
         Some stage angle lacks a generator angle that others have, or a frame has no angle.
     """
-    cells: dict[tuple[float, float], list[int]] = defaultdict(list)
-    for index, record in enumerate(records):
-        cells[generator_deg(record), round(_stage_deg(run, record), _DIGITS) % 360.0].append(index)
-    generators, stages = (sorted({cell[axis] for cell in cells}) for axis in (0, 1))
+    groups, stages_deg = _one_angle(np.array([_stage_deg(run, record) for record in records]))
+    cells: dict[tuple[float, int], list[int]] = defaultdict(list)
+    for index, (record, group) in enumerate(zip(records, groups, strict=True)):
+        cells[generator_deg(record), group].append(index)
+    generators, stages = sorted({generator for generator, _ in cells}), range(len(stages_deg))
     missing = [(g, s) for g in generators for s in stages if (g, s) not in cells]
     if missing:
         raise DataError(
             f"{run.path}: {len(missing)} of {len(generators) * len(stages)} pairs of generator and stage angle have no "
-            f"frame, such as generator {missing[0][0]:g} deg at stage {missing[0][1]:g} deg"
+            f"frame, such as generator {missing[0][0]:g} deg at stage {stages_deg[missing[0][1]]:.2f} deg"
         )
-    angles = np.array([_stage_deg(run, record) for record in records])
     return GeneratorCells(
         generator_rad=np.radians(generators),
-        stage_rad=np.radians([np.mean(angles[cells[generators[0], s]]) for s in stages]),
+        stage_rad=np.radians(stages_deg),
         frames=tuple(tuple(tuple(cells[g, s]) for s in stages) for g in generators),
     )
+
+
+def _one_angle(angles_deg: FloatArray) -> tuple[list[int], FloatArray]:
+    """Return which of the stage's angles each frame was taken at, and these angles, ascending from 0 [deg].
+
+    A readback differs a little from frame to frame, also across 0: 359.998 and 0.003 deg are one angle.
+    """
+    # From just below 0, so that no angle near it is at the other end.
+    turned = (angles_deg + _ONE_ANGLE_DEG) % 360.0 - _ONE_ANGLE_DEG
+    order = np.argsort(turned, kind="stable")
+    numbers = np.cumsum(np.diff(turned[order], prepend=turned[order[0]]) > _ONE_ANGLE_DEG)
+    groups = np.empty(len(turned), dtype=np.int64)
+    groups[order] = numbers
+    means = np.array([turned[groups == group].mean() for group in range(int(numbers[-1]) + 1)])
+    return groups.tolist(), means
 
 
 def scene_frames(run: Run) -> list[FrameRecord]:
@@ -132,18 +149,24 @@ def _stage_deg(run: Run, record: FrameRecord) -> float:
 
 def _signals_dn(run: Run, records: Sequence[FrameRecord], region: Region | None) -> FloatArray:
     inside = _inside(records[0], region)
-    dark_dn = _dark_dn(run, records[0], inside)
-    means = []
+    inside &= ~_saturated(run, records, inside)
+    means = np.array([float(run.counts(record)[inside].mean()) for record in records])
+    return means - _dark_dn(run, records[0], inside)
+
+
+def _saturated(run: Run, records: Sequence[FrameRecord], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which pixels are saturated in any frame, where those of the region are as few as hot pixels are."""
+    saturated = np.zeros_like(inside)
+    most = max(1, int(_FEW_SATURATED * np.count_nonzero(inside)))
     for record in records:
-        counts = run.counts(record)[inside]
-        saturated = int(np.count_nonzero(counts >= record.saturation_dn))
-        if saturated:
+        saturated |= run.counts(record) >= record.saturation_dn
+        count = int(np.count_nonzero(saturated & inside))
+        if count > most:
             raise DataError(
-                f"{run.path}: frame {record.sequence} has {saturated} saturated pixels in the region: "
-                f"take a shorter exposure, or give another region"
+                f"{run.path}: frame {record.sequence} has {count} saturated pixels in the region (allowed are {most}, "
+                f"as hot pixels): take a shorter exposure, or give another region"
             )
-        means.append(float(counts.mean()))
-    return np.array(means) - dark_dn
+    return saturated
 
 
 def _inside(record: FrameRecord, region: Region | None) -> NDArray[np.bool_]:

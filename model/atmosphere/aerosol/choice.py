@@ -11,6 +11,7 @@ from model.atmosphere.aerosol.models import (
     AerosolType,
     aerosol_optics,
     relative_extinction,
+    table_wavelengths_m,
 )
 from model.atmosphere.aerosol.particle_modes import MieAerosol
 from model.atmosphere.aerosol.presets import preset_aerosol
@@ -103,6 +104,19 @@ def extinction_of(
     at_nodes = np.array([_logarithm(spheres, node) for node in nodes_m])
     basis = lagrange_basis(nodes_m=nodes_m, wavelength_m=wavelengths.ravel())
     return np.asarray(np.exp(at_nodes @ basis).reshape(wavelengths.shape))
+
+
+def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
+    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m].
+
+    References
+    ----------
+    definition
+    """
+    if choice in TABULATED:
+        return frozenset(table_wavelengths_m())
+    modes = spheres_of(choice, relative_humidity=relative_humidity).modes
+    return frozenset(wavelength for mode in modes for wavelength in mode.index.wavelength_m)
 
 
 def _logarithm(spheres: MieAerosol, wavelength_m: float) -> float:

@@ -125,6 +125,16 @@ def relative_extinction(*, kind: AerosolType, wavelength_m: ArrayLike, relative_
     return _read(_table(kind, relative_humidity)[0], wavelength_m)
 
 
+def table_wavelengths_m() -> tuple[float, ...]:
+    """Wavelengths of the tables, at which the properties of an aerosol over wavelength have a kink [m].
+
+    References
+    ----------
+    Definition.
+    """
+    return tuple(float(entry) * 1e-6 for entry in _WAVELENGTH_UM)
+
+
 def _read(row: NDArray[np.float64], wavelength_m: ArrayLike) -> NDArray[np.float64]:
     """Table row at wavelengths."""
     wavelength_um = np.asarray(wavelength_m, dtype=float) * 1e6

@@ -11,13 +11,13 @@ from model.atmosphere.lighting.diffuse_light import DiffuseLight
 from model.atmosphere.lighting.single import single_solution
 from model.atmosphere.lighting.tiers import TIERS, SolverSettings, Tier
 from model.atmosphere.ozone import ozone_optical_depth
-from model.atmosphere.profile import AtmosphereState, Column, column, optical_depth
+from model.atmosphere.profile import AtmosphereState, Column, column, kinks_m, optical_depth
 from model.atmosphere.solver import solve
+from model.atmosphere.spectral_rule import SpectralRule, spectral_rule
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
 from model.atmosphere.transfer.solution import Solution
-from model.atmosphere.wavelengths import chebyshev_wavelengths_m, lagrange_basis
 
 
 class Solver(Protocol):
@@ -65,6 +65,7 @@ def compute_lighting(
     albedo: float,
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
     wavelengths: int = 4,
+    split_at_kinks: bool = False,
     dolp_max: float = 0.2,
     solver: LightSolver = solve,
     settings: SolverSettings | None = None,
@@ -87,6 +88,9 @@ def compute_lighting(
         What the aerosol does to polarization.
     wavelengths
         How many to compute.
+    split_at_kinks
+        Whether each stretch between the entries of the aerosol's tables has its own part of them, rounded up: pays below
+        an error of 1e-4.
     dolp_max
         Largest degree of polarization of the sky; tier ANALYTIC alone uses it.
     solver
@@ -106,9 +110,14 @@ def compute_lighting(
     if tier is Tier.TABLE:
         raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
     kind = AerosolKind(aerosol)
-    shortest, longest = band.limits_m
-    nodes_m = chebyshev_wavelengths_m(shortest_m=shortest, longest_m=longest, count=wavelengths)
-    columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in nodes_m)
+    ozone = np.exp(-ozone_optical_depth(wavelength_m=band.wavelength_m, ozone_m=state.ozone_m) / mu0)
+    rule = spectral_rule(
+        wavelength_m=band.wavelength_m,
+        irradiance=band.shares * ozone,
+        count=wavelengths,
+        kinks_m=kinks_m(state, aerosol=kind) if split_at_kinks else (),
+    )
+    columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in rule.wavelength_m)
     own = TIERS[tier].settings
     solutions = tuple(
         single_solution(one.layers(fine=True, aerosol=kind), mu0=mu0, albedo=albedo)
@@ -116,7 +125,7 @@ def compute_lighting(
         else _solved(solver, one, settings or own, mu0=mu0, albedo=albedo, aerosol=kind)
         for one in columns
     )
-    lighting = _band_lighting(state, band, nodes_m, columns, solutions)
+    lighting = _band_lighting(state, band, ozone, rule, columns, solutions)
     if tier is not Tier.ANALYTIC:
         return lighting
     zenith = float(lighting.sky(zenith_rad=0.0, phi_rad=0.0)[0])
@@ -146,23 +155,22 @@ def _solved(
 def _band_lighting(
     state: AtmosphereState,
     band: SolarBand,
-    nodes_m: NDArray[np.float64],
+    ozone: NDArray[np.float64],
+    rule: SpectralRule,
     columns: tuple[Column, ...],
     solutions: tuple[DiffuseLight, ...],
 ) -> BandLighting:
-    """Wavelengths put together; ozone, whose spectrum is not smooth, and the beam at all samples of the spectrum."""
+    """Wavelengths put together; the beam, which costs nothing, at all samples of the spectrum."""
     mu0 = solutions[0].mu0
-    ozone = np.exp(-ozone_optical_depth(wavelength_m=band.wavelength_m, ozone_m=state.ozone_m) / mu0)
     used = band.weighted > 0.0
     depth = np.zeros(used.size)
     depth[used] = optical_depth(state, wavelength_m=band.wavelength_m[used])
     direct = float(band.integral(ozone * np.exp(-depth / mu0)))
-    irradiance = band.integral(ozone * lagrange_basis(nodes_m=nodes_m, wavelength_m=band.wavelength_m))
-    from_nodes = float(irradiance @ [np.exp(-one.depth / mu0) for one in columns])
+    from_nodes = float(rule.irradiance @ [np.exp(-one.depth / mu0) for one in columns])
     return BandLighting(
         columns=columns,
         solutions=solutions,
-        irradiance=irradiance,
+        irradiance=rule.irradiance,
         direct_irradiance=direct,
         wavelength_error=abs(from_nodes / direct - 1.0),
     )

@@ -34,7 +34,7 @@ def levels(sensor: SyntheticSensor, *, seed: int, photons: bool = True) -> list[
 
 def figures(given: list[LevelStatistics]) -> dict[str, EmvaFigure | None]:
     flats = [level for level in given if level.kind == "flat"]
-    return emva1288_figures(flats, [level for level in given if level.kind == "dark"], bit_depth=12)
+    return emva1288_figures(flats, [level for level in given if level.kind == "dark"], ceiling_dn=4095)
 
 
 @cache

@@ -78,6 +78,21 @@ def test_what_the_response_does_to_the_variance() -> None:
     np.testing.assert_allclose(x * slope**2, series, rtol=0.0015)
 
 
+def test_a_lamp_that_drifts_is_within_the_error_of_the_cubic_term() -> None:
+    # signal = t (1 - a t + 2 a^2 t^2 ...) of a linear sensor, whose photon-transfer curve has no cubic term.
+    drift = 1e-5
+    found = LinearityCurve(
+        dn_per_photon=None,
+        dn_per_photon_std_error=0.0,
+        light="exposure",
+        quadratic_per_dn=-drift,
+        cubic_per_dn2=2.0 * drift**2,
+        covariance=np.zeros((2, 2)),
+        relative_scatter=0.0,
+    )
+    assert abs(found.variance_cubic_per_dn2) < 1.8 * found.variance_cubic_error_per_dn2
+
+
 def test_photons_count_where_the_lamp_was_changed() -> None:
     found = fitted(1, photons_per_s=1e5, lamp=1.2)
     assert found is not None

@@ -248,3 +248,13 @@ def test_a_lamp_that_is_unsteady_between_levels_is_flagged() -> None:
     camera = SyntheticCamera(SyntheticSensor(shape=SHAPE), 22)
     signals_e = [light_e * (1.0 + 0.03 * draws.standard_normal()) for light_e in SIGNALS_E]
     assert "unsteady_lamp" in flags(camera.sweep(signals_e=signals_e, exposures_s=EXPOSURES_S))
+
+
+def test_samples_that_were_stretched_to_sixteen_bits_are_refused() -> None:
+    # The upper bits once more below, so that no bit is unused: 12 bits as 16, and a gain 16 times too large.
+    def stretched(frame: Frame) -> Frame:
+        return (np.left_shift(frame, np.uint16(4)) | np.right_shift(frame, np.uint16(8))).astype(np.uint16)
+
+    flag = flags(levels(stretched), bit_depth=16)["missing_codes"]
+    assert flag.refuses
+    assert "not stretched" in flag.message

@@ -295,3 +295,60 @@ def test_levels_of_different_size_are_refused() -> None:
 def test_bit_depths_that_no_sample_has_are_refused(bit_depth: int) -> None:
     with pytest.raises(CalibrationError, match="1 to 16"):
         calibrate_noise(levels(), bit_depth=bit_depth)
+
+
+def test_a_camera_that_saturates_below_full_scale_is_told_so() -> None:
+    # All pixels of the brightest flats stand at 3800 of 4095: they do not change, and are no computed pictures.
+    calibration = calibrate_noise(levels(lambda frames: [np.minimum(f, np.uint16(3800)) for f in frames]), bit_depth=12)
+    assert flag_names(calibration) == {"low_ceiling", "saturated_levels"}
+    message = next(flag.message for flag in calibration.flags if flag.name == "low_ceiling")
+    assert "3800" in message
+    # The gain is that of the same frames without it: only saturated levels differ.
+    unclipped = calibrate_noise(levels(), bit_depth=12)
+    assert abs(calibration.gain_dn_per_e.value - unclipped.gain_dn_per_e.value) < unclipped.gain_dn_per_e.std_error
+
+
+def test_a_black_level_taken_off_after_saturation_is_no_picture_without_noise() -> None:
+    # Each exposure has a ceiling of its own.
+    taken_off = [
+        level_statistics([f - np.uint16(index) for f in frames], kind=kind, exposure_s=time_s)
+        for index, (kind, time_s, frames) in enumerate(raw_frames())
+    ]
+    assert not any(flag.refuses for flag in calibrate_noise(taken_off, bit_depth=12).flags)
+
+
+def test_gamma_with_a_sweep_into_saturation_is_refused() -> None:
+    # The variance is largest at the darkest flats, which looks like an early saturation.
+    def toned(frames: Frames) -> Frames:
+        return [np.rint(255.0 * (f / 4095.0) ** (1.0 / 2.2)).astype(np.uint16) for f in frames]
+
+    assert refused(levels(toned), bit_depth=8)["not_photon_noise"].refuses
+
+
+def limited() -> NoiseCalibration:
+    """A sensor of 8 bits whose dark noise of 0.16 DN hardly crosses half a count: darks are alike, and 0.25 DN off."""
+    sensor = SyntheticSensor(gain_dn_per_e=1.0 / 64.0, bit_depth=8, black_level_dn=3.75, shape=(96, 96))
+    return calibrate_noise(SyntheticCamera(sensor, 19).sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S), bit_depth=8)
+
+
+def test_darks_that_rounding_makes_alike_are_no_copies() -> None:
+    assert "quantisation_limited" in flag_names(limited())
+
+
+def test_what_rounding_hides_in_the_dark_has_no_small_error() -> None:
+    calibration = limited()
+    assert calibration.dsnu_e is None
+    assert calibration.dark_current_e_per_s is not None
+    for found, truth in ((calibration.dark_current_e_per_s, 400.0), (calibration.black_level_dn, 3.75)):
+        # Rounding is off by 0.5 DN at most: 1.7 of its standard deviations.
+        assert abs(found.value - truth) < 2.0 * found.std_error
+    # Four standard errors: the signal of every flat is off by the same.
+    gain = calibration.gain_dn_per_e
+    assert abs(gain.value - 1.0 / 64.0) < 4.0 * gain.std_error
+
+
+def test_a_full_well_below_the_converters_range_is_no_change_of_light() -> None:
+    # Charge stops at 9000 e-, the sweep goes on to 12 000.
+    sensor = SyntheticSensor(response=lambda signal_dn: np.minimum(signal_dn, 2250.0), shape=(96, 96))
+    sweep = SyntheticCamera(sensor, 27).sweep(signals_e=SIGNALS_E, exposures_s=EXPOSURES_S)
+    assert "light_not_constant" not in flag_names(calibrate_noise(sweep, bit_depth=12))

@@ -54,7 +54,7 @@ CASES = [
         radiance_scene(noise={"gain_dn_per_e": 0.01}),
         radiance_scene(noise={"gain_dn_per_e": 0.25}),
     ),
-    Case(Effect.WAVELENGTHS, panel_scene(), panel_scene(**THIN, half_width_m=2e-10)),
+    Case(Effect.WAVELENGTHS, panel_scene(half_width_m=1.5e-7), panel_scene(**THIN, half_width_m=2e-10)),
     Case(
         Effect.POLARIZER_ANGLE,
         radiance_scene(polarizer_angle_std_rad=0.02),

@@ -1,0 +1,85 @@
+"""Lines of sight at which two lightings are set beside each other: their difference as the camera would see it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.atmosphere.lighting.lighting import Lighting
+from model.hemisphere import reflected_by_rules
+from model.lit_scene import LitRegion, LitScene
+from model.panel_light import PanelLight, Skylight
+from model.sampled_sky import Sky
+from model.scene import ApertureLight
+from model.stokes import rotate_frame
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinesOfSight:
+    """Lines of sight of a region given by its material.
+
+    Attributes
+    ----------
+    region
+        The region.
+    lights
+        What was found along them: of one tile, or of two corners of the field and its middle, the last.
+    sun_azimuth_rad
+        Clockwise from north [rad].
+    """
+
+    region: LitRegion
+    lights: tuple[ApertureLight, ...]
+    sun_azimuth_rad: float
+
+    def part(self, name: str) -> FloatArray:
+        """Return a part of the light that was found, shape (V, 3)."""
+        return np.stack([getattr(light, name) for light in self.lights])
+
+    def reflected(self, sky: Sky) -> FloatArray:
+        """Return what the region sends of a sky to the camera, by the rules that were used, shape (V, 3)."""
+        return np.stack([self._reflected(sky, light) for light in self.lights])
+
+    def path(self, lighting: Lighting) -> FloatArray:
+        """Return what the air adds, shape (V, 3)."""
+        found = lighting.path(height_m=self.lights[0].view.height_m, zenith_rad=self._zenith_rad, phi_rad=self._phi_rad)
+        turned = [rotate_frame(one, light.view.roll_rad) for one, light in zip(found, self.lights, strict=True)]
+        return np.stack(turned)
+
+    def transmittance(self, lighting: Lighting) -> FloatArray:
+        """Return the transmittance of the air, shape (V,)."""
+        return lighting.transmittance(height_m=self.lights[0].view.height_m, zenith_rad=self._zenith_rad)
+
+    @property
+    def _zenith_rad(self) -> FloatArray:
+        return np.array([light.view.zenith_rad for light in self.lights])
+
+    @property
+    def _phi_rad(self) -> FloatArray:
+        return self.sun_azimuth_rad - np.array([light.view.azimuth_rad for light in self.lights])
+
+    def _reflected(self, sky: Sky, light: ApertureLight) -> FloatArray:
+        if self.region.surface is None or self.region.tilt is None:
+            raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
+        panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, view=light.view)
+        stokes = reflected_by_rules(panel, Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad), light.rules)
+        return rotate_frame(light.transmittance * stokes, light.view.roll_rad)
+
+
+def lines_of_sight(scene: LitScene, region: LitRegion, lights: tuple[ApertureLight, ...]) -> LinesOfSight:
+    """Return where to look for a region.
+
+    Parameters
+    ----------
+    scene
+        For the sun's azimuth.
+    region
+        Given by its material.
+    lights
+        Of its tiles, row by row.
+    """
+    count = len(lights)
+    chosen = tuple(lights[k] for k in dict.fromkeys((0, count - 1, count // 2)))
+    return LinesOfSight(region=region, lights=chosen, sun_azimuth_rad=scene.sun_azimuth_rad)
