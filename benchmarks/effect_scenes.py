@@ -1,5 +1,7 @@
 """Random scenes over wide and hostile ranges, for trials of the bounds of effects."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from model.accuracy.settings import Settings
@@ -27,12 +29,51 @@ SETTINGS = Settings(
     negligible_spread=0.0,
     dolp_tolerance=1e-11,
 )
+# Under next to no air the sky rises at the horizon so steeply that a coarse grid misses more than it holds.
+HOSTILE_SETTINGS = replace(SETTINGS, sky_zeniths=24, sky_azimuths=20, hemisphere_tolerance=1e-2)
 _ANGLES_DEG = ((0.0, 45.0, 90.0, 135.0), (0.0, 60.0, 120.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0), (0.0, 20.0, 75.0))
 
 
 def random_scene(generator: np.random.Generator) -> LitScene:
     """A scene of two regions, by radiance or by material, with whatever a session may add."""
     return random_materials(generator) if generator.random() < 0.15 else _with_radiances(generator)
+
+
+def hostile_scene(generator: np.random.Generator) -> LitScene:
+    """A scene by material at the ends of what is allowed, most often under air so thin that bounds of its light bind.
+
+    Sun at the zenith or 5 deg above the horizon, camera straight above or low, black or white ground, a field of up to
+    50 deg. Such a scene may be impossible: a panel that turns its back, a field that reaches above the horizon.
+    """
+    scene = random_materials(generator)
+    part = None if generator.random() < 0.4 else _part(generator, widest_deg=25.0)
+    thin = generator.random() < 0.7
+    # Thin air is bright in a line at the horizon alone, and no grid of the sky has what a tilted panel sees of that.
+    tilt = Tilt(tilt_rad=0.0 if thin else 0.8 * generator.random(), azimuth_rad=1.0)
+    view = View(
+        zenith_rad=np.radians(float(generator.choice([0.0, 1e-6, 70.0 * generator.random()]))),
+        azimuth_rad=2.0 * np.pi * generator.random(),
+        height_m=float(generator.choice([0.0, _log(generator, 0.1, 8e4)])),
+    )
+    return replace(
+        scene,
+        air=_hostile_air(generator, thin=thin),
+        view=view,
+        regions=tuple(replace(one, part=part, tilt=tilt) for one in scene.regions),
+    )
+
+
+def _hostile_air(generator: np.random.Generator, *, thin: bool) -> Air:
+    suns_deg = [0.0, 1e-5, 84.0, 84.99, 85.0 * generator.random()]
+    return replace(
+        _air(generator),
+        sun_zenith_rad=np.radians(float(generator.choice(suns_deg))),
+        state=AtmosphereState(
+            aerosol_optical_depth=_log(generator, 1e-9, 1e-3) if thin else _log(generator, 1e-6, 2.0),
+            surface_pressure_pa=_log(generator, 0.1, 1e3) if thin else _log(generator, 1e3, 1.08e5),
+        ),
+        ground_albedo=float(generator.choice([0.0, generator.random(), 1.0])),
+    )
 
 
 def _with_radiances(generator: np.random.Generator) -> LitScene:
@@ -119,8 +160,8 @@ def _texture(generator: np.random.Generator, *, with_cov: bool) -> dict[str, obj
     return {"texture_rms": _maybe(generator, 1e-6, 0.05), "texture_cov": cov}
 
 
-def _part(generator: np.random.Generator) -> FieldPart:
-    half = np.radians(_log(generator, 1e-5, 3.0))
+def _part(generator: np.random.Generator, *, widest_deg: float = 3.0) -> FieldPart:
+    half = np.radians(_log(generator, 1e-5, widest_deg))
     across, upward = (0.0, 0.0) if generator.random() < 0.7 else np.radians(3.0) * generator.uniform(-1.0, 1.0, 2)
     return FieldPart(left_rad=across - half, right_rad=across + half, bottom_rad=upward - half, top_rad=upward + half)
 

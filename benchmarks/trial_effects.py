@@ -1,6 +1,6 @@
 """Every effect that is left out of a random scene changes it by no more than its bound, alone and together.
 
-Usage: nice python -m benchmarks.trial_effects [--scenes 1000] [--first 0]
+Usage: nice python -m benchmarks.trial_effects [--scenes 1000] [--first 0] [--hostile]
 
 For each scene, every effect that is there and has a bound below 1 (whether the planner left it out or not) is left out
 alone; then all that are not there, and all that the planner leaves out at a random tolerance, together. Each number of
@@ -16,10 +16,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.effect_scenes import SETTINGS, random_scene
+from benchmarks.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene
 from model.accuracy.chain import evaluate, scenario_of
 from model.accuracy.effect_check import change, readings_of
 from model.accuracy.light_store import LightStore
+from model.accuracy.quantities import Readings
+from model.accuracy.settings import Settings
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, in_words, plan
@@ -39,11 +41,11 @@ class Score:
     violations: list[str] = field(default_factory=list)
 
 
-def run_effects(scenes: int, *, first: int = 0) -> bool:
+def run_effects(scenes: int, *, first: int = 0, hostile: bool = False) -> bool:
     """Run the trial; return whether every bound held."""
     score, begin = Score(), time.perf_counter()
     for seed in range(first, first + scenes):
-        score_scene(score, seed)
+        score_scene(score, seed, hostile=hostile)
         if (seed - first) % 50 == 49:
             print(f"{seed - first + 1} scenes, {len(score.violations)} bounds violated", flush=True)
     for line in _summary(score, time.perf_counter() - begin):
@@ -51,13 +53,13 @@ def run_effects(scenes: int, *, first: int = 0) -> bool:
     return not score.violations
 
 
-def score_scene(score: Score, seed: int) -> None:
+def score_scene(score: Score, seed: int, *, hostile: bool = False) -> None:
     """Check the bounds of one scene."""
     generator = np.random.default_rng([seed, 7])
-    scene = random_scene(generator)
+    scene = hostile_scene(generator) if hostile else random_scene(generator)
     tolerance = float(generator.choice(_TOLERANCES))
     try:
-        _check(score, scene, seed, tolerance)
+        _check(score, scene, seed, tolerance, HOSTILE_SETTINGS if hostile else SETTINGS)
     except ValueError as error:
         # Such as a field that reaches above the horizon: no scene.
         score.refused += 1
@@ -66,16 +68,20 @@ def score_scene(score: Score, seed: int) -> None:
     score.scenes += 1
 
 
-def _check(score: Score, scene: LitScene, seed: int, tolerance: float) -> None:
+def _check(score: Score, scene: LitScene, seed: int, tolerance: float, settings: Settings) -> None:
     store = LightStore()
-    whole = _readings(scene, ALL, store)
+
+    def seen(effects: frozenset[Effect]) -> Readings:
+        return readings_of(evaluate(scene, settings, effects=effects, store=store), scene, store)
+
+    whole = seen(ALL)
     found = plan(
         scene,
         tolerance=tolerance,
-        known=lambda effects: scenario_of(scene, SETTINGS, effects=effects, store=store).regions,
+        known=lambda effects: scenario_of(scene, settings, effects=effects, store=store).regions,
     )
     for name, left_out, bound in _tried(found):
-        actual = change(whole, _readings(scene, ALL - left_out, store))
+        actual = change(whole, seen(ALL - left_out))
         score.checked[name] += 1
         if not bound.holds(actual):
             score.violations.append(f"seed {seed}, {name}: bound {in_words(bound)}; is {in_words(actual)}")
@@ -92,10 +98,6 @@ def _tried(found: EffectPlan) -> Iterator[tuple[str, frozenset[Effect], Bound]]:
     yield "all that is left out together", ALL - found.active, found.spent
 
 
-def _readings(scene: LitScene, effects: frozenset[Effect], store: LightStore):
-    return readings_of(evaluate(scene, SETTINGS, effects=effects, store=store), scene, store)
-
-
 def _summary(score: Score, taken_s: float) -> Iterator[str]:
     yield f"{score.scenes} scenes ({score.refused} refused) in {taken_s:.0f} s, {len(score.violations)} bounds violated"
     for effect in (*(one.value for one in Effect), "all that is not there", "all that is left out together"):
@@ -106,8 +108,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--hostile", action="store_true", help="scenes at the ends of what is allowed, in thin air")
     arguments = parser.parse_args()
-    return 0 if run_effects(arguments.scenes, first=arguments.first) else 1
+    return 0 if run_effects(arguments.scenes, first=arguments.first, hostile=arguments.hostile) else 1
 
 
 if __name__ == "__main__":

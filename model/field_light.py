@@ -1,7 +1,7 @@
 """Light of a region over the part of the field of view that it fills: mean and covariance over its pixels."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -158,7 +158,7 @@ def light_over_tiles(
     per_side: int,
     rule: TileRule = "gauss-legendre",
 ) -> FieldLight:
-    """Return the light of a region over its part of the field with rules that suffice at the outermost tiles too.
+    """Return the light of a region over its part of the field with rules that suffice in its corners and its middle.
 
     Parameters
     ----------
@@ -175,15 +175,23 @@ def light_over_tiles(
     [MK14] eq. (8), (9).
     """
     found = tiles(part, view, per_side=per_side, rule=rule)
-    corners = sorted({0, per_side - 1, per_side * (per_side - 1), per_side**2 - 1})
-    refined = lights_at(tuple(found[k].view for k in corners), None)
+    last = per_side**2 - 1
+    corners = sorted({0, per_side - 1, last // 2, last - per_side + 1, last})
+    refined = dict(zip(corners, lights_at(tuple(found[k].view for k in corners), None), strict=True))
     enough = Rules(
-        lobe=max(light.rules.lobe for light in refined), diffuse=max(light.rules.diffuse for light in refined)
+        lobe=max(light.rules.lobe for light in refined.values()),
+        diffuse=max(light.rules.diffuse for light in refined.values()),
+        error=max(light.rules.error for light in refined.values()),
     )
-    worst = max(light.error / light.reflected_sky[0] if light.reflected_sky[0] > 0.0 else 0.0 for light in refined)
-    light = _over_tiles(lights_at, found, enough, np.nan)
-    honest = tuple(replace(one, error=max(one.error, worst * float(one.reflected_sky[0]))) for one in light.lights)
-    return replace(light, lights=honest)
+    others = [k for k in range(len(found)) if k not in refined]
+    lights = refined
+    if others:
+        lights = refined | dict(zip(others, lights_at(tuple(found[k].view for k in others), enough), strict=True))
+    return FieldLight(
+        lights=tuple(lights[k] for k in range(len(found))),
+        weights=tuple(tile.weight for tile in found),
+        spread=np.nan,
+    )
 
 
 def _over_tiles(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +15,27 @@ TOLERANCE = 1e-4
 _TAIL = 3e-5
 # Each rule is set beside the one before it.
 _ORDERS = (6, 9, 14, 21, 32, 48, 72)
+# A step that is no more than this share of the one before falls regularly.
+_REGULAR = 0.25
+# What regular steps leave, over the last of them.
+_MARGIN = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """Orders of the quadrature for lobe and diffuse term, as `model.panel_light.PanelLight` takes them."""
+    """Orders of the quadrature for lobe and diffuse term, as `model.panel_light.PanelLight` takes them.
+
+    Attributes
+    ----------
+    lobe, diffuse
+        The orders.
+    error
+        Estimated error of what they give, over its S0.
+    """
 
     lobe: int
     diffuse: int
+    error: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +49,7 @@ class ReflectedSkylight:
     error
         Estimated error of each of them [W m-2 sr-1]: of the quadrature, and of the sky.
     rules
-        Which rules suffice: the finer ones differ by less than the tolerance, if any do.
+        The least that keep the tolerance, if any do.
     """
 
     stokes: FloatArray
@@ -76,11 +88,12 @@ def reflected_skylight(panel: PanelLight, light: Skylight, *, tolerance: float =
     lobe = _refined(lambda order: panel.lobe(light, order), tolerance)
     diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance)
     stokes = lobe.value + diffuse.value
+    of_rules = (lobe.order_error + diffuse.order_error) / float(stokes[0]) if stokes[0] > 0.0 else 0.0
     tail = 0.0 if panel.is_level else _TAIL
     return ReflectedSkylight(
         stokes=stokes,
         error=lobe.error + diffuse.error + (light.relative_error + tail) * float(stokes[0]),
-        rules=Rules(lobe=lobe.order, diffuse=diffuse.order),
+        rules=Rules(lobe=lobe.order, diffuse=diffuse.order, error=of_rules + light.relative_error + tail),
     )
 
 
@@ -108,30 +121,38 @@ def reflected_by_rules(panel: PanelLight, light: Skylight, rules: Rules) -> Floa
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Refined:
+    """Result of the last rule, and the coarsest rule that keeps the tolerance too, with the errors of both."""
+
     value: FloatArray
     error: float
     order: int
+    order_error: float
 
 
 def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
     """Rules of growing order until the estimated error of the last one is below the tolerance."""
-    value, steps, order = rule(_ORDERS[0]), [np.inf], _ORDERS[0]
-    for before, order in pairwise(_ORDERS):
-        coarser, value = value, rule(order)
-        steps.append(float(np.max(np.abs(value - coarser))))
-        if _error(steps) <= tolerance * value[0]:
-            return _Refined(value=value, error=_error(steps), order=before)
-    return _Refined(value=value, error=_error(steps), order=order)
+    values, steps = [rule(_ORDERS[0])], [np.inf]
+    for order in _ORDERS[1:]:
+        values.append(rule(order))
+        steps.append(float(np.max(np.abs(values[-1] - values[-2]))))
+        if _error(steps) <= tolerance * values[-1][0]:
+            break
+    value, error = values[-1], _error(steps)
+    errors = [float(np.max(np.abs(coarser - value))) + error for coarser in values]
+    enough = next((k for k, one in enumerate(errors) if one <= tolerance * value[0]), len(values) - 1)
+    return _Refined(value=value, error=error, order=_ORDERS[enough], order_error=errors[enough])
 
 
 def _error(steps: list[float]) -> float:
     """Error of the last of a row of rules, from the steps between them.
 
-    Where the last two steps are each a quarter of the one before or less, the last bounds what is still missing. Else
-    steps are of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe.
+    Where the last two steps are each a quarter of the one before or less, what is missing is of the size of the last.
+    Else steps are of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe,
+    or at the kink of the shadowing.
     """
     before, last = steps[-2:]
-    regular = len(steps) > 2 and last <= 0.25 * before and before <= 0.25 * steps[-3]
-    if regular or last == 0.0:
+    if last == 0.0:
         return last
+    if len(steps) > 2 and last <= _REGULAR * before and before <= _REGULAR * steps[-3]:
+        return _MARGIN * last
     return 3.0 * max(last, 0.5 * before) if np.isfinite(before) else np.inf

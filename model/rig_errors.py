@@ -53,7 +53,8 @@ def predict_with_errors(
 
     Notes
     -----
-    Without errors it is `model.prediction.predict`. The frames of every cycle have the same errors.
+    Without errors it is `model.prediction.predict`; what the session adds acts as there. The frames of every cycle have
+    the same errors.
 
     References
     ----------
@@ -106,6 +107,8 @@ def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> Cha
         angles_rad=angles_rad,
         sensor=sensor,
         flat_fielded=scenario.readout.flat_error is not None,
+        imperfections=scenario.imperfections,
+        smooth_cov=region.smooth_cov(),
     )
     factor = errors.light_ratio
     both = np.outer(factor, factor)

@@ -112,8 +112,8 @@ def aperture_lights(
     views
         One or more, of one height.
     rules
-        Of the hemisphere integral, where they are known from a similar view; its error is then not estimated anew and
-        counts as the tolerance and the sky's.
+        Of the hemisphere integral, where they are known from a similar view; its error is then not estimated anew, but
+        theirs.
     skylight, path
         Whether these parts are computed; what is not is zero.
 
@@ -180,6 +180,6 @@ def _sky_part(
     """Reflected skylight, its error and its rules."""
     if rules is not None:
         stokes = reflected_by_rules(panel, light, rules)
-        return stokes, (tolerance + light.relative_error) * float(stokes[0]), rules
+        return stokes, rules.error * float(stokes[0]), rules
     found = reflected_skylight(panel, light, tolerance=tolerance)
     return found.stokes, found.error, found.rules

@@ -17,6 +17,13 @@ _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
 _PASSES = 4
 _TILES_ACROSS = 3
 _LEAST_TILE_PIXELS = 48
+# Correlation that slopes of the edges of two pictures have at least, in every direction, where edges fix a shift. That
+# of noise alone is below it but once in a million: smoothing leaves one independent value in 25 pixels.
+_LEAST_IN_COMMON = 0.05
+_NOISE_IN_COMMON = 5.0 * 25.0**0.5
+# OpenCV moves pictures in steps of a thirty-second of a pixel.
+_STEP_ERROR_PIXELS = 1.0 / 32.0 / 12.0**0.5
+_DIRECTIONS = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,6 +106,7 @@ def register(pictures: FloatArray) -> Registration:
             [_ecc(_edges(mean), _edges(frame), shift) for frame, shift in zip(frames, shifts, strict=True)]
         )
         shifts -= shifts[0]
+    _require_edges_in_common(frames, shifts)
     return Registration(shift_pixels=shifts, std_error_pixels=_tile_errors(mean, frames, shifts))
 
 
@@ -131,6 +139,34 @@ def _warped(picture: _Picture, shift: FloatArray) -> _Picture:
     return np.asarray(warped, dtype=np.float32)
 
 
+def _require_edges_in_common(frames: list[_Picture], shifts: FloatArray) -> None:
+    """Refuse pictures whose edges, moved back, do not fix a shift in some direction, such as along parallel lines."""
+    first = _slopes(_edges(frames[0]))
+    least = max(_LEAST_IN_COMMON, _NOISE_IN_COMMON / first.shape[1] ** 0.5)
+    directions_rad = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
+    along = np.column_stack([np.cos(directions_rad), np.sin(directions_rad)])
+    for index, (frame, shift) in enumerate(zip(frames[1:], shifts[1:], strict=True), start=1):
+        other = _slopes(_edges(_warped(frame, shift)))
+        own = [np.einsum("di,ij,dj->d", along, one @ one.T, along) for one in (first, other)]
+        common = np.einsum("di,ij,dj->d", along, first @ other.T, along) / np.sqrt(own[0] * own[1])
+        weakest = int(np.argmin(common))
+        if common[weakest] < least:
+            across_deg = float(np.degrees(directions_rad[weakest]))
+            raise CalibrationError(
+                f"pictures cannot be registered: the edges of picture {index} and of the first have too little in "
+                f"common along {across_deg:.0f} deg (clockwise from the rows; {common[weakest]:.2f}, at least "
+                f"{least:.2f} is needed), so that a shift that way is not fixed: look at something with edges "
+                f"in every direction, in focus, such as a printed pattern"
+            )
+
+
+def _slopes(edges: _Picture) -> FloatArray:
+    """Return the slopes of a picture across and down, of every pixel, shape (2, pixels); their means taken off."""
+    slopes = np.array([cv2.Sobel(edges, cv2.CV_64F, *order).ravel() for order in ((1, 0), (0, 1))])
+    centred: FloatArray = slopes - slopes.mean(axis=1, keepdims=True)
+    return centred
+
+
 def _tile_errors(mean: _Picture, frames: list[_Picture], shifts: FloatArray) -> FloatArray:
     """Return the standard errors by how the shifts of ninths of the pictures scatter."""
     height, width = (side // _TILES_ACROSS for side in mean.shape)
@@ -144,7 +180,7 @@ def _tile_errors(mean: _Picture, frames: list[_Picture], shifts: FloatArray) -> 
             for column in range(_TILES_ACROSS)
         ]
         found = np.array([_ecc(reference[tile], edges[tile], shift) for tile in tiles])
-        errors[index] = found.std(axis=0, ddof=1) / _TILES_ACROSS
+        errors[index] = np.hypot(found.std(axis=0, ddof=1) / _TILES_ACROSS, _STEP_ERROR_PIXELS)
     return errors
 
 

@@ -11,13 +11,13 @@ from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.mixed_lighting import MixedLighting
 from model.lit_scene import Air
-from model.sampled_sky import Sky
 
 # Streams do not care for layers nor layers for streams: each is compared with few of the other.
 _CHEAPEST = 0
-# What lies beyond the next level, in its difference from this one,
-# and by how much the mean over the band is above its middle.
+# What lies beyond the next level, in its difference from this one, and by how much the mean over the band is above its
+# middle; and the same in the difference from the level before, where there is no next one.
 _BEYOND = {STREAMS: 1.6, LAYERS: 1.8}
+_BEFORE = {STREAMS: 0.8, LAYERS: 0.6}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,29 +64,20 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
     return {knob: _next_level(air, plan, settings, lighting, knob, store) for knob in (STREAMS, LAYERS)}
 
 
-def coarse_sky(air: Air, settings: Settings, lighting: Lighting, store: LightStore) -> Sky:
-    """Return the sky of one wavelength, solved with the least of all.
+def one_wavelength(lighting: Lighting) -> Lighting:
+    """Return the middle wavelength of computed light, standing for all of its band; a sky by formula as it is.
 
     Parameters
     ----------
-    air, settings, lighting, store
-        As `companions` takes them.
-
-    Notes
-    -----
-    It is as smooth as that of the band: the aureole, the steepest of all, is light scattered once, which is exact.
+    lighting
+        Of two mixed ones the first is taken.
 
     References
     ----------
     Definition.
     """
     one = lighting.first if isinstance(lighting, MixedLighting) else lighting
-    if not isinstance(one, BandLighting):
-        return one.sky
-    if not air.is_solved:
-        return _middle(one).sky
-    coarse = at_level(at_level(settings, LAYERS, _CHEAPEST), STREAMS, _CHEAPEST)
-    return _solved(air, coarse, one, store).sky
+    return _middle(one) if isinstance(one, BandLighting) else one
 
 
 def _middle(band: BandLighting) -> BandLighting:
@@ -101,10 +92,10 @@ def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, kn
     other = LAYERS if knob == STREAMS else STREAMS
     # With few layers the streams of the plan are solved already, and need not be made fewer.
     coarse = settings if plan[LAYERS] == _CHEAPEST else at_level(settings, other, _CHEAPEST)
-    finest = len(KNOBS[knob].levels) - 1
-    neighbour = plan[knob] + 1 if plan[knob] < finest else plan[knob] - 1
+    is_finest = plan[knob] + 1 == len(KNOBS[knob].levels)
+    neighbour = plan[knob] - 1 if is_finest else plan[knob] + 1
     here, there = (_solved(air, at_level(coarse, knob, level), band, store) for level in (plan[knob], neighbour))
-    return Pair(one=here, other=there, factor=_BEYOND[knob])
+    return Pair(one=here, other=there, factor=(_BEFORE if is_finest else _BEYOND)[knob])
 
 
 def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore) -> BandLighting:

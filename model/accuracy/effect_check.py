@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from model.accuracy.chain import ChainResult, evaluate, scenario_of
 from model.accuracy.light_store import LightStore
 from model.accuracy.quantities import Reading, Readings, differences, readings
@@ -14,6 +16,10 @@ from model.lit_scene import LitScene
 _DOLP_TOLERANCE = 1e-11
 # The least of so many times is taken: another program's turn on the processor is not counted.
 _REPEATS = 3
+# Means that are computed in two ways differ by this share of S0. Where DoLP is 0 but for rounding, as of a level panel
+# under a sun at the zenith seen from straight above, its SNR and deviation have no digits that could be compared.
+_ROUNDING = 1e-14
+_NONE = 1e-11
 _RADIANCE = frozenset({"radiance", "s0", "s1", "s2"})
 _RATIOS = frozenset({"dolp", "dolp_pixels", "s1n", "s2n"})
 
@@ -94,11 +100,20 @@ def chain_time_s(scene: LitScene, settings: Settings, effects: frozenset[Effect]
 
 
 def change(whole: Readings, without: Readings) -> Bound:
-    """Return the largest difference of each kind between two sets of readings."""
+    """Return the largest difference of each kind between two sets of readings, but for rounding of no polarization."""
     found = Bound()
     for reading, apart in differences(whole, without).items():
-        found = found.worse(Bound(**{kind_of(reading): apart}))
+        if apart > _rounding(reading, whole):
+            found = found.worse(Bound(**{kind_of(reading): apart}))
     return found
+
+
+def _rounding(reading: Reading, whole: Readings) -> float:
+    dolp = whole.get(Reading(reading.place, "dolp", "mean"))
+    rests_on_direction = reading.quantity == "dolp_snr" or reading[1:] == ("dolp", "std")
+    if not rests_on_direction or dolp is None:
+        return 0.0
+    return _ROUNDING / dolp.number if dolp.number > _NONE else np.inf
 
 
 def kind_of(reading: Reading) -> str:

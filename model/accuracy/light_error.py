@@ -1,15 +1,15 @@
 """Estimated error of the light of each region, knob by knob."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.accuracy.chain import ChainResult
-from model.accuracy.companions import Pair, coarse_sky, companions
+from model.accuracy.companions import Pair, companions, one_wavelength
 from model.accuracy.field_error import field_error
-from model.accuracy.knobs import HEMISPHERE, KNOBS, SKY_GRID, TILES, WAVELENGTHS, Plan
+from model.accuracy.knobs import HEMISPHERE, KNOBS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, Plan
 from model.accuracy.light_store import LightStore
 from model.accuracy.lines_of_sight import LinesOfSight, lines_of_sight
 from model.accuracy.settings import Settings
@@ -27,7 +27,7 @@ _ZENITHS, _AZIMUTHS = 12, 10
 # What other lines of sight than those looked at may find in the sky's grid.
 _ELSEWHERE = 1.5
 # A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
-_HARMLESS = 0.03
+_HARMLESS = 0.003
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
 _PARTS: dict[Source, frozenset[str]] = {
     "total": frozenset({"reflected_sky", "path", "reflected"}),
@@ -93,7 +93,9 @@ def light_errors(
     lighting = result.illumination.lighting
     pairs = companions(scene.air, plan, result.settings, lighting, store)
     skies = {knob: _difference(pair) for knob, pair in pairs.items()}
-    grid = _Grid(air=scene.air, settings=result.settings, illumination=result.illumination, store=store)
+    # As smooth as the sky of the band: the aureole, the steepest of all, is light scattered once, which is exact.
+    alike = pairs[STREAMS].one if STREAMS in pairs else one_wavelength(lighting)
+    grid = _Grid(sky=alike.sky, settings=result.settings, illumination=result.illumination)
     for region in scene.regions:
         if region.surface is None:
             continue
@@ -120,7 +122,7 @@ def _difference(pair: Pair) -> SampledSky:
 
 
 def _between(pair: Pair, sky: Sky, lines: LinesOfSight, source: Source) -> LightError:
-    """What two lightings differ by: in the sky that is reflected, and on the way to the camera."""
+    """Return what two lightings differ by: in the sky that is reflected, and on the way to the camera."""
     paths = [lines.path(each) for each in (pair.one, pair.other)]
     through = [lines.transmittance(each) for each in (pair.one, pair.other)]
     errors = {
@@ -152,12 +154,11 @@ def _of_way(error: SpectralError, light: ApertureLight) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Grid:
-    """The grid on which the sky is kept."""
+    """The grid on which the sky is kept, and a sky of one wavelength."""
 
-    air: Air
+    sky: Sky
     settings: Settings
     illumination: Illumination
-    store: LightStore
 
     @property
     def largest(self) -> float:
@@ -166,8 +167,8 @@ class _Grid:
 
     @cached_property
     def difference(self) -> Sky:
-        """One wavelength of the sky on the grid, minus the same itself."""
-        exact = coarse_sky(self.air, self.settings, self.illumination.lighting, self.store)
+        """That sky on the grid, minus the same itself."""
+        exact = self.sky
         sampled = sample_sky(
             exact,
             sun_zenith_rad=self.illumination.sun_zenith_rad,
@@ -188,7 +189,9 @@ def _of_grid(grid: _Grid, light: FieldLight, lines: LinesOfSight, source: Source
     sky, everything = abs(light.mean("reflected_sky")[0]), abs(light.mean()[0])
     if grid.largest * sky <= _HARMLESS * tolerance * everything:
         return _error([], apart=grid.largest * np.abs(lines.part("reflected_sky")[:, :1]) * np.ones(3))
-    return _error([], apart=_ELSEWHERE * np.abs(lines.reflected(grid.difference)))
+    middle = replace(lines, lights=lines.lights[-1:])
+    share = _ELSEWHERE * np.abs(middle.reflected(grid.difference)) / sky
+    return _error([], apart=share * np.abs(lines.part("reflected_sky")[:, :1]))
 
 
 def _of_hemisphere(lines: LinesOfSight, of_grid: float, source: Source) -> LightError:

@@ -20,9 +20,11 @@ ESTIMATES = "error estimates"
 # Tolerances that the levels are made for.
 SMALLEST, LARGEST = 1e-6, 0.1
 # Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
-# times as much, then with errors as they were estimated for each number. A first plan need not be finer than the last
-# number: it costs little beside a finer one, and tells it what counts.
-_FIRST_AIM, _AIM, _FIRST_LEAST = 0.4, 0.6, 2e-3
+# times as much, then with errors as they were estimated for each number.
+_FIRST_AIM, _AIM = 0.25, 0.6
+# A first plan is no coarser, for that would save nothing, and no finer: it costs little beside a finer one, and tells
+# it what counts.
+_FIRST_COARSEST, _FIRST_FINEST = 2.5e-3, 1e-3
 _ROUNDS = 6
 _SPHERES = (
     "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "
@@ -104,7 +106,8 @@ def predict(
     lights = LightStore() if store is None else store
     taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
     ahead = outlook(scene)
-    plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), max(_FIRST_AIM * tolerance, _FIRST_LEAST))
+    aim = min(max(_FIRST_AIM * tolerance, _FIRST_FINEST), _FIRST_COARSEST)
+    plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), aim)
     for rounds in range(1, _ROUNDS + 1):
         result = evaluate(scene, settings_at(plan, tolerance), effects=effects, store=lights, clock=clock)
         start = clock()

@@ -15,8 +15,8 @@ class Settings:
     Attributes
     ----------
     wavelengths, split_at_kinks
-        At how many the atmosphere is solved, 1 to 20, and whether each stretch between the entries of the aerosol's tables
-        has its own part of them, rounded up.
+        At how many the atmosphere is solved, 1 to 20, and whether each stretch between the entries of the aerosol's
+        tables has its own part of them, rounded up.
     solver
         Streams, layers, element depth and orders of scattering of a solution.
     sky_zeniths, sky_azimuths

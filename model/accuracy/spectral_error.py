@@ -100,7 +100,9 @@ def spectral_error(air: Air, settings: Settings) -> SpectralError:
     )
     few, all_of_it = _spectrum(air, rule, mu0), _spectrum(air, everything, mu0)
     present = [pair for pair in zip(few.parts, all_of_it.parts, strict=True) if np.any(pair[1] > _ROUNDING)]
-    errors = np.array([few.sums(some) / all_of_it.sums(every) - 1.0 for some, every in present] or [[0.0]])
+    errors = np.zeros((1, 1))
+    if present:
+        errors = np.stack([few.sums(some) / all_of_it.sums(every) - 1.0 for some, every in present])
     # Polarized light is of the molecules, or of both alike.
     unlike = max(float(np.max(np.ptp(errors, axis=0))), float(np.max(np.ptp(errors, axis=1))))
     return SpectralError(

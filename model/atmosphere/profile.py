@@ -150,9 +150,14 @@ class Column:
         edges = _FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M
         heights = np.interp(np.arange((edges.size - 1) * cuts + 1) / cuts, np.arange(edges.size), edges)
         lower, upper = self._matrices(matrix_tolerance) if aerosol is AerosolKind.SPHERES else (None, None)
+        low, high = heights[-2::-1], heights[:0:-1]
+        molecules = self._rayleigh_above(low) - self._rayleigh_above(high)
+        particles = self._aerosol_between(low, high)
         return tuple(
-            self._layer(low, high, lower if high <= BOUNDARY_LAYER_TOP_M else upper)
-            for high, low in zip(heights[:0:-1], heights[-2::-1], strict=True)
+            self._layer(*depths, matrix=lower if is_low else upper, optics=self.lower if is_low else self.upper)
+            for *depths, is_low in zip(
+                molecules.tolist(), particles.tolist(), (high <= BOUNDARY_LAYER_TOP_M).tolist(), strict=True
+            )
         )
 
     def _matrices(self, tolerance: float) -> list[ScatteringMatrix]:
@@ -162,13 +167,13 @@ class Column:
             for spheres in (self.lower_spheres, self.upper_spheres)
         ]
 
-    def _layer(self, lower_m: float, upper_m: float, matrix: ScatteringMatrix | None) -> Layer:
+    def _layer(
+        self, tau_rayleigh: float, tau_aerosol: float, *, matrix: ScatteringMatrix | None, optics: AerosolOptics
+    ) -> Layer:
         """Homogeneous mean of the air between two heights on one side of 2 km."""
-        low, high = np.asarray(lower_m), np.asarray(upper_m)
-        optics = self.lower if upper_m <= BOUNDARY_LAYER_TOP_M else self.upper
         return Layer(
-            tau_rayleigh=float(self._rayleigh_above(low) - self._rayleigh_above(high)),
-            tau_aerosol=float(self._aerosol_between(low, high)),
+            tau_rayleigh=tau_rayleigh,
+            tau_aerosol=tau_aerosol,
             ssa_aerosol=optics.ssa,
             g_aerosol=optics.g,
             delta=self.delta,

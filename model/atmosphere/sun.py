@@ -76,7 +76,7 @@ class SolarBand:
 
     @property
     def shares(self) -> NDArray[np.float64]:
-        """Irradiance that each sample stands for by the trapezoidal rule, shape (N,) [W m-2]; they sum to the band's."""
+        """Irradiance that each sample stands for by the trapezoidal rule, shape (N,) [W m-2]."""
         reach = np.diff(self.wavelength_m)
         return np.asarray(self.weighted * 0.5 * (np.append(reach, 0.0) + np.append(0.0, reach)))
 

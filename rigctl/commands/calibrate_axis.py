@@ -95,6 +95,8 @@ def axis(
         _write_report(report, found, content, blocks)
     if not as_json:
         _print(content)
+        if generator is not None and dolp is None:
+            results().print("the generator is taken as perfect: what it leaks is in the extinction ratio; give --dolp")
 
 
 def _require_finite(references_deg: list[float], *, axis_std_deg: float, expect_std_deg: float) -> None:

@@ -80,7 +80,10 @@ def folder_frames(folder: Path, *, bit_depth: int, plane: Plane | None = None) -
     RefusedFramesError
         Some are compressed with loss.
     """
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: there is no such folder")
+    # Names that begin with a point are what other systems leave behind beside an image.
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     _refuse_lossy([path for path in paths if path.suffix.lower() in _LOSSY_SUFFIXES])
     images, problems = [], []
     for path in paths:

@@ -2,6 +2,7 @@
 
 import base64
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from datetime import datetime
 
 import numpy as np
@@ -10,6 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from rigctl.files.session_file import PICTURE
 from rigctl.reports.cycle_figure import cycle_figure, drift_line
 from rigctl.reports.figure_style import png, subplots
+from rigctl.runs.event_text import event_facts
 from rigctl.runs.run_folder import FrameRecord, Run
 from rigctl.runs.run_state import read_event_lines
 from rigctl.sessions.cycle_history import Means, cycle_history, is_session, region_means_of
@@ -17,6 +19,8 @@ from rigctl.sessions.cycle_history import Means, cycle_history, is_session, regi
 _MOST_FRAMES = 24
 _THUMBNAIL_PIXELS = 160
 _SHOWN_EVENTS = 200
+# From here on times are in hours, below in minutes.
+_LONG_S = 5400.0
 _TEMPLATE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{{ title }}</title>
 <style>body{font:15px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}
 td,th{padding:.1rem .6rem;text-align:left;vertical-align:top}</style></head><body>
@@ -28,7 +32,7 @@ td,th{padding:.1rem .6rem;text-align:left;vertical-align:top}</style></head><bod
 <h2>Events</h2><table><tr><th>event</th><th>times</th></tr>
 {% for name, times in counts %}<tr><td>{{ name }}</td><td>{{ times }}</td></tr>{% endfor %}</table>
 <table>{% for event in events %}<tr><td>{{ event.utc[:19] }}Z</td><td>{{ event.event }}</td>
-<td>{% for key, value in event.facts.items() %}{{ key }} {{ value }}; {% endfor %}</td></tr>{% endfor %}</table>
+<td>{{ event.facts }}</td></tr>{% endfor %}</table>
 </body></html>"""
 
 
@@ -65,7 +69,7 @@ def run_page(run: Run) -> str:
         drift="" if history is None else drift_line(history),
         pictures=[(title, base64.b64encode(data).decode("ascii")) for title, data in pictures],
         counts=Counter(str(event["event"]) for event in events).most_common(),
-        events=events[-_SHOWN_EVENTS:],
+        events=[event | {"facts": event_facts(event)} for event in events[-_SHOWN_EVENTS:]],
     )
 
 
@@ -96,10 +100,8 @@ def _count_plot(run: Run, means: Means) -> bytes:
     for record in run.frames:
         groups[_label(record).partition(": ")[2]].append(record)
     for label, records in groups.items():
-        axes[0].plot(
-            [_hours(r, run) for r in records], [means[r.sequence][PICTURE].mean_dn for r in records], ".-", label=label
-        )
-    axes[0].set_xlabel("time since the first frame [h]")
+        axes[0].plot(_times(records, run), [means[r.sequence][PICTURE].mean_dn for r in records], ".-", label=label)
+    axes[0].set_xlabel(_time_label(run))
     axes[0].set_ylabel("mean count [DN]")
     axes[0].legend(fontsize=7)
     return png(figure)
@@ -108,18 +110,35 @@ def _count_plot(run: Run, means: Means) -> bytes:
 def _sun_plot(run: Run) -> bytes:
     known = [record for record in run.frames if record.sun_elevation_deg is not None]
     figure, axes = subplots(1, 2, size=(8.0, 3.2))
-    hours = [_hours(record, run) for record in known]
-    axes[0].plot(hours, [90.0 - (record.sun_elevation_deg or 0.0) for record in known], ".")
+    times = _times(known, run)
+    axes[0].plot(times, [90.0 - (record.sun_elevation_deg or 0.0) for record in known], ".")
     axes[0].set_ylabel("solar zenith angle [deg]")
-    axes[1].plot(hours, [record.sun_azimuth_deg or 0.0 for record in known], ".")
+    axes[1].plot(times, [record.sun_azimuth_deg or 0.0 for record in known], ".")
     axes[1].set_ylabel("solar azimuth [deg]")
     for ax in axes:
-        ax.set_xlabel("time since the first frame [h]")
+        ax.set_xlabel(_time_label(run))
     return png(figure)
 
 
-def _hours(record: FrameRecord, run: Run) -> float:
-    first = run.frames[0].start_utc
-    if record.start_utc is None or first is None:
-        return float(record.sequence)
-    return (datetime.fromisoformat(record.start_utc) - datetime.fromisoformat(first)).total_seconds() / 3600.0
+def _times(records: Sequence[FrameRecord], run: Run) -> list[float]:
+    """Return when frames were taken, in the unit of `_time_label`; their numbers in a run that has no times."""
+    starts = [_start(record) for record in records]
+    first, (unit_s, _) = _start(run.frames[0]), _time_unit(run)
+    return [
+        float(record.sequence) if first is None or start is None else (start - first).total_seconds() / unit_s
+        for record, start in zip(records, starts, strict=True)
+    ]
+
+
+def _time_label(run: Run) -> str:
+    return f"time since the first frame [{_time_unit(run)[1]}]" if _start(run.frames[0]) else "number of the frame"
+
+
+def _time_unit(run: Run) -> tuple[float, str]:
+    first, last = _start(run.frames[0]), _start(run.frames[-1])
+    is_long = first is None or last is None or abs((last - first).total_seconds()) > _LONG_S
+    return (3600.0, "h") if is_long else (60.0, "min")
+
+
+def _start(record: FrameRecord) -> datetime | None:
+    return None if record.start_utc is None else datetime.fromisoformat(record.start_utc)

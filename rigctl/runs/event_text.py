@@ -8,8 +8,12 @@ _UTC_DIGITS = 19
 
 def event_line(event: Mapping[str, Any]) -> str:
     """Return an event as a line that a person reads: when, what, and what is known of it."""
-    facts = "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in event["facts"].items())
-    return f"{event['utc'][:_UTC_DIGITS]}Z  {event['event']:<14}  {facts}".rstrip()
+    return f"{event['utc'][:_UTC_DIGITS]}Z  {event['event']:<14}  {event_facts(event)}".rstrip()
+
+
+def event_facts(event: Mapping[str, Any]) -> str:
+    """Return what is known of an event in words."""
+    return "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in event["facts"].items())
 
 
 def _said(value: object) -> str:

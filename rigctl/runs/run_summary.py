@@ -141,7 +141,7 @@ def _groups(frames: Iterable[FrameRecord]) -> tuple[FrameGroup, ...]:
 
 def _group(key: GroupKey, records: list[FrameRecord]) -> FrameGroup:
     kind, angle_deg, exposure_s, gain_db = key
-    angles = [r.polarizer_angle_deg for r in records if r.polarizer_angle_deg is not None]
+    angles = [_near(r.polarizer_angle_deg, angle_deg) for r in records if r.polarizer_angle_deg is not None]
     fractions = [r.saturated_fraction for r in records]
     return FrameGroup(
         kind=kind,
@@ -153,6 +153,13 @@ def _group(key: GroupKey, records: list[FrameRecord]) -> FrameGroup:
         cycles=len({r.cycle for r in records if r.cycle is not None}),
         saturated_fraction=(min(fractions), max(fractions)),
     )
+
+
+def _near(readback_deg: float, target_deg: float | None) -> float:
+    """Return a readback on the half turn around its target: 179.999 deg is -0.001 beside 0 deg."""
+    if target_deg is None:
+        return readback_deg
+    return target_deg + (readback_deg - target_deg + 90.0) % 180.0 - 90.0
 
 
 def _event_names(file: Path) -> list[str]:

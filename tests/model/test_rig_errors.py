@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from model.imperfections import Imperfections
 from model.prediction import predict
 from model.rig_errors import RigErrors, drifting_light, predict_with_errors
 from model.scenario import Readout, RegionLight, Scenario
@@ -31,6 +32,15 @@ def test_without_errors_it_is_the_plain_prediction():
     for name, statistics in plain.items():
         for statistic, value in statistics.items():
             assert found[name][statistic] == pytest.approx(value, rel=1e-13), (name, statistic)
+
+
+def test_without_errors_the_session_adds_what_it_adds_to_the_plain_prediction():
+    session = Imperfections(polarizer_angle_std_rad=0.02, misregistration_pixels=0.5, drift=0.03)
+    scenario = replace(_scenario(), imperfections=session)
+    plain, found = predict(scenario)["panel"].quantities, predict_with_errors(scenario, NONE)["panel"].quantities
+    assert plain["s1"]["std"] != pytest.approx(_quantities(NONE)["s1"]["std"], rel=1e-2)
+    for name, statistics in plain.items():
+        assert found[name] == pytest.approx(statistics, rel=1e-13), name
 
 
 def test_a_turned_axis_turns_the_angle_of_polarization_the_other_way_and_leaves_dolp():

@@ -89,8 +89,8 @@ def compute_lighting(
     wavelengths
         How many to compute.
     split_at_kinks
-        Whether each stretch between the entries of the aerosol's tables has its own part of them, rounded up: pays below
-        an error of 1e-4.
+        Whether each stretch between the entries of the aerosol's tables has its own part of them, rounded up: pays
+        below an error of 1e-4.
     dolp_max
         Largest degree of polarization of the sky; tier ANALYTIC alone uses it.
     solver

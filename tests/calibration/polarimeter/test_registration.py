@@ -115,3 +115,26 @@ def test_a_slope_is_moved_back_exactly() -> None:
     slope = np.add.outer(3.0 * np.arange(50.0), 2.0 * np.arange(60.0))
     moved, _ = moved_back(slope, np.array([0.3, -1.25]))
     np.testing.assert_allclose(moved[2:-2, 2:-2], (slope + 2.0 * 0.3 - 3.0 * 1.25)[2:-2, 2:-2], rtol=1e-12)
+
+
+def lit(scene: FloatArray, shifts: FloatArray) -> FloatArray:
+    draws = np.random.default_rng(11)
+    return np.array([draws.poisson(4.0 * shifted(scene, shift)) / 4.0 for shift in shifts])[:, 8:-8, 8:-8]
+
+
+@pytest.mark.parametrize("across", [0, 1])
+def test_edges_that_are_all_parallel_fix_no_shift_along_them(across: int) -> None:
+    # A soft stripe, lit by enough light that noise alone would be taken for texture.
+    place = np.arange(SIZE) / SIZE
+    stripe = 1000.0 + 800.0 * np.tanh(12.0 * np.cos(2.0 * np.pi * place))
+    scene = np.broadcast_to(stripe if across else stripe[:, None], (SIZE, SIZE))
+    with pytest.raises(CalibrationError, match=f"along {90 if across else 0} deg"):
+        register(lit(scene, SHIFTS))
+
+
+def test_errors_hold_the_steps_of_the_interpolation() -> None:
+    # Without polarization noise leaves a thousandth of a pixel, and pictures moved in thirty-seconds a hundredth.
+    scene = 1000.0 * np.exp(0.35 * natural(np.random.default_rng(12)))
+    found = register(lit(scene, SHIFTS))
+    score = (found.shift_pixels - SHIFTS)[1:] / found.std_error_pixels[1:]
+    assert np.sqrt(np.mean(np.square(score))) < 2.0

@@ -138,3 +138,8 @@ def test_a_table_gives_photons_and_levels(tmp_path: Path) -> None:
     found = table_frames(table, bit_depth=12).groups
     assert [(group.kind, group.photons) for group in found] == [("flat", 500.0), ("flat", 900.0), ("dark", None)]
     np.testing.assert_array_equal(found[0].loaders[0](), np.full((4, 5), 7))
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such folder"):
+        folder_frames(tmp_path / "nowhere", bit_depth=12)

@@ -22,17 +22,27 @@ def transmitted(stage_deg: float, light_deg: float) -> float:
 
 
 def write_scan(
-    path: Path, pairs: Sequence[tuple[float, float, int]], *, dark: bool = True, peak_dn: float = 3000.0
+    path: Path,
+    pairs: Sequence[tuple[float, float, int]],
+    *,
+    dark: bool = True,
+    peak_dn: float = 3000.0,
+    landing_deg: float = 0.0,
+    hot_pixels: int = 0,
 ) -> Path:
-    """Return a run of one frame for each (stage angle, direction of the light, cycle), and four dark frames."""
+    """Return a run of one frame for each (stage angle, direction of the light, cycle), and four dark frames.
+
+    The stage lands by `landing_deg` (rms) beside its target and reads that back.
+    """
     draws = np.random.default_rng(1)
     with RunWriter.create(path, {"origin": "simulated"}) as writer:
         for stage_deg, light_deg, cycle in pairs:
             signal = peak_dn * transmitted(stage_deg, light_deg) + 20.0 * draws.standard_normal(SHAPE)
             counts = np.clip(np.rint(BLACK_DN + signal), 0, 4095).astype(np.uint16)
+            counts[0, :hot_pixels] = 4095
+            landed_deg = (stage_deg + 0.001 + landing_deg * draws.standard_normal()) % 360.0
             writer.write_frame(
-                make_record(writer.next_sequence, stage_angle_deg=stage_deg + 0.001, cycle=cycle, exposure_s=0.01),
-                counts,
+                make_record(writer.next_sequence, stage_angle_deg=landed_deg, cycle=cycle, exposure_s=0.01), counts
             )
         for _ in range(4 if dark else 0):
             counts = np.rint(BLACK_DN + 3.0 * draws.standard_normal(SHAPE)).astype(np.uint16)

@@ -18,6 +18,7 @@ from tests.rigctl.polarimeter.polarizer_runs import (
     transmitted,
     write_generator_run,
     write_reference_run,
+    write_scan,
 )
 
 
@@ -141,3 +142,70 @@ def test_what_does_not_fit_together_is_a_usage_error(tmp_path: Path, more: list[
 
 def test_the_simulation_is_a_polarizer() -> None:
     assert transmitted(0.0, OFFSET_DEG) == pytest.approx(0.5 * (1.0 + DIATTENUATION * DOLP))
+
+
+def generator_pairs(stages_deg: tuple[float, ...], repeats: int = 1) -> list[tuple[float, float, int]]:
+    return [(s, light, cycle) for cycle, light in enumerate(GENERATOR_DEG) for _ in range(repeats) for s in stages_deg]
+
+
+@pytest.mark.parametrize(
+    ("stages_deg", "repeats"),
+    # The readback of 11.25 deg is 11.2 or 11.3 to one decimal; that of 0 deg is 0.003 or 359.998.
+    [((11.25, 56.25, 101.25, 146.25), 1), ((0.0, 45.0, 90.0, 135.0), 3)],
+)
+def test_a_stage_that_does_not_land_twice_alike(tmp_path: Path, stages_deg: tuple[float, ...], repeats: int) -> None:
+    run = write_scan(tmp_path / "run", generator_pairs(stages_deg, repeats), landing_deg=0.004)
+    content = calibrate(tmp_path, str(run), "--generator", str(generator_toml(tmp_path)))
+    assert content["sense"] == SENSE
+    # The mean of 36 landings, and the readback that is 0.001 deg off.
+    assert abs(content["offset_deg"]["value"] - OFFSET_DEG) < 5.0 * content["offset_deg"]["std_error"] + 0.001
+    found = [channel["stage_angle_deg"] for channel in content["channels"]]
+    assert found == pytest.approx(stages_deg, abs=0.005)
+
+
+def test_a_hot_pixel_is_left_out(tmp_path: Path) -> None:
+    run = write_scan(tmp_path / "run", generator_pairs(STAGE_DEG), hot_pixels=1)
+    content = calibrate(tmp_path, str(run), "--generator", str(generator_toml(tmp_path)))
+    without = write_scan(tmp_path / "without", generator_pairs(STAGE_DEG))
+    expected = calibrate(tmp_path, str(without), "--generator", str(generator_toml(tmp_path)))
+    # Of 600 pixels one of 4095 would be 6 DN of 1500, and 0.5 % less diattenuation.
+    assert content["diattenuation"] == pytest.approx(expected["diattenuation"], abs=1e-4)
+
+
+def refusal(tmp_path: Path, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    out = tmp_path / "p.json"
+    assert main(["calibrate", "axis", *arguments, "--out", str(out)]) == EXIT_DATA
+    assert not out.exists()
+    return capsys.readouterr().err
+
+
+def test_references_that_contradict_one_another_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = [str(write_reference_run(tmp_path / f"run{angle}", angle)) for angle in (30.0, 77.0)]
+    said = refusal(tmp_path, capsys, *runs, "--reference-deg", "30", "--reference-deg", "60")
+    assert "contradict one another" in said
+
+
+def test_a_generator_at_one_axis_of_the_stage_asks_for_another_angle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = write_scan(tmp_path / "run", generator_pairs((30.0, 120.0)))
+    said = refusal(tmp_path, capsys, str(run), "--generator", str(generator_toml(tmp_path)))
+    assert "such as 0 and 45 deg" in said
+
+
+def test_a_scan_without_light_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = write_reference_run(tmp_path / "run", 30.0, peak_dn=0.0)
+    assert "no light above" in refusal(tmp_path, capsys, str(run), "--reference-deg", "30")
+
+
+def test_light_that_does_not_change_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # Light that turns with the polarizer: as without one.
+    pairs = [(10.0 * step, SENSE * 10.0 * step + OFFSET_DEG, 0) for step in range(36)]
+    run = write_scan(tmp_path / "run", pairs)
+    assert "in its place?" in refusal(tmp_path, capsys, str(run), "--reference-deg", "30")
+
+
+def test_a_direction_that_is_no_number_is_a_usage_error(tmp_path: Path) -> None:
+    run = write_reference_run(tmp_path / "run", 30.0)
+    arguments = [str(run), "--reference-deg", "nan", "--out", str(tmp_path / "p.json")]
+    assert main(["calibrate", "axis", *arguments]) == EXIT_USAGE

@@ -37,7 +37,7 @@ def test_frames_taken_alike_are_counted_together(run_path):
 
 
 def test_readback_is_given_as_a_span(run_path):
-    assert summarize_run(read_run(run_path)).groups[0].polarizer_angle_deg == (-0.02, 0.01)
+    assert summarize_run(read_run(run_path)).groups[0].polarizer_angle_deg == pytest.approx((-0.02, 0.01), abs=1e-9)
 
 
 def test_what_was_noted_is_counted(run_path):
@@ -73,3 +73,13 @@ def test_run_without_its_frames_ends_with_4(run_path, capsys):
     (run_path / "frames" / "000004_dark.fits").unlink()
     assert cli.main(["info", str(run_path)]) == 4
     assert "000004_dark.fits: missing" in capsys.readouterr().err
+
+
+def test_a_readback_on_the_other_side_of_0_is_near_its_target(tmp_path):
+    with RunWriter.create(tmp_path / "run", {"origin": "simulated"}) as writer:
+        for i, readback_deg in enumerate((0.002, 179.999)):
+            writer.write_frame(
+                make_record(i, polarizer_angle_target_deg=0.0, polarizer_angle_deg=readback_deg), noisy_counts(i)
+            )
+    (group,) = summarize_run(read_run(tmp_path / "run")).groups
+    assert group.polarizer_angle_deg == pytest.approx((-0.001, 0.002), abs=1e-9)
