@@ -27,7 +27,7 @@ _ZENITHS, _AZIMUTHS = 12, 10
 # What other lines of sight than those looked at may find in the sky's grid.
 _ELSEWHERE = 1.5
 # A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
-_HARMLESS = 0.003
+_HARMLESS = 0.001
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
 _PARTS: dict[Source, frozenset[str]] = {
     "total": frozenset({"reflected_sky", "path", "reflected"}),
