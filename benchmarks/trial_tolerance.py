@@ -25,15 +25,15 @@ from tests.model.accuracy.random_scenes import random_scene
 
 # Finer in every knob than a plan for the smallest of the tolerances; the law of DoLP and the ROC by quadrature alone.
 FINEST = Settings(
-    wavelengths=8,
+    wavelengths=6,
     split_at_kinks=True,
     solver=SolverSettings(
-        fine_layers=True, nodes=20, element_depth=0.03, tolerance=1e-7, matrix_tolerance=1e-3, layer_cuts=2
+        fine_layers=True, nodes=16, element_depth=0.03, tolerance=1e-7, matrix_tolerance=1e-3, layer_cuts=2
     ),
-    sky_zeniths=40,
-    sky_azimuths=36,
-    hemisphere_tolerance=1e-6,
-    tiles_per_side=10,
+    sky_zeniths=36,
+    sky_azimuths=32,
+    hemisphere_tolerance=1e-5,
+    tiles_per_side=8,
     negligible_spread=0.0,
     dolp_tolerance=1e-11,
     roc_tolerance=1e-12,

@@ -1,9 +1,12 @@
 """Files that people write: TOML in, checked records out, every problem of a file named at once."""
 
 import hashlib
+import re
 import tomllib
+from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -47,6 +50,22 @@ def _of_range(limits: object) -> dict[str, float]:
     return {"value": 0.5 * (low + high), "std": rectangular_std(low, high)}
 
 
+def with_std_apart(given: object, *names: str) -> object:
+    """Return a table in which each of some numbers is plain, and its standard uncertainty stands beside it.
+
+    ``latitude_deg = {value = 43.0, std = 0.1}`` becomes ``latitude_deg = 43.0`` and ``latitude_std_deg = 0.1``. For
+    numbers that most of the program takes as exact.
+    """
+    if not isinstance(given, dict):
+        return given
+    apart = dict(given)
+    for name in names:
+        if isinstance(given.get(name), dict):
+            number, (quantity, _, unit) = Uncertain.model_validate(given[name]), name.rpartition("_")
+            apart |= {name: number.value, f"{quantity}_std_{unit}": number.std}
+    return apart
+
+
 def _positive(number: Uncertain) -> Uncertain:
     if number.value <= 0:
         raise ValueError(f"is {number.value:g}, must be above 0")
@@ -70,6 +89,10 @@ NotNegative = Annotated[Uncertain, AfterValidator(_not_negative)]
 Fraction = Annotated[Uncertain, AfterValidator(_fraction)]
 
 FileModel = TypeVar("FileModel", bound=BaseModel)
+Key = tuple[int | str, ...]
+
+# What pydantic puts into the place of a value for each kind that it tried there.
+_KIND_TRIED = re.compile(r"constrained-\w+|float|int|str|bool|(literal|list|tuple|dict)\[.*\]")
 
 
 def load(path: Path, model: type[FileModel]) -> FileModel:
@@ -96,22 +119,37 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
 
 def describe(path: Path, error: ValidationError) -> str:
     """Return every problem of a file as text, one a line: key, what is wrong, what was found."""
-    problems = [_problem(detail) for detail in error.errors(include_url=False)]
+    problems = _problems(error.errors(include_url=False))
     count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
     return "\n".join([f"{path}: {count}", *(f"  {line}" for line in problems)])
 
 
-def _problem(detail: object) -> str:
-    if not isinstance(detail, dict):
-        return str(detail)
-    key = ".".join(str(part) for part in detail["loc"]) or "(whole file)"
-    kind, message, found = detail["type"], detail["msg"], detail["input"]
-    if kind == "extra_forbidden":
-        return f"{key}: is no known key (found {found!r})"
-    if kind == "missing":
-        return f"{key}: is missing"
-    text = message.removeprefix("Value error, ")
-    return f"{key}: {text[0].lower() + text[1:]}" + ("" if kind == "value_error" else f" (found {found!r})")
+def _problems(details: Sequence[Any]) -> list[str]:
+    """Return a line for each key that is wrong; what a value of several allowed kinds is not, in one line."""
+    by_key: dict[Key, list[Any]] = defaultdict(list)
+    for detail in details:
+        by_key[_key(detail["loc"])].append(detail)
+    # Of a list, its items say more than that it is no number.
+    inner = {key[:size] for key in by_key for size in range(len(key))}
+    told = {key: found for key, found in by_key.items() if len(found) == 1 or key not in inner}
+    return [_problem(key, found) for key, found in told.items()]
+
+
+def _key(place: Sequence[int | str]) -> Key:
+    """Return the place of a value in its file, without the kinds of value that were tried there."""
+    return tuple(part for part in place if not (isinstance(part, str) and _KIND_TRIED.fullmatch(part)))
+
+
+def _problem(key: Key, details: Sequence[Any]) -> str:
+    name, first = ".".join(map(str, key)) or "(whole file)", details[0]
+    if first["type"] == "extra_forbidden":
+        return f"{name}: is no known key (found {first['input']!r})"
+    if first["type"] == "missing":
+        return f"{name}: is missing"
+    texts = [detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ") for detail in details]
+    start = "input should be " if details[0]["msg"].startswith("Input should be ") else ""
+    text = start + ", or ".join(text[0].lower() + text[1:] for text in texts)
+    return f"{name}: {text}" + ("" if first["type"] == "value_error" else f" (found {first['input']!r})")
 
 
 def sha256_of(path: Path) -> str:

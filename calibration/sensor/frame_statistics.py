@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.sensor.frame_memory import FrameMemory
 from calibration.sensor.frame_sums import FrameSums
 from calibration.sensor.noise_texture import NoiseTexture
+from calibration.sensor.ordinary_pixels import OrdinaryPattern, ordinary_pattern
 from calibration.sensor.pattern_parts import PatternParts, mosaic_contrast, pattern_parts, small_scale_variance
 from calibration.sensor.sample_tally import SampleTally
 from calibration.sensor.variance_moments import variance_moments
@@ -69,6 +71,8 @@ class LevelStatistics:
         Covariance of the errors of these two [DN^4].
     small_scale_variance_dn2 : float
         The spatial variance without what is smooth on a sixteenth of the picture [DN^2].
+    ordinary : OrdinaryPattern
+        The spatial variance without defect pixels.
     mosaic_contrast : float
         Largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean.
     pattern : PatternParts
@@ -77,6 +81,8 @@ class LevelStatistics:
         What pixels share of the noise in time.
     samples : SampleTally
         The samples as integers.
+    memory : FrameMemory or None
+        What goes over from frame to frame; None with two frames, or without noise.
     picture : LevelPicture or None
         Pixel by pixel, where that was asked for.
     """
@@ -95,10 +101,12 @@ class LevelStatistics:
     spatial_std_error_dn2: float
     temporal_spatial_cov_dn4: float
     small_scale_variance_dn2: float
+    ordinary: OrdinaryPattern
     mosaic_contrast: float
     pattern: PatternParts
     texture: NoiseTexture
     samples: SampleTally
+    memory: FrameMemory | None = None
     picture: LevelPicture | None = None
 
 
@@ -185,6 +193,14 @@ def _statistics(
         spatial_std_error_dn2=float(np.sqrt(moments.spatial_error_dn4)),
         temporal_spatial_cov_dn4=moments.covariance_dn4,
         small_scale_variance_dn2=moments.spatial_dn2 if small is None else small - moments.temporal_dn2 / n_frames,
+        ordinary=ordinary_pattern(
+            sums.squares(),
+            deviations,
+            kept=sums.kept_mask(),
+            moments=moments,
+            small_scale_dn2=small,
+            n_frames=n_frames,
+        ),
         mosaic_contrast=mosaic_contrast(deviations, mean_dn=mean_dn),
         pattern=pattern_parts(
             deviations,
@@ -193,6 +209,7 @@ def _statistics(
         ),
         texture=texture,
         samples=sums.samples,
+        memory=sums.memory,
         picture=_picture(sums, deviations + np.float32(mean_dn)) if keep_picture else None,
     )
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.sensor.frame_memory import FrameMemory, frame_memory, shown_rows
 from calibration.sensor.noise_texture import NoiseTexture, noise_texture
 from calibration.sensor.sample_tally import SampleCounter, SampleTally
 
@@ -21,6 +22,7 @@ _OUTLIER_PASSES = 5
 _BLOCK_PIXELS = 49152
 # Sums of samples fit into 32 bits.
 _MOST_FRAMES = 65536
+_FRAMES_OF_MEMORY = 3
 
 
 class FrameSums:
@@ -29,12 +31,14 @@ class FrameSums:
     def __init__(self, first: NDArray[np.uint16]) -> None:
         self.shape = (first.shape[0], first.shape[1])
         self.texture: NoiseTexture | None = None
+        self.memory: FrameMemory | None = None
         self._counter = SampleCounter()
         self._means: list[float] = []
         self._sum = first.astype(np.uint32)
         self._square_sum: SingleArray | None = None
         self._outlier: NDArray[np.bool_] | None = None
         self._previous = first
+        self._first_rows = shown_rows(first)
         self._count(first)
 
     def add(self, frame: NDArray[np.uint16]) -> None:
@@ -49,6 +53,8 @@ class FrameSums:
         self._sum += frame
         self._count(frame)
         self._add_difference(frame)
+        if self.n_frames == _FRAMES_OF_MEMORY:
+            self.memory = frame_memory(self._first_rows, shown_rows(self._previous), shown_rows(frame))
         self._previous = frame
 
     @property
@@ -74,6 +80,10 @@ class FrameSums:
     def kept(self, picture: SingleArray) -> SingleArray:
         """Return the pixels without an outlier."""
         return picture if self._outlier is None else picture[~self._outlier]
+
+    def kept_mask(self) -> NDArray[np.bool_] | None:
+        """Return which pixels had no outlier, None where none had one."""
+        return None if self._outlier is None else ~self._outlier
 
     def squares(self) -> SingleArray:
         """Return the sum of the squared differences of each pixel [DN^2]."""

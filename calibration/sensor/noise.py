@@ -16,6 +16,7 @@ from calibration.sensor.figure_checks import figure_flags
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_checks import level_flags
 from calibration.sensor.noise_figures import choose_spatial_levels, measure, noise_figures
+from calibration.sensor.pattern_checks import left_out_flags
 from calibration.sensor.performance import Performance, performance
 from calibration.sensor.photon_transfer import PhotonTransfer, fit_photon_transfer, transfer_points
 from calibration.sensor.propagation import SpatialLevels
@@ -131,6 +132,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     dark_current_e_per_s = figures.estimates.get("dark_current_e_per_s")
     flags += (
         *figures.flags,
+        *left_out_flags(darks[spatial.dark], flats[spatial.flat]),
         *figure_flags(dark_current_e_per_s=dark_current_e_per_s, quantum_efficiency=merit.quantum_efficiency),
     )
     return NoiseCalibration(

@@ -103,14 +103,14 @@ def measure(
     spatial: SpatialLevels,
 ) -> Measured:
     """Return what the levels gave in DN, with its covariance. What does not exist is 0, as is its covariance."""
-    dark_spatial = np.array([level.spatial_variance_dn2 for level in darks])
+    dark_spatial = np.array([level.ordinary.variance_dn2 for level in darks])
     flat_weights = match.weights[spatial.flat]
     values, covariance = np.zeros(N_MEASURED), np.zeros((N_MEASURED, N_MEASURED))
     values[GAIN] = transfer.gain_dn_per_e
     values[DARK_VARIANCE] = 0.0 if dark.variance_fit is None else dark.variance_fit.parameters[0]
     # What is smooth across the picture is light and lens rather than the sensor.
-    dark_small = np.array([level.small_scale_variance_dn2 for level in darks])
-    values[FLAT_SPATIAL] = flats[spatial.flat].small_scale_variance_dn2 - flat_weights @ dark_small
+    dark_small = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
+    values[FLAT_SPATIAL] = flats[spatial.flat].ordinary.small_scale_variance_dn2 - flat_weights @ dark_small
     values[DARK_SPATIAL] = dark_spatial[spatial.dark]
     values[BLACK_LEVEL] = dark.mean_fit.parameters[0]
     values[DARK_SLOPE] = dark.mean_fit.parameters[1] if dark.has_slope else 0.0

@@ -2,9 +2,11 @@
 
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import FixedPattern
+from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.spectrogram import spectral_peak
 
 _DEFECT_SHARE = 1e-3
+_DEFECT_VARIANCE = 0.05
 _LONG_STACK = 16
 
 
@@ -52,9 +54,37 @@ def _defect_pixels(pattern: FixedPattern) -> Flag | None:
     kinds = ", ".join(f"{count} {name}" for name, count in pattern.defects.counts.items() if count)
     return Flag(
         name="defect_pixels",
-        message=f"{share:.2%} of the pixels are not like the others ({kinds}; more than {_DEFECT_SHARE:.1%}): DSNU, "
-        f"PRNU and read noise hold them; leave them out of regions: the defect map says which",
+        message=f"{share:.2%} of the pixels are not like the others ({kinds}; more than {_DEFECT_SHARE:.1%}): the best "
+        f"DSNU and PRNU leave out those that are 6 standard deviations off, those of EMVA 1288 hold all; leave them "
+        f"out of regions: the defect map says which",
     )
+
+
+def left_out_flags(dark: LevelStatistics, flat: LevelStatistics) -> tuple[Flag, ...]:
+    """Return a flag if single pixels make a good part of the fixed pattern.
+
+    Parameters
+    ----------
+    dark, flat : LevelStatistics
+        The levels that DSNU and PRNU are taken from.
+    """
+    shares = {
+        name: 1.0 - level.ordinary.variance_dn2 / level.spatial_variance_dn2
+        for name, level in (("dark", dark), ("flat", flat))
+        if level.ordinary.left_out and level.spatial_variance_dn2 > 0.0
+    }
+    if not shares or max(shares.values()) < _DEFECT_VARIANCE:
+        return ()
+    counts = {"dark": dark.ordinary.left_out, "flat": flat.ordinary.left_out}
+    where = " and ".join(
+        f"{counts[name]} in the {name} stack ({share:.0%} of its variance)" for name, share in shares.items()
+    )
+    message = (
+        f"single pixels are more than 6 standard deviations from all others: {where}: hot, dead or "
+        f"otherwise defect; the best DSNU and PRNU leave them out, those of EMVA 1288 hold them; leave them out of "
+        f"regions: --defects writes which"
+    )
+    return (Flag(name="defect_pixels", message=message),)
 
 
 def _short_stack(pattern: FixedPattern) -> Flag | None:

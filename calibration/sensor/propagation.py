@@ -98,6 +98,6 @@ def _statistics_covariance(
     temporal = np.zeros((n, n))
     temporal[:n_flat, :n_flat] = np.diag(np.square(transfer.points.flat_std_error_dn2))
     temporal[n_flat:, n_flat:] = dark.variance_covariance_dn4
-    spatial = np.diag([level.spatial_std_error_dn2**2 for level in levels])
-    cross = np.diag([level.temporal_spatial_cov_dn4 for level in levels])
+    spatial = np.diag([level.ordinary.std_error_dn2**2 for level in levels])
+    cross = np.diag([level.ordinary.temporal_cov_dn4 for level in levels])
     return np.block([[temporal, cross], [cross, spatial]])

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.flags import Flag
 from calibration.sensor.ceiling import SATURATED_FRACTION
+from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_names import level_names
 
@@ -15,6 +16,8 @@ FloatArray = NDArray[np.float64]
 _SIGMA = 5.0
 # Spreading charge correlates the noise of neighbours by a per cent at most.
 _CORRELATION, _FILTERED = 0.02, 0.1
+# Lag of a detector leaves less than a per cent of a frame in the next.
+_MEMORY = 0.03
 # Two readout channels differ by a per cent or two, pixels behind colour filters by tens.
 _MOSAIC, _COLOURS = 0.03, 0.1
 _SHARED_VARIANCE, _BANDED = 0.05, 0.01
@@ -29,7 +32,13 @@ def texture_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
     levels : sequence of LevelStatistics
         Dark and flat levels.
     """
-    found = (_correlated_noise(levels), _colour_mosaic(levels), _row_noise(levels), _banded_light(levels))
+    found = (
+        _correlated_noise(levels),
+        _frames_go_together(levels),
+        _colour_mosaic(levels),
+        _row_noise(levels),
+        _banded_light(levels),
+    )
     return tuple(flag for flag in found if flag is not None)
 
 
@@ -67,6 +76,26 @@ def _correlated_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
         f"compressed with loss (JPEG), and the gain is too small by about twice their sum: switch noise reduction and "
         f"sharpening off, and save raw frames",
         refuses=largest > _FILTERED,
+    )
+
+
+def _frames_go_together(levels: Sequence[LevelStatistics]) -> Flag | None:
+    # Rounding that hides the noise shows what is left of it in a few pixels only.
+    noisy = [v for v in levels if v.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
+    stacks = [v.memory for v in noisy if v.memory is not None and v.samples.max_fraction < SATURATED_FRACTION]
+    if not stacks:
+        return None
+    share = float(np.mean([memory.share for memory in stacks]))
+    error = float(np.sqrt(np.sum([memory.std_error**2 for memory in stacks]))) / len(stacks)
+    if share < _MEMORY or share < _SIGMA * error:
+        return None
+    return Flag(
+        name="frames_go_together",
+        message=f"the noise of a pixel goes together from one frame to the next by {share:+.3f} (at most {_MEMORY} is "
+        f"expected): the camera averages frames in time (noise reduction), so that differences of frames show "
+        f"{(1.0 - share) / (1.0 + share):.0%} of the noise, and the gain is too small by as much: switch noise "
+        f"reduction off, and save raw frames",
+        refuses=share > _FILTERED,
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.cameras.pixel_format import Justified
 from drivers.cameras.place import one_of, split_place, whole
 from drivers.cameras.raw_files import PLANES, RAW_SUFFIXES, Plane, read_raw
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
@@ -17,6 +18,12 @@ _SUFFIXES = frozenset((".png", ".tif", ".tiff")) | RAW_SUFFIXES
 _LOOK_S = 0.02
 _EXPOSURE_TOLERANCE = 0.02  # exposures in files are rounded
 _LONGEST_EXPOSURE_S = 3600.0
+_FILE_BITS = 16
+# So few values may be multiples of something by chance, as in a picture of the dark.
+_FEW_VALUES = 16
+
+# Length and last change of a file.
+_Looks = dict[Path, tuple[int, int]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +38,14 @@ class FolderOptions:
         Colour of RAW files.
     bit_depth : int or None
         Bits of the camera; needed for PNG and TIFF, which do not tell.
+    justified : {"right", "left"}
+        At which end of 16 bits the samples of PNG and TIFF stand.
     """
 
     folder: Path
     plane: Plane | None = None
     bit_depth: int | None = None
+    justified: Justified = "right"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +65,8 @@ class FolderCamera:
 
     A file counts as a picture of after the call if its last change, minus the exposure, is after the call. So the two
     machines' clocks have to agree where the folder is on another one, and a program that takes long to write a file
-    may pass off a picture as later than it was by so long. A file is read when it can be, and has stopped growing.
+    may pass off a picture as later than it was by so long. A file is read when it can be, and is as long and as old as
+    at the last look.
     """
 
     def __init__(
@@ -110,7 +121,7 @@ class FolderCamera:
 
     def facts(self) -> CameraFacts:
         """Return what is known of the files: what the camera's own program does to pictures is not."""
-        return CameraFacts(sample_format="files", justified="right", linear=None)
+        return CameraFacts(sample_format="files", justified=self._options.justified, linear=None)
 
     def features(self) -> dict[str, str]:
         """Return which colour is taken, where files have several."""
@@ -132,9 +143,9 @@ class FolderCamera:
         asked_utc_ns, asked_monotonic_ns = time.time_ns(), time.monotonic_ns()
         deadline_s = self._now_s() + timeout_s
         damage: ProtocolError | None = None
-        sizes: dict[Path, int] = {}
+        looks: _Looks = {}
         while self._now_s() < deadline_s:
-            for path in self._stopped_growing(sizes):
+            for path in self._left_alone(looks):
                 start_utc_ns = path.stat().st_mtime_ns - round(self._exposure_s * 1e9)
                 if start_utc_ns < asked_utc_ns:
                     self._pass_over(path)
@@ -166,7 +177,9 @@ class FolderCamera:
             raise NotConnectedError(f"{self._name}: it was closed; open it again")
 
     def _files(self) -> list[Path]:
-        return [path for path in self._options.folder.iterdir() if path.suffix.lower() in _SUFFIXES]
+        # Names that begin with a point are those of files under way, and of other systems.
+        there = self._options.folder.iterdir()
+        return [path for path in there if path.suffix.lower() in _SUFFIXES and not path.name.startswith(".")]
 
     def _size_of_last(self) -> tuple[int, int, int]:
         """Return width, height and bits of the newest picture there is; all there are count as seen."""
@@ -179,12 +192,12 @@ class FolderCamera:
         still = self._read(there[-1])
         return still.counts.shape[1], still.counts.shape[0], still.bit_depth
 
-    def _stopped_growing(self, sizes: dict[Path, int]) -> list[Path]:
-        """Return new files that are as long as at the last look, oldest first; note how long all are."""
+    def _left_alone(self, looks: "_Looks") -> list[Path]:
+        """Return new files that nobody wrote to since the last look, oldest first; note how all are."""
         new = sorted((path for path in self._files() if path.name not in self._seen), key=_age)
-        before = dict(sizes)
-        sizes.update({path: path.stat().st_size for path in new})
-        return [path for path in new if 0 < sizes[path] == before.get(path)]
+        before = dict(looks)
+        looks.update({path: (path.stat().st_size, path.stat().st_mtime_ns) for path in new})
+        return [path for path in new if looks[path][0] > 0 and looks[path] == before.get(path)]
 
     def _pass_over(self, path: Path) -> None:
         self._seen.add(path.name)
@@ -207,7 +220,8 @@ class FolderCamera:
             )
         if self._options.bit_depth is None:
             raise LimitError(f"{self._name}: {path.name} does not tell its bits; state bit_depth=N in the address")
-        return _Still(counts=_grey(path), bit_depth=self._options.bit_depth, exposure_s=None)
+        counts = _right_justified(_grey(path), path, self._options)
+        return _Still(counts=counts, bit_depth=self._options.bit_depth, exposure_s=None)
 
     def _frame(self, path: Path, still: _Still, start_utc_ns: int, start_monotonic_ns: int) -> Frame:
         self._require_fit(path, still)
@@ -241,12 +255,32 @@ class FolderCamera:
             raise ProtocolError(f"{self._name}: {path.name} has counts above {still.bit_depth} bits")
 
 
+def _right_justified(counts: NDArray[np.uint16], path: Path, options: FolderOptions) -> NDArray[np.uint16]:
+    """Return counts at the right end; refuse those that stand at the other end than is stated."""
+    used = int(np.bitwise_or.reduce(counts, axis=None))
+    unused_low = (used & -used).bit_length() - 1 if used else 0
+    if options.justified == "left":
+        spare = _FILE_BITS - (options.bit_depth or _FILE_BITS)
+        if used and unused_low < spare:
+            raise ProtocolError(
+                f"{path}: samples are not left-justified with {options.bit_depth} bits in {_FILE_BITS}: their lowest "
+                f"bits are used; state the camera's true bit_depth, or justified=right"
+            )
+        return np.right_shift(counts, np.uint16(spare))
+    if unused_low and len(np.unique(counts)) > _FEW_VALUES:
+        raise ProtocolError(
+            f"{path}: all samples are multiples of {2**unused_low}: they stand at the left end of their {_FILE_BITS} "
+            f"bits; state bit_depth={_FILE_BITS - unused_low}&justified=left in the address"
+        )
+    return counts
+
+
 def _age(path: Path) -> tuple[int, str]:
     return path.stat().st_mtime_ns, path.name
 
 
 def open_folder(place: str) -> FolderCamera:
-    """Return a folder as a camera, by ``FOLDER?plane=green-1&bit_depth=12``; see `FolderOptions`.
+    """Return a folder as a camera, by ``FOLDER?plane=green-1&bit_depth=12&justified=left``; see `FolderOptions`.
 
     Raises
     ------
@@ -255,7 +289,8 @@ def open_folder(place: str) -> FolderCamera:
     LimitError
         The address has keys or values that are not allowed.
     """
-    folder, values = split_place(place, {"plane": one_of(*PLANES), "bit_depth": whole(8, 16)})
+    readers = {"plane": one_of(*PLANES), "bit_depth": whole(8, 16), "justified": one_of("right", "left")}
+    folder, values = split_place(place, readers)
     return FolderCamera(FolderOptions(folder=Path(folder), **values))
 
 

@@ -11,6 +11,9 @@ FloatArray = NDArray[np.float64]
 
 # What the degrees beyond take from the covariance, over the square of the next: they also stand in for lower ones.
 _BEYOND = 8.0
+# Error of the mean over the size of the last degree, at least: the shadowing has a kink, and beyond it degrees fall
+# slowly. Of fifty random fields with 3 x 3 and 4 x 4 tiles 95 % had no more.
+_KINK = 0.03
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +58,7 @@ def field_error(values: FloatArray) -> FieldError:
     ratio = np.array([_ratio(size, abs(mean)) for size, mean in zip(sizes.T, coefficients[0, 0], strict=True)])
     rest = np.sqrt(_BEYOND * ratio**2 / np.maximum(1.0 - ratio**2, 0.05))
     return FieldError(
-        mean=sizes[-1] * ratio ** (per_side + 1),
+        mean=sizes[-1] * np.maximum(ratio ** (per_side + 1), _KINK),
         cov=np.outer(rest, rest) * (last.T @ last),
     )
 

@@ -100,9 +100,7 @@ def spectral_error(air: Air, settings: Settings) -> SpectralError:
     )
     few, all_of_it = _spectrum(air, rule, mu0), _spectrum(air, everything, mu0)
     present = [pair for pair in zip(few.parts, all_of_it.parts, strict=True) if np.any(pair[1] > _ROUNDING)]
-    errors = np.zeros((1, 1))
-    if present:
-        errors = np.stack([few.sums(some) / all_of_it.sums(every) - 1.0 for some, every in present])
+    errors = np.stack([few.sums(some) / all_of_it.sums(every) - 1.0 for some, every in present])
     # Polarized light is of the molecules, or of both alike.
     unlike = max(float(np.max(np.ptp(errors, axis=0))), float(np.max(np.ptp(errors, axis=1))))
     return SpectralError(
@@ -143,6 +141,5 @@ def _spectrum(air: Air, rule: SpectralRule, mu0: float) -> _Spectrum:
     molecules = rayleigh_optical_depth(
         wavelength_m=rule.wavelength_m, surface_pressure_pa=air.state.surface_pressure_pa
     )
-    share = np.divide(molecules, depth, out=np.zeros(depth.size), where=depth > 0.0)
-    rest = np.where(depth > 0.0, 1.0 - share, 0.0)
-    return _Spectrum(irradiance=rule.irradiance, depth=depth, parts=(share, rest), mu0=mu0)
+    share = molecules / depth
+    return _Spectrum(irradiance=rule.irradiance, depth=depth, parts=(share, 1.0 - share), mu0=mu0)

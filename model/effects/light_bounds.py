@@ -50,13 +50,13 @@ def field_of_view(scene: LitScene, region: RegionBracket, light: SunLight) -> Di
 
 
 def wavelengths(scene: LitScene, region: RegionBracket) -> Disturbance:
-    """Return what one wavelength in the middle of the band misses of sky, path and transmittance.
+    """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
 
     Notes
     -----
     Light L of a depth tau ~ lambda^-4.2 changes by at most K per relative wavelength, K = 4.2 (1 + 2 tau / mu0 +
-    2 tau / mu_v), and its curvature is at most K (K + 5). The error of the middle of a band of half width d, whose
-    weight has its mean c beside the middle, is K c + K (K + 5) d^2 / 2.
+    2 tau / mu_v), and its curvature is at most K (K + 5). At the mean of the band the slope drops out
+    (`model.atmosphere.spectral_rule`), and the variance of a band of half width d is at most d^2: K (K + 5) d^2 / 2.
     """
     if region.region.surface is None or scene.air is None or scene.view is None:
         return NOTHING
@@ -64,14 +64,10 @@ def wavelengths(scene: LitScene, region: RegionBracket) -> Disturbance:
     if air.table is not None:
         return NOTHING
     shortest, longest = air.band.limits_m
-    middle = 0.5 * (shortest + longest)
-    half = 0.5 * (longest - shortest) / middle
-    weight = air.band.weighted
-    mean = np.sum(np.gradient(air.band.wavelength_m) * weight * air.band.wavelength_m)
-    mean /= np.sum(np.gradient(air.band.wavelength_m) * weight)
+    half = 0.5 * (longest / shortest - 1.0)
     slants = 1.0 / np.cos(air.sun_zenith_rad) + 1.0 / np.cos(scene.view.zenith_rad)
     steepness = _POWER * (1.0 + 2.0 * depth(air) * slants)
-    missed = steepness * abs(mean / middle - 1.0) + 0.5 * steepness * (steepness + 5.0) * half**2
+    missed = 0.5 * steepness * (steepness + 5.0) * half**2
     return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
 
 

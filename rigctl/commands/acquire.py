@@ -16,7 +16,7 @@ from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.noise.noise_file import read_noise_file
 from rigctl.polarimeter.polarizer_file import read_polarizer_file
-from rigctl.sessions.drift_cost import grouping_cost
+from rigctl.sessions.drift_cost import grouping_cost, missing_axes
 from rigctl.sessions.mean_noise import noise_numbers
 from rigctl.sessions.plan import Need, Step, estimate, plan_steps
 from rigctl.sessions.schedule import unix_ns
@@ -66,9 +66,9 @@ def command(
     rig_file, session_file = load_rig(rig), load_session(session)
     noise_content = None if noise is None else read_noise_file(noise)
     session_file = with_target(session_file, noise_content, scene=scene, target_dolp_sigma=target_dolp_sigma)
-    grouping = grouping_cost(session_file)
-    if grouping is not None:
-        warn(grouping)
+    for doubt in (grouping_cost(session_file), missing_axes(plan_steps(session_file))):
+        if doubt is not None:
+            warn(doubt)
     if dry_run:
         steps = plan_steps(session_file)
         _print_steps(steps, estimate(steps, rig_file))

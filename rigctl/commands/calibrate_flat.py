@@ -11,7 +11,10 @@ from rigctl.errors import ConfigError
 from rigctl.polarimeter.flat_file import flat_facts, flat_npz
 from rigctl.polarimeter.run_flat import flat_of_run
 from rigctl.runs.run_folder import read_run
-from rigctl.terminal import print_json, results
+from rigctl.terminal import print_json, results, warn
+
+# A pattern of less is none.
+_LEAST_PATTERN = 1e-4
 
 
 def flat(
@@ -48,8 +51,16 @@ def flat(
             str(row["frames"]),
             f"{row['mean_dn']:.1f}",
             f"{row['throughput']['value']:.5f}",
-            f"{row['throughput']['std_error']:.5f}",
+            f"{row['throughput']['std_error']:.2g}",
             f"{100.0 * row['pattern_rms']:.3f}",
             f"{100.0 * row['noise_rms']:.3f}",
         )
     results().print(table)
+    worse = [row for row in facts["angles"] if row["noise_rms"] > row["pattern_rms"]]
+    if worse:
+        largest = max(row["noise_rms"] / max(row["pattern_rms"], _LEAST_PATTERN) for row in worse)
+        warn(
+            f"{len(worse)} of {len(facts['angles'])} flats have more noise of their own than pattern: dividing by them "
+            f"makes single pixels worse, and dust and vignetting alone better; take {largest**2:.0f} times as many "
+            f"frames or more, or brighter ones"
+        )

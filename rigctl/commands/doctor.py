@@ -53,17 +53,17 @@ def _findings(rig: Path | None, session: Path | None, folder: Path, frames: int)
     """Give what is found, as it is found; files that are wrong are said to be so before anything else."""
     rig_file = None if rig is None else load_rig(rig)
     session_file = None if session is None else load_session(session)
-    pixels = _USUAL_PIXELS
+    pixels, camera_s = _USUAL_PIXELS, None
     if rig_file is not None:
         checkup = Checkup(rig_file, frames=frames)
         try:
             yield from checkup.findings()
         except DeviceError as error:
             yield Finding(what="devices", found=str(error), advice="mend this, and call the doctor again")
-        pixels = checkup.pixels or _USUAL_PIXELS
+        pixels, camera_s = checkup.pixels or _USUAL_PIXELS, checkup.camera_s
     demand = DiskDemand(frame_bytes=_SAMPLE_BYTES * pixels, period_s=_USUAL_PERIOD_S)
     if rig_file is not None and session_file is not None:
-        demand = demand_of(rig_file, session_file, pixels=pixels, now_ns=time.time_ns())
+        demand = demand_of(rig_file, session_file, pixels=pixels, now_ns=time.time_ns(), camera_s=camera_s)
     yield receive_buffer(frame_bytes=_SAMPLE_BYTES * pixels)
     yield disk(folder, frame_bytes=demand.frame_bytes, period_s=demand.period_s)
     if demand.total_bytes is not None:

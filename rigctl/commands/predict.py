@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,9 +11,12 @@ import typer
 from model.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.comparison.effect_choice import with_choices
+from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
+from rigctl.comparison.propagated_rows import only_uncertain
 from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.comparison.remarks import model_warnings
 from rigctl.comparison.scene_light import SceneLight
-from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
+from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
@@ -22,8 +26,9 @@ from rigctl.reports.accuracy_tables import accuracy_json, accuracy_lines, accura
 from rigctl.reports.effects_table import effects_json, left_out_line
 from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
-from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
+from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.reports.tables_json import prediction_json
+from rigctl.reports.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
 from rigctl.skies.engine import Engine, require_engine
 from rigctl.terminal import print_json, progress, results, warn
 from rigctl.utc_time import utc_text
@@ -57,6 +62,10 @@ def command(
     left_out: Annotated[
         list[str] | None, typer.Option("--without", metavar="NAME", help="Leave an effect out, whatever it changes.")
     ] = None,
+    uncertainty: Annotated[
+        bool,
+        typer.Option("--uncertainty", help="Also what the stated uncertainties of the inputs make of each number."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Print what the analytical model predicts for each region: counts, Stokes parameters, DoLP, deviations, SNR.
@@ -64,6 +73,9 @@ def command(
     Regions are given by their radiance, or by material, sun and atmosphere; then it also says what the light at the
     aperture is made of. --light predicts as if only that part of it came. --tolerance is absolute in DoLP, s1, s2 and
     P_D, relative in radiance, counts, deviations and SNR; what cannot be kept is said (docs/accuracy.md).
+
+    Inputs may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }: --uncertainty gives each number its standard
+    uncertainty by all of them, [rig] included, and ranks them (docs/comparison.md).
 
     Example: rigctl predict examples/scene-airborne.toml --tolerance 0.01
 
@@ -79,8 +91,10 @@ def command(
         source=light,
         radiometric=None if radiometric is None else _fitting_radiometric(radiometric, scene_file.sensor.bit_depth),
     )
-    if key_and_range is not None and tolerance is not None:
-        raise ConfigError("--tolerance: is of one prediction; leave out --sweep")
+    if key_and_range is not None and (tolerance is not None or uncertainty):
+        raise ConfigError("--tolerance and --uncertainty: are of one prediction; leave out --sweep")
+    if tolerance is not None and uncertainty:
+        raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
     if key_and_range is not None:
         _show_sweep(sweep(predictor, key_and_range), predictor.inputs.remarks, out=out, as_json=as_json)
         return
@@ -89,7 +103,7 @@ def command(
     if tolerance is not None:
         _show_accurate(predictor, tolerance, as_json=as_json)
         return
-    _show(predictor.predict(), as_json=as_json)
+    _show(predictor, uncertainty=uncertainty, as_json=as_json)
 
 
 def _fitting_noise(path: Path, *, bit_depth: int) -> dict[str, Any]:
@@ -108,17 +122,32 @@ def _fitting_radiometric(path: Path, bit_depth: int) -> dict[str, Any]:
     return calibration
 
 
-def _show(found: ScenePrediction, *, as_json: bool) -> None:
+def _show(predictor: ScenePredictor, *, uncertainty: bool, as_json: bool) -> None:
+    found = predictor.predict()
+    errors = predicted_uncertainty(predictor, found.predictions) if uncertainty else None
     content = prediction_json(found.predictions, remarks=found.remarks) | light_json(found)
+    if errors is not None:
+        content |= {"regions": with_input_errors(found.predictions, errors)} | input_effects_json(errors)
     if as_json:
         print_json(content)
         return
     for line in geometry_lines(found):
         results().print(line)
-    for table in (*light_tables(found), *quantity_tables(content["regions"])):
+    effects = () if errors is None else input_effect_tables(errors)
+    for table in (*light_tables(found), *quantity_tables(content["regions"]), *effects):
         results().print(table)
-    for remark in (*content["remarks"], *(w for region in content["warnings"].values() for w in region)):
+    for remark in (*content["remarks"], *model_warnings(found.predictions), *_of_uncertainty(predictor, errors)):
         progress().print(remark, markup=False)
+
+
+def _of_uncertainty(predictor: ScenePredictor, errors: PredictedUncertainty | None) -> Iterable[str]:
+    uncertain = only_uncertain(predictor.inputs).names
+    if errors is not None:
+        yield from errors.remarks or (
+            () if uncertain else ("no input has a stated uncertainty: all are taken as exact",)
+        )
+    elif uncertain:
+        yield f"{len(uncertain)} inputs have a stated uncertainty: --uncertainty says what that makes of these numbers"
 
 
 def _show_accurate(predictor: ScenePredictor, tolerance: float, *, as_json: bool) -> None:
@@ -145,7 +174,9 @@ def _show_sweep(found: Sweep, remarks: tuple[str, ...], *, out: Path | None, as_
     if as_json:
         print_json(content)
         return
-    results().print(sweep_table(found))
+    results().print(f"sweep of {found.key}", markup=False)
+    for table in sweep_tables(found):
+        results().print(table)
     for remark in remarks:
         progress().print(remark, markup=False)
     if out is not None:

@@ -15,6 +15,7 @@ from model.accuracy.light_store import LightStore
 from model.accuracy.predict import AccuratePrediction, predict
 from model.accuracy.quantities import Reading, Value, differences, readings
 from model.lit_scene import LitScene
+from model.rig_errors import predict_with_errors
 from rigctl.comparison.scene_prediction import ScenePredictor
 
 FloatArray = NDArray[np.float64]
@@ -146,7 +147,11 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
     coarse = settings_at(dict.fromkeys(KNOBS, 0), 1e-2)
 
     def at(changed: dict[str, float]) -> dict[Reading, Value]:
-        return _readings(evaluate(predictor.lit_scene(changed), coarse, store=store))
+        result, errors = evaluate(predictor.lit_scene(changed), coarse, store=store), predictor.rig_errors(changed)
+        if errors is None:
+            return _readings(result)
+        # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
+        return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
 
     base = at({})
     slopes = np.zeros((len(base), inputs.values.size))

@@ -23,7 +23,8 @@ Verdict = Literal["sound", "flagged", "refused", "not testable"]
 
 # Pair sums this far apart are no polarimeter's any more; half a per cent is what stages and lamps leave.
 _PAIRS_REFUSED, _PAIRS_FLAGGED = 0.08, 0.01
-_CURVATURE_FLAGGED = 0.01
+# Blur and edges that lie a tenth of a pixel apart feign up to this much in a scene with structure.
+_CURVATURE_FLAGGED = 0.02
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
@@ -83,14 +84,15 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
             continue
         excess, error = pair_sum_excess(measurement.plan, moments.mean, moments.cov)
         verdict: Verdict = "sound"
-        if excess > _PAIRS_FLAGGED + _SIGMAS * error:
-            verdict = "refused" if excess > _PAIRS_REFUSED + _SIGMAS * error else "flagged"
+        if excess > max(_PAIRS_FLAGGED, _SIGMAS * error):
+            verdict = "refused" if excess > _PAIRS_REFUSED else "flagged"
         yield Check(
             name=f"pair sums of {name}",
             verdict=verdict,
             text=f"pairs of orthogonal angles, each of which holds all of the light, differ by {excess:.2%} +- "
-            f"{error:.2%}; flagged above {_PAIRS_FLAGGED:.0%}, refused above {_PAIRS_REFUSED:.0%}: light that changed, "
-            "unequal exposures or throughput, a dark level that is wrong, or an angle that is"
+            f"{error:.2%}; flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above "
+            f"{_PAIRS_REFUSED:.0%}: light that changed, unequal exposures or throughput, a dark level that is wrong, "
+            "or an angle that is"
             + _residual(measurement, moments),
         )
 

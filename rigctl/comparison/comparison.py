@@ -18,7 +18,7 @@ from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.explanation import Explanation, explain_rows
 from rigctl.comparison.propagated_rows import only_uncertain, propagate_rows
 from rigctl.comparison.remarks import curved_inputs, model_warnings, not_tested, overruled
-from rigctl.comparison.rig_inputs import rig_errors, with_rig
+from rigctl.comparison.rig_inputs import cycle_of_run, rig_errors, with_rig
 from rigctl.comparison.rows import Row, decide, pair, scored
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.run_readout import one_exposure_s, run_readout
@@ -138,7 +138,7 @@ def compare_with_scene(
         The run cannot be predicted: exposures differ or are not known.
     """
     stated, (scene, moved) = scene, _scene_of_run(scene, measurement)
-    inputs = with_rig(gather(scene, noise), scene.rig, measurement)
+    inputs = with_rig(gather(scene, noise), scene.rig, cycle_of_run(measurement, scene))
     exposure_s = one_exposure_s(measurement)
     light = SceneLight()
     predicted = partial(_predicted, measurement, scene, light, inputs.names)
@@ -199,7 +199,7 @@ def predict_run(
         Exposures differ or are not known.
     """
     scene, _ = _scene_of_run(scene, measurement)
-    inputs = with_rig(gather(scene, noise), scene.rig, measurement)
+    inputs = with_rig(gather(scene, noise), scene.rig, cycle_of_run(measurement, scene))
     return _predicted(measurement, scene, SceneLight(), inputs.names, inputs.values)
 
 
@@ -207,7 +207,7 @@ def _predicted(
     measurement: Measurement, scene: SceneFile, light: SceneLight, names: tuple[str, ...], values: FloatArray
 ) -> dict[str, RegionPrediction]:
     named = dict(zip(names, values.tolist(), strict=True))
-    exposure_s, errors = one_exposure_s(measurement), rig_errors(named, measurement)
+    exposure_s, errors = one_exposure_s(measurement), rig_errors(named, cycle_of_run(measurement, scene))
     try:
         scenario = build_scenario(scene, named, readout=run_readout(measurement), exposure_s=exposure_s, light=light)
         return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))

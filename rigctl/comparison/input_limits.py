@@ -4,9 +4,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.comparison.scene_inputs import Inputs
+from rigctl.files.light_sections import FIELD_MOST_DEG, HUMIDITY_MOST
 
 # Of a share, whatever it is a share of, there is no more than all.
-_SHARES = ("optics_transmittance", "quantum_efficiency", "polarizer_transmittance", "ground_albedo", "dolp_max")
+_SHARES = (
+    "optics_transmittance",
+    "quantum_efficiency",
+    "polarizer_transmittance",
+    "ground_albedo",
+    "surround_albedo",
+    "dolp_max",
+    "share",
+)
+_LARGEST = {"relative_humidity": HUMIDITY_MOST, "width_deg": FIELD_MOST_DEG, "height_deg": FIELD_MOST_DEG}
 # An ideal polarizer has no largest extinction ratio, and none below 1.
 _RATIO = "extinction_ratio"
 # Just above the horizon.
@@ -27,4 +37,6 @@ def smallest(inputs: Inputs) -> NDArray[np.float64]:
 def _largest(last: str) -> float:
     if last in _SHARES:
         return 1.0
+    if last in _LARGEST:
+        return _LARGEST[last]
     return _LOWEST_DEG if last in ("zenith_deg", "camera_zenith_deg") else np.inf

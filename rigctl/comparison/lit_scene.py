@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.accuracy.settings import Settings, settings_of_tier
 from model.atmosphere.lighting.tiers import Tier
@@ -22,7 +23,7 @@ from rigctl.comparison.scene_records import (
     sun_azimuth_rad,
 )
 from rigctl.errors import ConfigError
-from rigctl.files.scene_file import SceneFile, SceneRegion
+from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneFile, SceneRegion
 from rigctl.skies.lit_scene import air_of
 
 
@@ -58,7 +59,7 @@ def lit_scene(
             readout=readout,
             source=source,
             pairs=tuple(permutations((region.name for region in scene.regions), 2)),
-            imperfections=_imperfections(scene, frames=readout.angles_rad.size),
+            imperfections=_imperfections(scene, values, frames=readout.angles_rad.size),
         )
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}: {error}") from error
@@ -73,7 +74,7 @@ def lit_region(scene: SceneFile, region: SceneRegion, values: Values) -> LitRegi
         A number is outside its range.
     """
     prefix = f"regions.{region.name}"
-    covariance = np.zeros((3, 3)) if region.texture_covariance is None else np.array(region.texture_covariance)
+    covariance = _texture_covariance(region, values)
     texture_rms = values[f"{prefix}.texture_rms"]
     if region.material is None:
         radiance = np.array([values[f"{prefix}.stokes_radiance.{k}"] for k in range(3)])
@@ -93,6 +94,14 @@ def lit_region(scene: SceneFile, region: SceneRegion, values: Values) -> LitRegi
         raise ConfigError(f"scene {scene.name}, region {region.name}: {error}") from error
 
 
+def _texture_covariance(region: SceneRegion, values: Values) -> NDArray[np.float64]:
+    found = np.zeros((3, 3))
+    if region.texture_covariance is not None:
+        for i, j in COVARIANCE_PAIRS:
+            found[i, j] = found[j, i] = values[f"regions.{region.name}.texture_covariance.{i}.{j}"]
+    return found
+
+
 def file_settings(scene: SceneFile) -> Settings:
     """Return the numerical settings that a scene file states, without a tolerance."""
     air, field = scene.atmosphere, scene.field_of_view
@@ -104,16 +113,15 @@ def file_settings(scene: SceneFile) -> Settings:
     return replace(settings, tiles_per_side=field.tiles_per_side, tile_rule=field.rule)
 
 
-def _imperfections(scene: SceneFile, *, frames: int) -> Imperfections:
+def _imperfections(scene: SceneFile, values: Values, *, frames: int) -> Imperfections:
     """Return what the session adds; angles of the file are in the order of time, those of the readout rise."""
-    errors = scene.errors
     in_time = np.argsort([angle % 180.0 for angle in scene.acquisition.angles_deg], kind="stable").tolist()
     return Imperfections(
-        polarizer_angle_std_rad=np.deg2rad(errors.polarizer_angle_std_deg).item(),
-        misregistration_pixels=errors.misregistration_px,
-        texture_correlation_pixels=errors.texture_correlation_px,
-        drift=errors.illumination_drift,
+        polarizer_angle_std_rad=np.deg2rad(values["errors.polarizer_angle_std_deg"]).item(),
+        misregistration_pixels=values["errors.misregistration_px"],
+        texture_correlation_pixels=values["errors.texture_correlation_px"],
+        drift=values["errors.illumination_drift"],
         drift_order=tuple(in_time) if len(in_time) == frames else (),
-        surround_albedo=errors.surround_albedo,
-        off_axis_falloff=errors.off_axis_falloff,
+        surround_albedo=values.get("errors.surround_albedo"),
+        off_axis_falloff=scene.errors.off_axis_falloff,
     )

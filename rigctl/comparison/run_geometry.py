@@ -3,12 +3,13 @@
 import math
 from collections.abc import Iterable
 from datetime import datetime
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
 
-from rigctl.comparison.scene_numbers import light_numbers
+from model.atmosphere.sun import distance_factor
+from rigctl.comparison.scene_numbers import SUN_AZIMUTH, SUN_ZENITH, light_numbers, sun_covariance_deg2
 from rigctl.config import Section, Uncertain, describe
 from rigctl.errors import DataError
 from rigctl.files.light_sections import SunSection
@@ -43,7 +44,8 @@ def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> t
 
     Notes
     -----
-    The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun.
+    The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun. Where the run states a
+    number as exact, the scene file's standard uncertainty of it stays.
     """
     if not scene.has_materials or run.session.get("origin") == "simulated":
         return scene, ()
@@ -56,7 +58,20 @@ def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
     stated = run.session.get("rig", {}).get("geometry")
     if stated is None:
         return scene
-    return scene.model_copy(update={"geometry": _section(run, GeometrySection, stated)})
+    geometry = _section(run, GeometrySection, stated)
+    if scene.geometry is not None:
+        geometry = _with_stds(geometry, scene.geometry)
+    return scene.model_copy(update={"geometry": geometry})
+
+
+def _with_stds(used: GeometrySection, stated: GeometrySection) -> GeometrySection:
+    """Return the geometry that is used; a number without uncertainty takes that of the same number as stated."""
+    kept = {}
+    for name in type(used).model_fields:
+        number, other = getattr(used, name), getattr(stated, name)
+        if number is not None and other is not None and number.std == 0.0:
+            kept[name] = Uncertain(value=number.value, std=other.std)
+    return used.model_copy(update=kept)
 
 
 def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> SceneFile:
@@ -66,12 +81,34 @@ def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> Sc
     if not known or len(known) < len(frames):
         return scene
     east, north, up = np.mean(known, axis=0)
+    zenith_std_deg, azimuth_std_deg = _sun_stds_deg(scene, site, frames)
     sun = SunSection(
-        zenith_deg=Uncertain(value=math.degrees(math.atan2(math.hypot(east, north), up))),
-        azimuth_deg=Uncertain(value=math.degrees(math.atan2(east, north)) % 360.0),
-        day_of_year=_day_of_year(frames[0], scene.sun),
+        zenith_deg=Uncertain(value=math.degrees(math.atan2(math.hypot(east, north), up)), std=zenith_std_deg),
+        azimuth_deg=Uncertain(value=math.degrees(math.atan2(east, north)) % 360.0, std=azimuth_std_deg),
+        **_distance(frames[0], scene.sun),
     )
     return scene.model_copy(update={"sun": sun})
+
+
+def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[FrameRecord, ...]) -> tuple[float, float]:
+    """How well the scene file knows the sun's angles, or the run its site; of both the larger."""
+    stated = {} if scene.sun is None else light_numbers(scene)
+    stds = [number.std if number is not None else 0.0 for number in map(stated.get, (SUN_ZENITH, SUN_AZIMUTH))]
+    time = frames[0].start_utc
+    if site is not None and site.std and time is not None:
+        by_site = np.sqrt(np.diag(sun_covariance_deg2(site, datetime.fromisoformat(time))))
+        stds = np.maximum(stds, by_site).tolist()
+    return stds[0], stds[1]
+
+
+def _distance(frame: FrameRecord, stated: SunSection | None) -> dict[str, Any]:
+    """Distance of the sun on the frame's day, as well as the scene file knows it."""
+    day = _day_of_year(frame, stated)
+    if stated is None or stated.distance_factor is None:
+        return {"day_of_year": day}
+    factor = stated.distance_factor
+    on_day = factor.value if day is None else distance_factor(day_of_year=day)
+    return {"distance_factor": Uncertain(value=on_day, std=factor.std)}
 
 
 def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, float, float] | None:
@@ -79,7 +116,7 @@ def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, flo
     if frame.sun_azimuth_deg is not None and frame.sun_elevation_deg is not None:
         zenith_rad, azimuth_rad = math.radians(90.0 - frame.sun_elevation_deg), math.radians(frame.sun_azimuth_deg)
     elif frame.start_utc is not None and site is not None:
-        found = sun_position(datetime.fromisoformat(frame.start_utc), **site.model_dump())
+        found = sun_position(datetime.fromisoformat(frame.start_utc), **site.place)
         zenith_rad, azimuth_rad = found.zenith_rad, found.azimuth_rad
     else:
         return None

@@ -14,7 +14,17 @@ from model.sensor import Sensor, SensorNoise
 from rigctl.comparison.effect_choice import acting_effects, choice_remarks
 from rigctl.comparison.lit_scene import file_settings, lit_scene
 from rigctl.comparison.scene_light import SceneLight
-from rigctl.comparison.scene_numbers import Stated, assumed_materials, light_numbers, region_numbers, sensor_numbers
+from rigctl.comparison.scene_numbers import (
+    SUN_AZIMUTH,
+    SUN_ZENITH,
+    Stated,
+    assumed_materials,
+    error_numbers,
+    light_numbers,
+    region_numbers,
+    sensor_numbers,
+    sun_covariance_deg2,
+)
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import NoiseSection, SceneFile
 
@@ -88,7 +98,7 @@ def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
     return Inputs(
         names=names,
         values=np.array([values[name] for name in names]),
-        cov=_covariance(names, deviations, noise),
+        cov=_with_site(_covariance(names, deviations, noise), names, scene),
         least=np.array([stated[name].least for name in names]),
         remarks=(*remarks, *assumed_materials(scene), *choice_remarks(scene)),
     )
@@ -152,7 +162,7 @@ def _stated(scene: SceneFile) -> dict[str, Stated]:
     found = sensor_numbers(scene)
     for name in NOISE_NAMES:
         found[f"noise.{name}"] = Stated.of(getattr(scene.noise, name))
-    found |= light_numbers(scene)
+    found |= light_numbers(scene) | error_numbers(scene)
     wavelength_m = found["sensor.wavelength_nm"].value * 1e-9
     for region in scene.regions:
         found |= region_numbers(region, wavelength_m=wavelength_m)
@@ -177,6 +187,15 @@ def _covariance(names: tuple[str, ...], deviations: Mapping[str, float], noise: 
     for here, there in known:
         for also_here, also_there in known:
             cov[there, also_there] = matrix[here, also_here]
+    return cov
+
+
+def _with_site(cov: FloatArray, names: tuple[str, ...], scene: SceneFile) -> FloatArray:
+    """Return the covariance with that of the sun's angles, which one place moves together."""
+    if scene.sun is None or scene.sun.time is None or scene.site is None or not scene.site.std:
+        return cov
+    both = [names.index(SUN_ZENITH), names.index(SUN_AZIMUTH)]
+    cov[np.ix_(both, both)] = sun_covariance_deg2(scene.site, scene.sun.time)
     return cov
 
 

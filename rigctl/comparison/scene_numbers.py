@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.atmosphere.sun import distance_factor
 from model.spectral_response import effective_wavelength_m
@@ -16,11 +17,16 @@ from rigctl.comparison.scene_records import band_points
 from rigctl.config import Uncertain
 from rigctl.errors import ConfigError
 from rigctl.files.material_file import find_material
-from rigctl.files.scene_file import SceneFile, SceneRegion, SensorSection
+from rigctl.files.place import SiteSection
+from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneFile, SceneRegion, SensorSection
 from rigctl.skies.solar_band import response_band
-from rigctl.skies.sun_position import sun_position
+from rigctl.skies.sun_position import sun_moved_by_place, sun_position
+
+FloatArray = NDArray[np.float64]
 
 _NOT_NUMBERS = frozenset({"bit_depth", "response", "band_nm"})
+SUN_ZENITH, SUN_AZIMUTH = "sun.zenith_deg", "sun.azimuth_deg"
+_SIGNED_ERRORS = frozenset({"illumination_drift"})
 # An index of refraction is not 0.
 _LEAST_INDEX = 1e-3
 
@@ -59,6 +65,23 @@ def light_numbers(scene: SceneFile) -> dict[str, Stated]:
     return _sun(scene) | _geometry(scene) | _atmosphere(scene) | _field(scene)
 
 
+def error_numbers(scene: SceneFile) -> dict[str, Stated]:
+    """Return the numbers of what a session adds to the scene."""
+    given = {name: getattr(scene.errors, name) for name in type(scene.errors).model_fields}
+    return {
+        f"errors.{name}": Stated.of(number, least=-math.inf if name in _SIGNED_ERRORS else 0.0)
+        for name, number in given.items()
+        if isinstance(number, Uncertain)
+    }
+
+
+def sun_covariance_deg2(site: SiteSection, time: datetime) -> FloatArray:
+    """Return the covariance of zenith and azimuth of the sun by what is not known of the site, shape (2, 2) [deg^2]."""
+    effects = [np.rad2deg(sun_moved_by_place(time, site.place, name, by=std)) for name, std in site.std.items()]
+    moved = np.array(effects).reshape(-1, 2)
+    return np.asarray(moved.T @ moved)
+
+
 def region_numbers(region: SceneRegion, *, wavelength_m: float) -> dict[str, Stated]:
     """Return the numbers of a region: its radiance, or its material at the sensor's wavelength and how it stands.
 
@@ -68,7 +91,7 @@ def region_numbers(region: SceneRegion, *, wavelength_m: float) -> dict[str, Sta
         The material is not found, or does not cover the wavelength.
     """
     prefix = f"regions.{region.name}"
-    found = {f"{prefix}.texture_rms": Stated.of(region.texture_rms)}
+    found = {f"{prefix}.texture_rms": Stated.of(region.texture_rms)} | _covariance_numbers(region, prefix)
     if region.stokes_radiance is not None:
         radiance = {
             f"{prefix}.stokes_radiance.{k}": Stated.of(number, least=-math.inf)
@@ -80,6 +103,16 @@ def region_numbers(region: SceneRegion, *, wavelength_m: float) -> dict[str, Sta
     found[f"{prefix}.tilt_deg"] = Stated.of(region.tilt_deg)
     found[f"{prefix}.tilt_azimuth_deg"] = Stated.of(region.tilt_azimuth_deg, least=-math.inf)
     return found | _material_numbers(region, prefix, wavelength_m)
+
+
+def _covariance_numbers(region: SceneRegion, prefix: str) -> dict[str, Stated]:
+    rows = region.texture_covariance
+    if rows is None:
+        return {}
+    return {
+        f"{prefix}.texture_covariance.{i}.{j}": Stated.of(rows[i][j], least=0.0 if i == j else -math.inf)
+        for i, j in COVARIANCE_PAIRS
+    }
 
 
 def assumed_materials(scene: SceneFile) -> Iterable[str]:
@@ -107,21 +140,24 @@ def _sun(scene: SceneFile) -> dict[str, Stated]:
         return {}
     if sun.time is not None:
         return _sun_of_time(scene, sun.time)
-    found = {"sun.distance_factor": Stated(value=_distance_factor(sun.day_of_year))}
+    stated = sun.distance_factor
+    factor = Stated(value=_distance_factor(sun.day_of_year)) if stated is None else Stated.of(stated)
+    found = {"sun.distance_factor": factor}
     if sun.zenith_deg is not None:
-        found["sun.zenith_deg"] = Stated.of(sun.zenith_deg)
+        found[SUN_ZENITH] = Stated.of(sun.zenith_deg)
     if sun.azimuth_deg is not None:
-        found["sun.azimuth_deg"] = Stated.of(sun.azimuth_deg, least=-math.inf)
+        found[SUN_AZIMUTH] = Stated.of(sun.azimuth_deg, least=-math.inf)
     return found
 
 
 def _sun_of_time(scene: SceneFile, time: datetime) -> dict[str, Stated]:
     if scene.site is None:
         raise ConfigError(f"scene {scene.name}: sun.time also needs [site]")
-    position = sun_position(time, **scene.site.model_dump())
+    position = sun_position(time, **scene.site.place)
+    zenith_std, azimuth_std = np.sqrt(np.diag(sun_covariance_deg2(scene.site, time))).tolist()
     return {
-        "sun.zenith_deg": Stated(value=math.degrees(position.zenith_rad)),
-        "sun.azimuth_deg": Stated(value=math.degrees(position.azimuth_rad), least=-math.inf),
+        SUN_ZENITH: Stated(value=math.degrees(position.zenith_rad), std=zenith_std),
+        SUN_AZIMUTH: Stated(value=math.degrees(position.azimuth_rad), std=azimuth_std, least=-math.inf),
         "sun.distance_factor": Stated(value=position.distance_factor),
     }
 
@@ -155,7 +191,7 @@ def _atmosphere(scene: SceneFile) -> dict[str, Stated]:
         found[f"atmosphere.measured_depths.{k}.optical_depth"] = Stated.of(measured.optical_depth)
     if scene.atmosphere.alternative is not None:
         found["atmosphere.alternative.share"] = Stated.of(scene.atmosphere.alternative.share)
-    return found | {"atmosphere.relative_humidity": Stated(value=scene.atmosphere.relative_humidity)}
+    return found
 
 
 def _field(scene: SceneFile) -> dict[str, Stated]:
@@ -163,7 +199,7 @@ def _field(scene: SceneFile) -> dict[str, Stated]:
         return {}
     names = ("width_deg", "height_deg", "focal_length_mm")
     given = {name: getattr(scene.field_of_view, name) for name in names}
-    return {f"field_of_view.{name}": Stated(value=value) for name, value in given.items() if value is not None}
+    return {f"field_of_view.{name}": Stated.of(number) for name, number in given.items() if number is not None}
 
 
 def _material(region: SceneRegion) -> Material | None:

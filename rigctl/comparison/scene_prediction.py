@@ -14,9 +14,11 @@ from model.effects.planner import EffectPlan, plan
 from model.field_light import FieldLight, Source
 from model.lit_scene import LitScene
 from model.prediction import RegionPrediction, predict
+from model.rig_errors import RigErrors, predict_with_errors
 from rigctl.comparison.effect_choice import acting_effects, forced_effects
 from rigctl.comparison.effect_plan import SHARE
 from rigctl.comparison.lit_scene import lit_scene
+from rigctl.comparison.rig_inputs import IDEAL_RIG, cycle_of_file, rig_errors, with_rig
 from rigctl.comparison.scale import panel_scaled
 from rigctl.comparison.scene_inputs import Inputs, build_scenario, build_sensor, file_readout, gather
 from rigctl.comparison.scene_light import SceneLight
@@ -79,7 +81,8 @@ class ScenePredictor:
             raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
         self._scene, self._source = scene, source
         self._light = SceneLight() if light is None else light
-        self._inputs = gather(scene, noise)
+        self._cycle = cycle_of_file(scene)
+        self._inputs = with_rig(gather(scene, noise), scene.rig, self._cycle)
         if radiometric is not None:
             exposure_s = scene.acquisition.exposure_ms / _MS_PER_S
             scaled, scale = panel_scaled(self._inputs, radiometric, scene=scene, exposure_s=exposure_s)
@@ -93,7 +96,11 @@ class ScenePredictor:
     @property
     def numbers(self) -> dict[str, float]:
         """Every number that may be changed, by its name."""
-        return self._inputs.named | {EXPOSURE: self._scene.acquisition.exposure_ms}
+        return IDEAL_RIG | self._inputs.named | {EXPOSURE: self._scene.acquisition.exposure_ms}
+
+    def rig_errors(self, changed: Mapping[str, float] | None = None) -> RigErrors | None:
+        """Return how far the rig is from what is stated of it, with some numbers changed; None where it is not."""
+        return rig_errors(self.numbers | dict(changed or {}), self._cycle)
 
     def predictions(self, changed: Mapping[str, float] | None = None) -> dict[str, RegionPrediction]:
         """Return what the model says with some numbers changed.
@@ -113,7 +120,8 @@ class ScenePredictor:
                 light=self._light,
                 source=self._source,
             )
-            return predict(scenario)
+            errors = rig_errors(values, self._cycle)
+            return predict(scenario) if errors is None else predict_with_errors(scenario, errors)
         except ValueError as error:
             raise ConfigError(f"scene {self._scene.name}: {error}") from error
 
@@ -164,8 +172,14 @@ class ScenePredictor:
         Raises
         ------
         ConfigError
-            The tolerance, or a number, is outside its range.
+            The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded, which is
+            no part of such a prediction.
         """
+        if self.rig_errors() is not None:
+            raise ConfigError(
+                f"scene {self._scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "
+                "polarizer_offset_deg = 0, exposure_ratio = 1, light_drift = 0 (uncertainties may stay)"
+            )
         active = acting_effects(self._scene) if effects is None else effects.active
         spent = 0.0 if effects is None else effects.spent.largest
         try:

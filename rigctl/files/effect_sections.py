@@ -5,13 +5,31 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from model.effects.names import Effect
-from rigctl.config import Section
+from rigctl.config import Section, Uncertain
 
 
 def _known(name: str) -> str:
     if name not in effect_names():
         raise ValueError(f"is {name!r}; allowed are {', '.join(effect_names())}")
     return name
+
+
+def _between(least: float, most: float) -> AfterValidator:
+    def check(number: Uncertain) -> Uncertain:
+        if not least <= number.value <= most:
+            raise ValueError(f"is {number.value:g}, must lie in [{least:g}, {most:g}]")
+        return number
+
+    return AfterValidator(check)
+
+
+def _positive_up_to(most: float) -> AfterValidator:
+    def check(number: Uncertain) -> Uncertain:
+        if not 0.0 < number.value <= most:
+            raise ValueError(f"is {number.value:g}, must be above 0 and at most {most:g}")
+        return number
+
+    return AfterValidator(check)
 
 
 EffectName = Annotated[str, AfterValidator(_known)]
@@ -25,13 +43,14 @@ class ErrorsSection(Section):
     correlation of the texture has fallen to 0.61, `illumination_drift` the change of the light from the first frame of
     a cycle to the last over its mean, `surround_albedo` that of the near surroundings where it is not
     atmosphere.ground_albedo, `off_axis_falloff` whether light falls as cos^4 over a region's extent (no flat field).
+    Each number may have a standard uncertainty.
     """
 
-    polarizer_angle_std_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    misregistration_px: Annotated[float, Field(ge=0, le=1e4)] = 0.0
-    texture_correlation_px: Annotated[float, Field(gt=0, le=1e4)] = 1.0
-    illumination_drift: Annotated[float, Field(ge=-1, le=1)] = 0.0
-    surround_albedo: Annotated[float, Field(ge=0, le=1)] | None = None
+    polarizer_angle_std_deg: Annotated[Uncertain, _between(0, 20)] = Uncertain(value=0.0)
+    misregistration_px: Annotated[Uncertain, _between(0, 1e4)] = Uncertain(value=0.0)
+    texture_correlation_px: Annotated[Uncertain, _positive_up_to(1e4)] = Uncertain(value=1.0)
+    illumination_drift: Annotated[Uncertain, _between(-1, 1)] = Uncertain(value=0.0)
+    surround_albedo: Annotated[Uncertain, _between(0, 1)] | None = None
     off_axis_falloff: bool = False
 
 

@@ -14,6 +14,8 @@ from rigctl.config import NotNegative, Positive, Section, Uncertain
 from rigctl.files.aerosol_section import OwnAerosolSection
 
 Number = Annotated[float, Field(strict=True)]
+# The tables of aerosols end there, and the widest field that a flat sensor is taken for.
+HUMIDITY_MOST, FIELD_MOST_DEG = 0.8, 170.0
 
 
 def _share(number: Uncertain) -> Uncertain:
@@ -22,7 +24,21 @@ def _share(number: Uncertain) -> Uncertain:
     return number
 
 
+def _humidity(number: Uncertain) -> Uncertain:
+    if not 0.0 <= number.value <= HUMIDITY_MOST:
+        raise ValueError(f"is {number.value:g}, must lie in [0, {HUMIDITY_MOST:g}]")
+    return number
+
+
+def _field_angle(number: Uncertain) -> Uncertain:
+    if not 0.0 < number.value < FIELD_MOST_DEG:
+        raise ValueError(f"is {number.value:g}, must lie in (0, {FIELD_MOST_DEG:g})")
+    return number
+
+
 Share = Annotated[Uncertain, AfterValidator(_share)]
+Humidity = Annotated[Uncertain, AfterValidator(_humidity)]
+FieldAngle = Annotated[Uncertain, AfterValidator(_field_angle)]
 
 
 class ResponseSection(Section):
@@ -41,11 +57,15 @@ class ResponseSection(Section):
 
 
 class SunSection(Section):
-    """The sun by its angles, or by a time (with its zone) at the scene's site."""
+    """The sun by its angles, or by a time (with its zone) at the scene's site.
+
+    `distance_factor` is the irradiance outside the atmosphere over that at the mean distance; a day says it too.
+    """
 
     zenith_deg: NotNegative | None = None
     azimuth_deg: Uncertain | None = None
     day_of_year: Annotated[float, Field(ge=1, lt=367)] | None = None
+    distance_factor: Positive | None = None
     time: AwareDatetime | None = None
 
     @model_validator(mode="after")
@@ -54,6 +74,8 @@ class SunSection(Section):
             raise ValueError("needs exactly one of zenith_deg and time")
         if self.time is not None and (self.azimuth_deg is not None or self.day_of_year is not None):
             raise ValueError("time says azimuth_deg and day_of_year too; leave them out")
+        if self.distance_factor is not None and (self.time is not None or self.day_of_year is not None):
+            raise ValueError("time and day_of_year say distance_factor too; leave one of them out")
         return self
 
 
@@ -115,7 +137,7 @@ class AtmosphereSection(Section):
     own_upper_aerosol: OwnAerosolSection | None = None
     alternative: AlternativeSection | None = None
     angstrom_exponent: Uncertain | None = None
-    relative_humidity: Annotated[float, Field(ge=0, le=0.8)] = 0.5
+    relative_humidity: Humidity = Uncertain(value=0.5)
     ozone_du: NotNegative = Uncertain(value=344.0)
     surface_pressure_hpa: Positive = Uncertain(value=1013.25)
     ground_albedo: Share = Uncertain(value=0.1)
@@ -161,9 +183,9 @@ class AtmosphereSection(Section):
 class FieldSection(Section):
     """The whole field of view by its angles, or by the picture and the focal length; and how it is cut in tiles."""
 
-    width_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
-    height_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
-    focal_length_mm: Annotated[float, Field(gt=0)] | None = None
+    width_deg: FieldAngle | None = None
+    height_deg: FieldAngle | None = None
+    focal_length_mm: Positive | None = None
     width_pixels: Annotated[int, Field(gt=0)] | None = None
     height_pixels: Annotated[int, Field(gt=0)] | None = None
     tiles_per_side: Annotated[int, Field(ge=1, le=50)] = 5

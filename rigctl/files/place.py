@@ -4,7 +4,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rigctl.config import NotNegative, Section, Uncertain
+from rigctl.config import NotNegative, Section, Uncertain, with_std_apart
+
+NotBelow0 = Annotated[float, Field(ge=0)]
 
 
 def _zenith(number: Uncertain) -> Uncertain:
@@ -14,11 +16,41 @@ def _zenith(number: Uncertain) -> Uncertain:
 
 
 class SiteSection(Section):
-    """A place on the Earth; north and east are positive."""
+    """A place on the Earth; north and east are positive.
+
+    Each number may be given as ``{value = 43.1, std = 0.05}``; a prediction then allows for the sun that this moves.
+    """
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
     elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
+    latitude_std_deg: NotBelow0 = 0.0
+    longitude_std_deg: NotBelow0 = 0.0
+    elevation_std_m: NotBelow0 = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stds_apart(cls, given: object) -> object:
+        return with_std_apart(given, "latitude_deg", "longitude_deg", "elevation_m")
+
+    @property
+    def place(self) -> dict[str, float]:
+        """The place alone, as `rigctl.skies.sun_position.sun_position` takes it."""
+        return {
+            "latitude_deg": self.latitude_deg,
+            "longitude_deg": self.longitude_deg,
+            "elevation_m": self.elevation_m,
+        }
+
+    @property
+    def std(self) -> dict[str, float]:
+        """The standard uncertainties of the place that are above 0, by the names that `place` has."""
+        stated = {
+            "latitude_deg": self.latitude_std_deg,
+            "longitude_deg": self.longitude_std_deg,
+            "elevation_m": self.elevation_std_m,
+        }
+        return {name: std for name, std in stated.items() if std > 0.0}
 
 
 class GeometrySection(Section):

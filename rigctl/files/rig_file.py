@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rigctl.config import Section, Uncertain, load
+from rigctl.config import Section, load, with_std_apart
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.rendering_sections import RenderingSection
 
@@ -45,10 +45,7 @@ class PolarizerSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _offset_with_std(cls, given: object) -> object:
-        if not isinstance(given, dict) or not isinstance(given.get("offset_deg"), dict):
-            return given
-        offset = Uncertain.model_validate(given["offset_deg"])
-        return given | {"offset_deg": offset.value, "offset_std_deg": offset.std}
+        return with_std_apart(given, "offset_deg")
 
 
 class CameraSection(Section):

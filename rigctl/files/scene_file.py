@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from model.surface.diffuse import DiffuseKind
 from model.surface.material_library import MATERIALS
 from model.surface.shadowing import Shadowing
-from rigctl.config import Fraction, NotNegative, Positive, Section, Uncertain, load
+from rigctl.config import Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
 from rigctl.errors import ConfigError
 from rigctl.files.effect_sections import EffectsSection, ErrorsSection
 from rigctl.files.light_sections import AtmosphereSection, FieldSection, ResponseSection, SunSection
@@ -18,8 +18,10 @@ from rigctl.files.regions import Region, require_distinct
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 
 StokesValues = tuple[Uncertain, Uncertain, Uncertain]
-Row = tuple[float, float, float]
+Row = tuple[Uncertain, Uncertain, Uncertain]
 Limits = tuple[float, float]
+# Places of a covariance of S0, S1, S2 on and above its diagonal.
+COVARIANCE_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 class SensorSection(Section):
@@ -76,11 +78,21 @@ class NoiseSection(Section):
 
 
 class AcquisitionSection(Section):
-    """How the frames are taken; `rigctl compare` takes these from the run instead."""
+    """How the frames are taken; `rigctl compare` takes these from the run instead.
+
+    The exposure may be given as ``{value = 0.03, std = 0.0003}``: a run's exposures are then uncertain by as much of
+    themselves.
+    """
 
     exposure_ms: Annotated[float, Field(gt=0)]
+    exposure_std_ms: Annotated[float, Field(ge=0)] = 0.0
     angles_deg: Annotated[tuple[float, ...], Field(min_length=3)] = DEFAULT_ANGLES_DEG
     cycles: Annotated[int, Field(ge=1)] = 1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _std_apart(cls, given: object) -> object:
+        return with_std_apart(given, "exposure_ms")
 
 
 class RigSection(Section):
@@ -125,6 +137,15 @@ class SceneRegion(Region):
             raise ValueError("needs exactly one of stokes_radiance and material")
         if self.texture_diagonal is not None and self.material is None:
             raise ValueError("texture_diagonal is for a material; with stokes_radiance give a texture_covariance")
+        return self
+
+    @model_validator(mode="after")
+    def _symmetric(self) -> "SceneRegion":
+        rows = self.texture_covariance
+        if rows is not None and any(rows[i][j] != rows[j][i] for i, j in COVARIANCE_PAIRS):
+            raise ValueError(
+                "texture_covariance is not symmetric: [0][1] and [1][0], [0][2] and [2][0], ... are one number"
+            )
         return self
 
     @model_validator(mode="after")

@@ -96,7 +96,10 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
                 level_done(done, len(groups))
     noise = calibrate_noise(levels, bit_depth=frames.camera.bit_depth)
     pattern = _fixed_pattern(noise, dict(zip(map(id, levels), groups, strict=True)))
-    flags = (*noise.flags, *(() if pattern is None else pattern_flags(pattern)), *frames.flags)
+    of_pattern = () if pattern is None else pattern_flags(pattern)
+    # The pixel-by-pixel look at defects says more than that at their variance.
+    named = {flag.name for flag in of_pattern}
+    flags = (*(flag for flag in noise.flags if flag.name not in named), *of_pattern, *frames.flags)
     if singles := len(frames.groups) - len(groups):
         flags += (_single_frames(singles),)
     return FrameCalibration(noise=replace(noise, flags=flags), pattern=pattern, frames=frames)

@@ -96,5 +96,8 @@ def _dark_dn(run: Run, flat: FrameRecord) -> FloatArray:
     if darks:
         return np.asarray(np.mean([run.counts(record) for record in darks], axis=0))
     if flat.black_level_dn is None:
-        raise DataError(f"{run.path}: has no dark frames at the exposure of its flat frames, and no black level")
+        raise DataError(
+            f"{run.path}: has no dark frames at the exposure of its flat frames, and no black level: "
+            'take some in the same session (kind = "dark", the same exposure_ms)'
+        )
     return np.full((flat.height, flat.width), flat.black_level_dn)

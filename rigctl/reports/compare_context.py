@@ -7,7 +7,7 @@ from importlib.metadata import version
 from typing import Any
 
 from model.effects.names import Effect
-from model.effects.planner import EffectPlan
+from model.effects.planner import Decision, EffectPlan
 from rigctl.comparison.scene_inputs import NOISE_NAMES
 from rigctl.reports.blocks import NOTHING, Table
 from rigctl.reports.number_text import to_digits
@@ -35,7 +35,7 @@ def effects_block(plan: EffectPlan, taken: frozenset[Effect]) -> Table:
         rows=tuple(
             (
                 one.effect.value,
-                "yes" if one.effect in taken else "NO",
+                _taken(one, taken),
                 _bound(one.bound.ratios),
                 _bound(one.bound.radiance),
                 "yes" if one.acts else "no",
@@ -57,5 +57,13 @@ def machine() -> dict[str, str]:
     }
 
 
+def _taken(one: Decision, taken: frozenset[Effect]) -> str:
+    if one.effect not in taken:
+        return "NO"
+    return "yes" if one.bound.largest > 0.0 or one.acts else NOTHING
+
+
 def _bound(value: float) -> str:
+    if value == 0.0:
+        return "0"
     return f"{value:.1e}" if math.isfinite(value) else NOTHING

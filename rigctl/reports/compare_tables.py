@@ -21,6 +21,8 @@ _SUMMARY = (("dolp", "mean"), ("aolp_deg", "mean"), ("dolp_snr", "mean"))
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 # More names than this say no more than that an input is hardly seen.
 _NAMED = 4
+# No number of a report is known so well.
+_ROUNDING = 1e-12
 _SHOWN_MOVES = 12
 
 
@@ -138,7 +140,7 @@ def budget_table(budgets: Sequence[RegionBudget], quantity: str) -> Table:
     return Table(
         header=("region", *causes, "all"),
         rows=tuple(
-            (found.region, *(f"{found.parts[quantity].get(cause, 0.0):.1e}" for cause in causes), _all(found, quantity))
+            (found.region, *(_share(found.parts[quantity].get(cause, 0.0)) for cause in causes), _all(found, quantity))
             for found in budgets
             if quantity in found.parts
         ),
@@ -213,6 +215,11 @@ def _confused(names: tuple[str, ...]) -> str:
     if not names:
         return NOTHING
     return ", ".join(names) if len(names) <= _NAMED else f"{len(names)} others: hardly seen"
+
+
+def _share(std: float) -> str:
+    """Return a part of a budget; what is left of rounding is nothing."""
+    return f"{std:.1e}" if std > _ROUNDING else "0"
 
 
 def _all(found: RegionBudget, quantity: str) -> str:

@@ -50,7 +50,8 @@ def left_out_line(plan: EffectPlan) -> str:
     """Return in words what was left out though it is there."""
     names = [one.effect.value for one in plan.decisions if not one.acts and one.bound.largest > 0.0 and not one.forced]
     if not names:
-        return "effects: every effect of the scene acts"
+        asked = any(one.forced and not one.acts and one.bound.largest > 0.0 for one in plan.decisions)
+        return "effects: every other effect of the scene acts" if asked else "effects: every effect of the scene acts"
     return f"effects left out: {', '.join(names)}; together they change no number by more than {plan.spent.largest:.1e}"
 
 

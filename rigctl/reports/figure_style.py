@@ -5,6 +5,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from cycler import cycler
 from numpy.typing import NDArray
 
 mpl.use("Agg")
@@ -17,6 +18,11 @@ FloatArray = NDArray[np.float64]
 
 # Two colours that a colour-blind reader tells apart, and that differ in grey.
 MEASURED, PREDICTED = "#d55e00", "#0072b2"
+# After Okabe and Ito, for lines that are many; styles tell them apart in grey, and where they lie on one another.
+LINE_STYLES = ("-", "--", "-.", ":")
+plt.rcParams["axes.prop_cycle"] = cycler(
+    color=["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"]
+)
 _DPI = 110
 _PICTURE_WIDTH_INCH = 5.4
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from rich.table import Table
 
 from rigctl.comparison.rows import Row
+from rigctl.reports.number_text import to_digits
 
 _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
 
@@ -37,6 +38,6 @@ def row_table(rows: Iterable[Row], *, title: str) -> Table:
 def _with_error(statistics: Mapping[str, float], statistic: str) -> str:
     if statistic not in statistics:
         return ""
-    error = statistics.get(f"{statistic}_std_error")
-    value = f"{statistics[statistic]:.6g}"
-    return value if error is None else f"{value} ± {error:.2g}"
+    error = statistics.get(f"{statistic}_std_error", statistics.get(f"{statistic}_std_error_inputs"))
+    value = statistics[statistic]
+    return f"{value:.6g}" if error is None else f"{to_digits(value, error)} ± {to_digits(error, error)}"

@@ -45,6 +45,12 @@ def light_tables(found: ScenePrediction) -> Iterable[Table]:
         yield table
 
 
+def phi_text(phi_deg: float) -> str:
+    """Return phi as a number above -180, to which an azimuth that is off in its last digits would be rounded."""
+    text = f"{phi_deg:.2f}"
+    return "180.00" if text == "-180.00" else text
+
+
 def geometry_lines(found: ScenePrediction) -> Iterable[str]:
     """Return where sun and camera stand, in words."""
     at = found.geometry
@@ -52,7 +58,7 @@ def geometry_lines(found: ScenePrediction) -> Iterable[str]:
         return
     yield (
         f"sun: zenith {at.sun_zenith_deg:.2f} deg, azimuth {at.sun_azimuth_deg:.2f} deg; camera: zenith "
-        f"{at.camera_zenith_deg:.2f} deg, azimuth {at.camera_azimuth_deg:.2f} deg; phi {at.phi_deg:.2f} deg"
+        f"{at.camera_zenith_deg:.2f} deg, azimuth {at.camera_azimuth_deg:.2f} deg; phi {phi_text(at.phi_deg)} deg"
     )
     yield (
         f"irradiance in band: beam {at.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "

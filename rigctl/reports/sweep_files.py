@@ -3,6 +3,8 @@
 import csv
 import io
 import math
+from collections.abc import Iterable, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -15,25 +17,32 @@ SCHEMA_VERSION = 1
 # At which the table and the plot show detection.
 _SHOWN_RATE = 1e-3
 # More columns fit no terminal.
-_MOST_PAIRS_SHOWN = 2
+_MOST_PAIRS_SHOWN = 3
 # What the terminal and the plot show; CSV and JSON hold everything.
 _SHOWN = (("dolp_pixels", "mean", "DoLP"), ("dolp_snr", "mean", "DoLP SNR"), ("s0", "mean", "S0 DN"))
 
 
-def sweep_table(found: Sweep) -> Table:
-    """Return DoLP, its signal-to-noise ratio and S0 of each region, and detection of each pair, a row a value."""
-    table = Table(title=f"sweep of {found.key}", title_justify="left", box=None, pad_edge=False)
-    table.add_column(found.key, justify="right")
+def sweep_tables(found: Sweep) -> Iterable[Table]:
+    """Return a table for each region: DoLP, its signal-to-noise ratio and S0, a row a value; and one of detection."""
     for region in found.regions:
-        for _, _, label in _SHOWN:
-            table.add_column(f"{region} {label}", justify="right")
-    shown = found.pairs if len(found.pairs) <= _MOST_PAIRS_SHOWN else ()
-    for target, background in shown:
-        table.add_column(f"P_D {target} on {background}, P_FA {_SHOWN_RATE:g}", justify="right")
-    columns = [found.series(region, quantity, kind) for region in found.regions for quantity, kind, _ in _SHOWN]
-    columns += [found.detection(pair, _SHOWN_RATE) for pair in shown]
+        columns = [(label, found.series(region, quantity, kind)) for quantity, kind, label in _SHOWN]
+        yield _table(region, found, columns)
+    if 0 < len(found.pairs) <= _MOST_PAIRS_SHOWN:
+        columns = [
+            (f"{target} on {background}", found.detection((target, background), _SHOWN_RATE))
+            for target, background in found.pairs
+        ]
+        yield _table(f"P_D at P_FA {_SHOWN_RATE:g}", found, columns)
+
+
+def _table(title: str, found: Sweep, columns: Sequence[tuple[str, NDArray[np.float64]]]) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column(found.key, justify="right")
+    for label, _ in columns:
+        table.add_column(label, justify="right")
     for row, value in enumerate(found.values):
-        table.add_row(f"{value:g}", *("-" if math.isnan(column[row]) else f"{column[row]:.5g}" for column in columns))
+        cells = ("-" if math.isnan(column[row]) else f"{column[row]:.5g}" for _, column in columns)
+        table.add_row(f"{value:g}", *cells)
     return table
 
 
@@ -81,21 +90,22 @@ def sweep_csv(found: Sweep) -> bytes:
 
 def sweep_png(found: Sweep) -> bytes:
     """Return DoLP with its deviation, DoLP SNR and detection of all regions over the value that was swept."""
-    from rigctl.reports.figure_style import png, subplots  # half a second, wanted for plots only
+    # Half a second, wanted for plots only.
+    from rigctl.reports.figure_style import LINE_STYLES, png, subplots
 
     panels = 3 if found.pairs else 2
     figure, axes = subplots(1, panels, size=(5.0 * panels, 4.2))
     degree, ratio = axes[:2]
-    for region in found.regions:
+    for region, style in zip(found.regions, cycle(LINE_STYLES)):
         mean, std = (found.series(region, "dolp_pixels", kind) for kind in ("mean", "std"))
-        (line,) = degree.plot(found.values, mean, marker=".", label=region)
+        (line,) = degree.plot(found.values, mean, style, marker=".", label=region)
         degree.fill_between(found.values, mean - std, mean + std, color=line.get_color(), alpha=0.2, linewidth=0)
-        ratio.plot(found.values, found.series(region, "dolp_snr", "mean"), marker=".", label=region)
+        ratio.plot(found.values, found.series(region, "dolp_snr", "mean"), style, marker=".", label=region)
     degree.set_ylabel("DoLP; band: deviation of a pixel")
     ratio.set_ylabel("DoLP SNR")
-    for target, background in found.pairs:
+    for (target, background), style in zip(found.pairs, cycle(LINE_STYLES)):
         detected = found.detection((target, background), _SHOWN_RATE)
-        axes[2].plot(found.values, detected, marker=".", label=f"{target} on {background}")
+        axes[2].plot(found.values, detected, style, marker=".", label=f"{target} on {background}")
         axes[2].set_ylabel(f"P_D at P_FA {_SHOWN_RATE:g}")
         axes[2].legend(fontsize=8)
     for ax in axes:

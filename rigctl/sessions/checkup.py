@@ -1,12 +1,13 @@
 """The devices of a rig, looked at one after the other."""
 
+import statistics
 from collections.abc import Iterator
 
 from drivers.cameras.aravis_library import load_aravis
 from drivers.cameras.gige_link import address_of
 from drivers.serial_ports import resolve_port
 from rigctl.files.rig_file import RigFile
-from rigctl.sessions.device_checkup import adapter_wait, camera_frames, interface_mtu, stage_latency
+from rigctl.sessions.device_checkup import adapter_wait, camera_frames, frame_times_s, interface_mtu, stage_latency
 from rigctl.sessions.finding import Finding
 from rigctl.sessions.rig import open_rig
 from rigctl.sessions.simulated_gige import SCHEME
@@ -31,11 +32,14 @@ class Checkup:
     ----------
     pixels : int or None
         Of a picture, once the camera was opened.
+    camera_s : float or None
+        What a picture takes beside its exposure, once some were taken [s].
     """
 
     def __init__(self, rig: RigFile, *, frames: int) -> None:
         self._rig, self._frames = rig, frames
         self.pixels: int | None = None
+        self.camera_s: float | None = None
 
     def findings(self) -> Iterator[Finding]:
         """Give what is found, line by line.
@@ -54,7 +58,9 @@ class Checkup:
             settings = rig.camera.configure(exposure_s=_EXPOSURE_S, gain_db=self._rig.camera.gain_db)
             self.pixels = settings.width * settings.height
             timeout_s = self._rig.camera.timeout_s + _EXPOSURE_S
-            yield from camera_frames(rig.camera, frames=self._frames, timeout_s=timeout_s)
+            times_s = frame_times_s(rig.camera, frames=self._frames, timeout_s=timeout_s)
+            self.camera_s = max(0.0, statistics.median(times_s) - settings.exposure_s)
+            yield from camera_frames(rig.camera, times_s)
 
     def _ways(self) -> Iterator[Finding]:
         """Give what there is to say of the ways to the devices."""

@@ -2,7 +2,7 @@
 
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from drivers.cameras.gige_setup import path_mtu
@@ -47,10 +47,16 @@ def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | Non
     return Finding(what="serial adapter", found=f"waits {wait_ms} ms before it passes bytes on", advice=advice)
 
 
-def camera_frames(camera: Camera, *, frames: int, timeout_s: float) -> Iterator[Finding]:
-    """Return how fast pictures come, and what is lost of them, where the camera counts that."""
-    times_s = [_timed(lambda: camera.take_frame(timeout_s=timeout_s)) for _ in range(frames)]
-    found = f"{frames} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
+def frame_times_s(camera: Camera, *, frames: int, timeout_s: float) -> list[float]:
+    """Return how long each of so many pictures takes, exposure included [s]."""
+    return [_timed(lambda: camera.take_frame(timeout_s=timeout_s)) for _ in range(frames)]
+
+
+def camera_frames(camera: Camera, times_s: Sequence[float]) -> Iterator[Finding]:
+    """Return how fast pictures came, and what was lost of them, where the camera counts that."""
+    found = (
+        f"{len(times_s)} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
+    )
     yield Finding(what="camera", found=found)
     if not isinstance(camera, ReportingCamera):
         return

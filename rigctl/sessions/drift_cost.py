@@ -1,4 +1,4 @@
-"""What drifting light costs in an order of angles: unpolarized light that changes looks polarized."""
+"""What an order of angles costs: unpolarized light that changes looks polarized, and too few axes tell nothing."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from rigctl.sessions.plan import Step, plan_steps, step_times_ns
 from rigctl.utc_time import NS_PER_S
 
 _LEAST_ANGLES = 3
+_ANGLE_DECIMALS = 3
 _DRIFT_PER_S = 0.01 / 60.0
 
 
@@ -53,4 +54,22 @@ def grouping_cost(session: SessionFile) -> str | None:
         return text
     return (
         f"{text}: light that drifts by 1 % a minute shows a false DoLP of {cost:.2g}; in cycles it were {instead:.2g}"
+    )
+
+
+def missing_axes(steps: Sequence[Step]) -> str | None:
+    """Return in words that a session cannot give a DoLP, or None where it can or takes no scene.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Of a whole session.
+    """
+    targets = [step.polarizer_angle_deg for step in steps if step.kind == "scene"]
+    axes = {round(target % 180.0, _ANGLE_DECIMALS) % 180.0 for target in targets if target is not None}
+    if not axes or len(axes) >= _LEAST_ANGLES:
+        return None
+    return (
+        f"scene frames have {len(axes)} polarizer axes ({', '.join(f'{axis:g}' for axis in sorted(axes))} deg; angles "
+        f"180 deg apart are one): DoLP and AoLP need {_LEAST_ANGLES}, better 0, 90, 45, 135"
     )

@@ -5,7 +5,7 @@ from typing import Any
 
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
-from rigctl.sessions.drift_cost import false_dolp, grouping_cost
+from rigctl.sessions.drift_cost import false_dolp, grouping_cost, missing_axes
 from rigctl.sessions.plan import Step, estimate, plan_steps, step_times_ns
 from rigctl.sessions.schedule import round_times_ns
 from rigctl.sessions.sun_track import SunTrack
@@ -136,9 +136,7 @@ def _remarks(rig: RigFile, session: SessionFile, steps: tuple[Step, ...], times:
         found.append("the rig file has no [site]: no sun angles")
     elif rig.geometry is None or rig.geometry.camera_azimuth_deg is None:
         found.append("the rig file has no camera_azimuth_deg in [geometry]: no azimuth of the sun against the camera")
-    grouping = grouping_cost(session)
-    if grouping is not None:
-        found.append(grouping)
+    found += [doubt for doubt in (grouping_cost(session), missing_axes(steps)) if doubt is not None]
     if any(step.exposure_s is None for step in steps):
         found.append("metered exposures are taken for 10 ms here")
     late = [

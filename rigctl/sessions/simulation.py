@@ -117,7 +117,7 @@ def _surface(region: SceneRegion) -> Surface:
     return Surface(
         mean_stokes=(s0, s1, s2),
         texture_rms=region.texture_rms.value,
-        extra_covariance=None if covariance is None else np.array(covariance),
+        extra_covariance=None if covariance is None else np.array([[one.value for one in row] for row in covariance]),
     )
 
 

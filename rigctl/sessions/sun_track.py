@@ -78,10 +78,7 @@ class SunTrack:
 
     def _exact(self, number: int) -> Vector:
         time = datetime.fromtimestamp(number * _NODE_NS // NS_PER_S, tz=UTC)
-        place = self.site
-        found = sun_position(
-            time, latitude_deg=place.latitude_deg, longitude_deg=place.longitude_deg, elevation_m=place.elevation_m
-        )
+        found = sun_position(time, **self.site.place)
         level = math.sin(found.zenith_rad)
         return (
             level * math.sin(found.azimuth_rad),

@@ -1,5 +1,6 @@
 """Where the sun stands at a time and a place, by pvlib."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -23,6 +24,38 @@ class SunPosition:
     zenith_rad: float
     azimuth_rad: float
     distance_factor: float
+
+
+def sun_moved_by_place(time: datetime, place: Mapping[str, float], name: str, *, by: float) -> tuple[float, float]:
+    """Return by how much zenith and azimuth of the sun change where one number of the place does, half a step each way.
+
+    Parameters
+    ----------
+    time : datetime
+        With a time zone.
+    place : mapping
+        latitude_deg, longitude_deg and elevation_m.
+    name : str
+        Which of them.
+    by : float
+        Change, in the unit of that number, above 0.
+
+    Returns
+    -------
+    tuple of float
+        Of the zenith angle and of the azimuth, the shorter way round [rad].
+
+    References
+    ----------
+    Definition: a central difference.
+    """
+    before, after = (sun_position(time, **_moved(place, name, 0.5 * step)) for step in (-by, by))
+    turned = (after.azimuth_rad - before.azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return after.zenith_rad - before.zenith_rad, float(turned)
+
+
+def _moved(place: Mapping[str, float], name: str, step: float) -> dict[str, float]:
+    return {**place, name: place[name] + step}
 
 
 def sun_position(time: datetime, *, latitude_deg: float, longitude_deg: float, elevation_m: float) -> SunPosition:

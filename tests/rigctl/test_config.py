@@ -1,4 +1,7 @@
+from typing import Annotated, Literal
+
 import pytest
+from pydantic import Field
 
 from rigctl.config import Section, Uncertain, load, sha256_of
 from rigctl.errors import ConfigError
@@ -69,3 +72,21 @@ def test_a_file_that_is_no_text_is_said(tmp_path):
 def test_sha256_of_a_known_text(tmp_path):
     # The digest of "abc" in FIPS 180-2, appendix B.1.
     assert sha256_of(_written(tmp_path, "abc")) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+class Exposed(Section):
+    exposure_ms: Annotated[float, Field(gt=0)] | Literal["auto"] | list[Annotated[float, Field(gt=0)]]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("-3", "exposure_ms: input should be greater than 0, or 'auto', or a valid list (found -3)"),
+        ("[1, -2]", "exposure_ms.1: input should be greater than 0 (found -2)"),
+    ],
+)
+def test_a_value_of_several_kinds_is_one_problem_with_its_own_key(tmp_path, text, said):
+    with pytest.raises(ConfigError) as caught:
+        load(_written(tmp_path, f"exposure_ms = {text}"), Exposed)
+    assert str(caught.value).splitlines()[1:] == [f"  {said}"]
+    assert "1 problem" in str(caught.value)

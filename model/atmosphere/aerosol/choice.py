@@ -15,7 +15,7 @@ from model.atmosphere.aerosol.models import (
 )
 from model.atmosphere.aerosol.particle_modes import MieAerosol
 from model.atmosphere.aerosol.presets import preset_aerosol
-from model.atmosphere.wavelengths import chebyshev_wavelengths_m, lagrange_basis
+from model.atmosphere.aerosol.spectrum import chebyshev_wavelengths_m, lagrange_basis
 
 AerosolChoice = AerosolType | MieAerosol
 _SPECTRUM_NODES = 8

@@ -47,6 +47,7 @@ def flags(given: list[LevelStatistics], *, bit_depth: int = 12) -> dict[str, Fla
 
 NEW = {
     "correlated_noise",
+    "frames_go_together",
     "colour_mosaic",
     "row_noise",
     "missing_codes",
@@ -258,3 +259,41 @@ def test_samples_that_were_stretched_to_sixteen_bits_are_refused() -> None:
     flag = flags(levels(stretched), bit_depth=16)["missing_codes"]
     assert flag.refuses
     assert "not stretched" in flag.message
+
+
+def averaged(frames: tuple[Frame, ...], share: float) -> list[Frame]:
+    """Return frames each of which holds a share of the one before, as cameras that reduce noise in time give them."""
+    mixed = [frames[0].astype(np.float64)]
+    for frame in frames[1:]:
+        mixed.append(share * mixed[-1] + (1.0 - share) * frame)
+    return [np.rint(frame).astype(np.uint16) for frame in mixed[len(mixed) // 2 :]]
+
+
+@pytest.mark.parametrize(("share", "refuses"), [(0.5, True), (0.06, False), (0.0, None)])
+def test_frames_that_the_camera_averaged_in_time(share: float, refuses: bool | None) -> None:
+    camera = SyntheticCamera(SyntheticSensor(shape=(160, 160)), 33)
+    found = []
+    kinds: tuple[LevelKind, ...] = ("flat", "dark")
+    for kind, light_e in zip(kinds, (8000.0, 0.0), strict=True):
+        # The first half lets the mixture settle.
+        frames = tuple(camera.frames(12, light_e=light_e, exposure_s=0.008))
+        found.append(level_statistics(averaged(frames, share), kind=kind, exposure_s=0.008))
+    flag = flags(found).get("frames_go_together")
+    assert (None if flag is None else flag.refuses) is refuses
+
+
+def test_cosmic_hits_are_no_memory() -> None:
+    camera = SyntheticCamera(SyntheticSensor(shape=(160, 160)), 34)
+    frames = camera.frames(3, light_e=8000.0, exposure_s=0.008)
+    for place, frame in enumerate(frames):
+        frame[place::40, ::37] = 4000
+    memory = level_statistics(frames, kind="flat", exposure_s=0.008).memory
+    assert memory is not None
+    # Some of the hits lie within what noise does; five standard errors of the other pixels.
+    assert abs(memory.share) < 5.0 * memory.std_error
+
+
+def test_rounding_that_hides_the_noise_is_no_memory() -> None:
+    camera = SyntheticCamera(SyntheticSensor(gain_dn_per_e=0.01, shape=(96, 96)), 35)
+    sweep = camera.sweep(signals_e=[100.0 * one for one in SIGNALS_E[:6]], exposures_s=EXPOSURES_S[:6], stack_index=2)
+    assert "frames_go_together" not in flags(sweep)

@@ -115,3 +115,55 @@ def test_an_empty_folder_does_not_tell_the_size(tmp_path):
 def test_a_folder_that_is_not_there_is_said_so(tmp_path):
     with pytest.raises(NotConnectedError, match="no such folder"):
         open_folder(str(tmp_path / "nowhere"))
+
+
+def png(path, counts):
+    assert cv2.imwrite(str(path), counts)
+
+
+TWELVE_BITS = np.random.default_rng(8).integers(0, 4096, (48, 64), dtype=np.uint16)
+
+
+def test_left_justified_samples_are_shifted_down(tmp_path):
+    png(tmp_path / "0.png", TWELVE_BITS << 4)
+
+    def save_next():
+        png(tmp_path / "1.png", TWELVE_BITS << 4)
+        later(tmp_path / "1.png", 1.0)
+
+    camera = camera_with(tmp_path, save_next, bit_depth=12, justified="left")
+    frame = camera.take_frame(timeout_s=1.0)
+    np.testing.assert_array_equal(frame.counts, TWELVE_BITS)
+    assert (frame.settings.bit_depth, camera.facts().justified) == (12, "left")
+
+
+def test_samples_at_the_other_end_than_stated_are_refused(tmp_path):
+    png(tmp_path / "0.png", TWELVE_BITS << 4)
+    with pytest.raises(ProtocolError, match="bit_depth=12&justified=left"):
+        camera_with(tmp_path, bit_depth=16)
+    png(tmp_path / "0.png", TWELVE_BITS)
+    with pytest.raises(ProtocolError, match="not left-justified"):
+        camera_with(tmp_path, bit_depth=12, justified="left")
+
+
+def test_a_picture_of_few_values_may_be_of_even_ones(tmp_path):
+    png(tmp_path / "0.png", TWELVE_BITS & 0xC)
+    assert open_folder(f"{tmp_path}?bit_depth=12").facts().justified == "right"
+
+
+def test_a_file_that_is_filled_after_it_has_its_length_is_waited_for(tmp_path):
+    png(tmp_path / "0.png", TWELVE_BITS)
+    path = tmp_path / "1.tif"
+
+    def filled(rows):
+        def write():
+            partly = TWELVE_BITS.copy()
+            partly[rows:] = 0
+            # Not compressed: of one length however much is in it.
+            assert cv2.imwrite(str(path), partly, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+            later(path, 1.0 + rows / 100.0)
+
+        return write
+
+    camera = camera_with(tmp_path, *map(filled, (10, 20, 30, 40, 48)), bit_depth=12)
+    np.testing.assert_array_equal(camera.take_frame(timeout_s=1.0).counts, TWELVE_BITS)

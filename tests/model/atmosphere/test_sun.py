@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from model.atmosphere.sun import SolarBand, distance_factor
-from model.atmosphere.wavelengths import chebyshev_wavelengths_m, lagrange_basis
 
 
 def test_distance_on_the_25th_of_may():
@@ -23,33 +22,15 @@ def test_days_outside_the_year_are_refused(day):
         distance_factor(day_of_year=day)
 
 
-def test_chebyshev_wavelengths_of_the_visible():
-    nodes = chebyshev_wavelengths_m(shortest_m=400e-9, longest_m=700e-9, count=4)
-    np.testing.assert_allclose(nodes * 1e9, [411.4, 492.6, 607.4, 688.6], atol=0.05)
-
-
-def test_basis_reproduces_a_cubic_in_inverse_wavelength():
-    nodes = chebyshev_wavelengths_m(shortest_m=400e-9, longest_m=700e-9, count=4)
-    target = np.linspace(400e-9, 700e-9, 50)
-
-    def cubic(wavelength_m):
-        x = 1e-6 / wavelength_m
-        return 1.0 - 2.0 * x + 0.3 * x**2 + 0.1 * x**3
-
-    read = cubic(nodes) @ lagrange_basis(nodes_m=nodes, wavelength_m=target)
-    np.testing.assert_allclose(read, cubic(target), rtol=1e-12)
-
-
-@pytest.mark.parametrize(("shortest", "longest", "count"), [(7e-7, 4e-7, 3), (4e-7, 7e-7, 0)])
-def test_empty_bands_are_refused(shortest, longest, count):
-    with pytest.raises(ValueError, match=r"count|shortest"):
-        chebyshev_wavelengths_m(shortest_m=shortest, longest_m=longest, count=count)
-
-
 def band(**change):
     wavelength = np.linspace(400e-9, 500e-9, 11)
     given = {"wavelength_m": wavelength, "irradiance_w_per_m3": np.full(11, 2e9), "response": np.ones(11)}
     return SolarBand(**(given | change))
+
+
+def test_shares_of_the_samples_sum_to_the_band():
+    response = np.linspace(0.0, 1.0, 11)
+    assert float(np.sum(band(response=response).shares)) == pytest.approx(100.0)  # mean response 1/2
 
 
 def test_integral_over_the_band():

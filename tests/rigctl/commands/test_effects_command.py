@@ -119,3 +119,10 @@ def test_verification_counts_what_is_left_out_only():
 
 def test_names_of_files_lead_back_to_effects():
     assert [effect_of(name) for name in effect_names()] == list(Effect)
+
+
+def test_what_is_left_out_by_request_is_not_said_to_act(capsys):
+    assert main(["predict", str(PANELS), "--tolerance", "0.001", "--without", "texture"]) == 0
+    shown = " ".join(capsys.readouterr().err.split())
+    assert "every effect of the scene acts" not in shown
+    assert "left out by request: texture" in shown

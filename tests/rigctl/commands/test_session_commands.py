@@ -79,6 +79,16 @@ def test_grouping_is_warned_about_with_its_cost(tmp_path, capsys):
     assert "shows a false DoLP of" in " ".join(answer.err.split())
 
 
+@pytest.mark.parametrize(("angles", "is_warned"), [("[0, 180]", True), ("[0, 60, 120]", False)])
+def test_too_few_axes_are_warned_about(tmp_path, capsys, angles, is_warned):
+    session = tmp_path / "session.toml"
+    session.write_text(f'name = "x"\n[[take]]\nkind = "scene"\nexposure_ms = 1\nangles_deg = {angles}\n')
+    commands = (("acquire", "--out", tmp_path / "run", "--dry-run"), ("plan",))
+    for verb, *options in commands:
+        answer = _said(capsys, verb, EXAMPLES / "rig-sim.toml", session, *options)
+        assert ("need 3" in " ".join(answer.err.split())) is is_warned
+
+
 def test_a_plan_has_the_sun_at_every_step_against_the_camera(capsys):
     text = _said(
         capsys, "plan", EXAMPLES / "rig-rooftop.toml", EXAMPLES / "session-rooftop.toml", "--at", "2026-05-04T14:00Z",

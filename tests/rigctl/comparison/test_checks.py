@@ -111,3 +111,12 @@ def test_light_that_fades_is_flagged(tmp_path: Path) -> None:
     found = {check.name: check for check in run_checks(measurement, "not asked")}
     assert found["drift of the light"].verdict == "flagged"
     assert "-1.0" in found["drift of the light"].text
+
+
+def test_pairs_that_are_a_little_off_are_flagged_as_soon_as_it_is_known(tmp_path: Path) -> None:
+    frames = [frame * (1.015 if k in (0, 2) else 1.0) for k, frame in enumerate(scene())]
+    found = checked(tmp_path, frames)["pair sums of all"]
+    # 1.5 % is less than 1 % and five errors taken together, and above each of them.
+    error_percent = float(found.text.split("+- ")[1].split("%")[0])
+    assert 5.0 * error_percent < 1.5
+    assert found.verdict == "flagged"

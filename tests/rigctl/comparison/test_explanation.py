@@ -93,3 +93,25 @@ def test_scale_free_rows_are_blind_to_the_scale(tmp_path: Path) -> None:
     off = {row.quantity for row in found.disagreements}
     assert "s0" in off
     assert not {name for name in off if name.startswith("ratio_") or name in ("s1n", "s2n", "dolp", "aolp_deg")}
+
+
+def test_light_that_is_off_by_half_of_itself_is_named_first_beside_a_well_known_sensor(tmp_path: Path) -> None:
+    # Means and temporal variances go with the light; over so far a move a deviation is bent by more than its error.
+    text = scene_text().replace("value = 8.0, std = 0.4", "value = 8.0, std = 0.9")
+    for name in ("gain_dn_per_e", "read_noise_e"):
+        number = STATED[f"noise.{name}"]
+        text = text.replace(
+            f"{number.value!r}, std = {number.std!r}", f"{number.value!r}, std = {0.001 * number.value!r}"
+        )
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    scene = load_scene(path)
+    truth = {name: number.value for name, number in STATED.items()} | {"regions.black.stokes_radiance.0": 3.5}
+    run = take_run(tmp_path / "run", truth, np.random.default_rng(5))
+    found = compare_with_scene(measure(run, regions=list(scene.regions)), scene=scene, noise=None, alpha=1e-3)
+    assert found.explanation is not None
+    best = found.explanation.best
+    assert best is not None
+    assert best.name == "regions.black.stokes_radiance.0"
+    assert best.move_std == pytest.approx(-5.0, abs=0.1)
+    assert best.removes

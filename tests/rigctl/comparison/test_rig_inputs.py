@@ -2,7 +2,16 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import drawn_truth, scene_text, take_run
-from rigctl.comparison.rig_inputs import ANGLE, OFFSET, frame_order, rig_errors, with_rig
+from rigctl.comparison.rig_inputs import (
+    ANGLE,
+    EXPOSURE,
+    OFFSET,
+    cycle_of_file,
+    cycle_of_run,
+    frame_order,
+    rig_errors,
+    with_rig,
+)
 from rigctl.comparison.scene_inputs import Inputs, gather
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import RigSection, SceneFile, load_scene
@@ -20,13 +29,13 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[SceneFile, Measurem
 
 def inputs(given: tuple[SceneFile, Measurement], **section: object) -> Inputs:
     scene, measurement = given
-    return with_rig(gather(scene, None), RigSection.model_validate(section), measurement)
+    return with_rig(gather(scene, None), RigSection.model_validate(section), cycle_of_run(measurement, scene))
 
 
 def test_an_exact_rig_adds_no_inputs(given: tuple[SceneFile, Measurement]) -> None:
     found = inputs(given)
     assert OFFSET not in found.names
-    assert rig_errors(found.named, given[1]) is None
+    assert rig_errors(found.named, cycle_of_run(given[1], given[0])) is None
 
 
 def test_each_angle_is_an_input_of_its_own(given: tuple[SceneFile, Measurement]) -> None:
@@ -38,7 +47,7 @@ def test_each_angle_is_an_input_of_its_own(given: tuple[SceneFile, Measurement])
 
 
 def test_a_stated_offset_turns_every_angle(given: tuple[SceneFile, Measurement]) -> None:
-    errors = rig_errors(inputs(given, polarizer_offset_deg=1.5).named, given[1])
+    errors = rig_errors(inputs(given, polarizer_offset_deg=1.5).named, cycle_of_run(given[1], given[0]))
     assert errors is not None
     np.testing.assert_allclose(errors.turned_rad, np.deg2rad(1.5))
 
@@ -56,8 +65,24 @@ def test_the_uncertainty_of_the_rig_files_offset_is_an_input(given: tuple[SceneF
     scene, measurement = given
     measurement.run.session["rig"]["polarizer"]["offset_std_deg"] = 0.3
     try:
-        found = with_rig(gather(scene, None), RigSection(), measurement)
+        found = with_rig(gather(scene, None), RigSection(), cycle_of_run(measurement, scene))
     finally:
         del measurement.run.session["rig"]["polarizer"]["offset_std_deg"]
     place = found.names.index(OFFSET)
     assert found.cov[place, place] == pytest.approx(0.09)
+
+
+def test_the_cycle_of_a_scene_file_is_in_the_order_of_its_angles(given: tuple[SceneFile, Measurement]) -> None:
+    # The file's angles are 0, 90, 45, 135 in time; its channels are 0, 45, 90, 135.
+    cycle = cycle_of_file(given[0])
+    assert cycle.channel_names == ("dn_0", "dn_45", "dn_90", "dn_135")
+    assert cycle.order.tolist() == [0, 2, 1, 3]
+
+
+def test_the_uncertainty_of_the_exposure_is_that_of_its_ratio(given: tuple[SceneFile, Measurement]) -> None:
+    scene, measurement = given
+    stated = scene.acquisition.model_validate({"exposure_ms": {"value": 0.03, "std": 0.0003}})
+    told = scene.model_copy(update={"acquisition": stated})
+    found = with_rig(gather(told, None), RigSection(), cycle_of_run(measurement, told))
+    place = found.names.index(EXPOSURE)
+    assert found.cov[place, place] == pytest.approx(1e-4)

@@ -106,3 +106,29 @@ def test_an_agreeing_run_needs_no_word(scene):
 def test_frames_without_a_date_keep_the_day_of_the_scene(scene):
     found, _ = scene_of_run(scene, run_of(), [frame(sun_azimuth_deg=170.0, sun_elevation_deg=60.0)])
     assert found.sun.day_of_year == 145
+
+
+def test_a_number_that_the_run_states_as_exact_keeps_the_uncertainty_of_the_scene_file(tmp_path):
+    told = SCENE.replace("camera_zenith_deg = 50.0", "camera_zenith_deg = { value = 50.0, std = 0.5 }").replace(
+        "zenith_deg = 50.0\nazimuth", "zenith_deg = { value = 50.0, std = 0.2 }\nazimuth"
+    )
+    rig = {"geometry": {"camera_zenith_deg": 53.0, "camera_azimuth_deg": {"value": 0.0, "std": 2.0}}, "site": SITE}
+    found, _ = scene_of_run(load_scene(written(tmp_path, told)), run_of(rig=rig), [frame(start_utc=AT_NOON)])
+    assert (found.geometry.camera_zenith_deg.value, found.geometry.camera_zenith_deg.std) == (53.0, 0.5)
+    assert found.geometry.camera_azimuth_deg.std == 2.0
+    assert found.sun.zenith_deg.std == 0.2
+
+
+def test_a_site_that_is_not_known_makes_the_sun_of_the_run_uncertain(scene):
+    site = SITE | {"latitude_deg": {"value": 43.085, "std": 0.5}}
+    found, _ = scene_of_run(scene, run_of(rig={"site": site}), [frame(start_utc=AT_NOON)])
+    # At noon the sun's zenith angle goes with the latitude.
+    assert found.sun.zenith_deg.std == pytest.approx(0.5, rel=1e-3)
+
+
+def test_a_distance_that_is_not_known_stays_so_on_the_day_of_the_run(tmp_path):
+    told = SCENE.replace("day_of_year = 145", "distance_factor = { value = 1.0, std = 0.02 }")
+    found, _ = scene_of_run(load_scene(written(tmp_path, told)), run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)])
+    # 25 May: 0.9748 (NREL).
+    assert found.sun.distance_factor.value == pytest.approx(0.9748, abs=1e-3)
+    assert found.sun.distance_factor.std == 0.02

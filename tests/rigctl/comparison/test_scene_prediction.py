@@ -10,8 +10,8 @@ from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.scene_tables import light_json
-from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_table
+from rigctl.reports.scene_tables import light_json, phi_text
+from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
@@ -129,7 +129,10 @@ def test_a_sweep_shows_detection_of_each_pair(predictor):
     place = header.split(",").index("paint_on_road.p_detection.0.01")
     assert float(last.split(",")[place]) == found.detection(("paint", "road"), 1e-2)[1]
     assert sweep_json(found)["detection"][1]["p_detection"]["0.01"] == found.detection(("road", "paint"), 1e-2).tolist()
-    assert sweep_table(found).columns[-1].header == "P_D road on paint, P_FA 0.001"
+    *of_regions, of_pairs = sweep_tables(found)
+    assert [table.title for table in of_regions] == ["paint", "road"]
+    assert of_pairs.title == "P_D at P_FA 0.001"
+    assert of_pairs.columns[-1].header == "road on paint"
 
 
 @pytest.mark.parametrize(
@@ -160,3 +163,7 @@ def test_independent_texture_reaches_the_prediction(store, tmp_path):
     double = predictor.predictions({f"regions.road.texture_diagonal.{k}": 2 * (0.05, 0.04, 0.03)[k] for k in range(3)})
     np.testing.assert_allclose(double["road"].channels.scene_cov_dn2, 4.0 * one)
     assert np.linalg.matrix_rank(one) == 3
+
+
+def test_phi_is_never_said_to_be_minus_180():
+    assert [phi_text(one) for one in (-179.9999, -179.98, 180.0)] == ["180.00", "-179.98", "180.00"]

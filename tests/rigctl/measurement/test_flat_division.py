@@ -46,12 +46,12 @@ def frame(electrons: FloatArray, draws: np.random.Generator) -> FloatArray:
     return np.rint(BLACK_DN + GAIN * draws.poisson(electrons))
 
 
-def flats_run(path: Path, *, dark: bool = True) -> Run:
+def flats_run(path: Path, *, dark: bool = True, light_e: float = FLAT_E) -> Run:
     draws = np.random.default_rng(1)
     frames = [
         (
             at(angle, kind="flat", exposure_s=0.01, black_level_dn=None, stage_serial="7"),
-            frame(FLAT_E * passed * response, draws),
+            frame(light_e * passed * response, draws),
         )
         for response, angle, passed in zip(responses(), ANGLES_DEG, PASSED, strict=True)
         for _ in range(FLATS)
@@ -168,6 +168,16 @@ def test_flats_without_a_dark_level_are_refused(tmp_path: Path, capsys: pytest.C
     run = flats_run(tmp_path / "run", dark=False)
     assert main(["calibrate", "flat", str(run.path), "--out", str(tmp_path / "f.npz")]) == EXIT_DATA
     assert "no dark frames" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("light_e", "is_warned"), [(50.0, True), (FLAT_E, False)])
+def test_flats_that_would_do_harm_are_warned_about(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], light_e: float, is_warned: bool
+) -> None:
+    # 14 % of shot noise over the root of 8 frames, beside 3 % of pattern.
+    run = flats_run(tmp_path / "flats", light_e=light_e)
+    assert main(["calibrate", "flat", str(run.path), "--out", str(tmp_path / "f.npz")]) == 0
+    assert ("makes single pixels worse" in " ".join(capsys.readouterr().err.split())) is is_warned
 
 
 def test_a_run_without_flats_says_how_to_take_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from drivers.errors import NotConnectedError
 from rigctl.cli import main
 from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
-from rigctl.sessions.device_checkup import adapter_wait, camera_frames, interface_mtu
+from rigctl.sessions.device_checkup import adapter_wait, camera_frames, frame_times_s, interface_mtu
 from rigctl.sessions.disk_demand import demand_of
 from rigctl.sessions.host_checkup import clock, disk, receive_buffer, room
 from rigctl.sessions.serve_camera import serve_rig_camera
@@ -54,7 +54,8 @@ def test_the_way_to_oneself_is_wide():
 
 
 def test_pictures_are_timed_and_what_the_camera_counts_is_told():
-    timed, samples, loss = camera_frames(small_camera(), frames=3, timeout_s=1.0)
+    camera = small_camera()
+    timed, samples, loss = camera_frames(camera, frame_times_s(camera, frames=3, timeout_s=1.0))
     assert timed.found.startswith("3 frames")
     assert "right-justified" in samples.found
     assert loss.found == "0 damaged, 0 never came"
@@ -72,7 +73,7 @@ def session(*takes):
 def test_the_disk_is_asked_for_what_the_fastest_stretch_needs(tmp_path):
     # Eight dark frames of 5 ms one after the other; scene frames take a turn of 0.2 s each.
     dark, scene = ({"kind": kind, "exposure_ms": 5, "cycles": 8} for kind in ("dark", "scene"))
-    demand = demand_of(small_rig(tmp_path), session(scene, dark), pixels=1000, now_ns=0)
+    demand = demand_of(small_rig(tmp_path), session(scene, dark), pixels=1000, now_ns=0, camera_s=0.0)
     assert demand.period_s == pytest.approx(0.005)
     assert demand.total_bytes == 40 * demand.frame_bytes
     assert 2000 < demand.frame_bytes < 2000 + 10_000
@@ -80,9 +81,16 @@ def test_the_disk_is_asked_for_what_the_fastest_stretch_needs(tmp_path):
 
 def test_turns_make_a_session_slower(tmp_path):
     scene = {"kind": "scene", "exposure_ms": 5, "cycles": 8}
-    demand = demand_of(small_rig(tmp_path), session(scene), pixels=1000, now_ns=0)
+    demand = demand_of(small_rig(tmp_path), session(scene), pixels=1000, now_ns=0, camera_s=0.0)
     # The first of all frames has no turn before it, so the fastest eight have seven.
     assert demand.period_s == pytest.approx((8 * 0.005 + 7 * 0.2) / 8)
+
+
+@pytest.mark.parametrize(("camera_s", "period_s"), [(0.03, 0.03003), (None, 0.00703)])
+def test_short_exposures_are_no_faster_than_the_camera(tmp_path, camera_s, period_s):
+    dark = {"kind": "dark", "exposure_ms": 0.03, "cycles": 8}
+    demand = demand_of(small_rig(tmp_path), session(dark), pixels=1000, now_ns=0, camera_s=camera_s)
+    assert demand.period_s == pytest.approx(period_s)
 
 
 @pytest.mark.parametrize(("wait", "is_well"), [("1\n", True), ("16\n", False)])

@@ -1,0 +1,98 @@
+"""What the uncertain inputs of a scene file make of the numbers that are predicted from it, without a run."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.prediction import RegionPrediction
+from rigctl.comparison.propagated_rows import only_uncertain, propagate_rows
+from rigctl.comparison.remarks import curved_inputs
+from rigctl.comparison.rows import Row
+from rigctl.comparison.scene_prediction import ScenePredictor
+
+FloatArray = NDArray[np.float64]
+# A change of so little of a number, or of one, is that of rounding.
+_ROUNDING = 1e-12
+# Region, quantity and statistic to a number.
+Nested = dict[str, dict[str, dict[str, float]]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictedUncertainty:
+    """Standard uncertainties of predicted numbers.
+
+    Attributes
+    ----------
+    std_errors : dict
+        Region, quantity and statistic to the standard uncertainty by all inputs.
+    inputs : tuple of str
+        Those that have an uncertainty.
+    effects : dict
+        Region, quantity and statistic to the change by one standard uncertainty of each of these alone, shape (k,).
+    remarks : tuple of str
+        What was curved, or stood at a limit.
+    """
+
+    std_errors: Nested
+    inputs: tuple[str, ...]
+    effects: dict[tuple[str, str, str], FloatArray]
+    remarks: tuple[str, ...]
+
+    def ranked(self, region: str, quantity: str) -> list[tuple[str, float]]:
+        """Return inputs with what one standard uncertainty of each changes of a mean, the largest first."""
+        found = self.effects.get((region, quantity, "mean"), np.zeros(len(self.inputs)))
+        return [(self.inputs[k], float(found[k])) for k in np.argsort(-np.abs(found), kind="stable") if found[k] != 0.0]
+
+
+def predicted_uncertainty(
+    predictor: ScenePredictor, predictions: Mapping[str, RegionPrediction]
+) -> PredictedUncertainty:
+    """Return what the uncertain inputs make of predictions.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene, with what is stated of its inputs.
+    predictions : mapping
+        Region to prediction, with the inputs at their values.
+
+    Raises
+    ------
+    ConfigError
+        The model has no prediction on either side of an input.
+    DataError
+        Within the uncertainty of an input a number does not exist.
+
+    References
+    ----------
+    `model.processing.input_propagation.propagate`.
+    """
+    rows = [
+        Row(region=region, quantity=quantity, statistic=statistic, predicted=value, measured=value)
+        for region, prediction in predictions.items()
+        for quantity, statistics in prediction.quantities.items()
+        for statistic, value in statistics.items()
+    ]
+    names, uncertain = predictor.inputs.names, only_uncertain(predictor.inputs)
+    found = propagate_rows(
+        rows, predictor.inputs, lambda values: predictor.predictions(dict(zip(names, values.tolist(), strict=True)))
+    )
+    errors = np.sqrt(np.maximum(np.diag(found.cov), 0.0)).tolist()
+    nested: Nested = {}
+    for row, error in zip(rows, errors, strict=True):
+        nested.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = error
+    return PredictedUncertainty(
+        std_errors=nested,
+        inputs=uncertain.names,
+        effects={
+            (row.region, row.quantity, row.statistic): _without_rounding(effects, row.predicted)
+            for row, effects in zip(rows, found.effects, strict=True)
+        },
+        remarks=tuple(curved_inputs(found, uncertain)),
+    )
+
+
+def _without_rounding(effects: FloatArray, value: float) -> FloatArray:
+    return np.where(np.abs(effects) > _ROUNDING * max(abs(value), 1.0), effects, 0.0)

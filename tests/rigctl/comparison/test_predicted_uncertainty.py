@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from rigctl.cli import main
+from rigctl.comparison.predicted_uncertainty import predicted_uncertainty
+from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import load_scene
+from rigctl.reports.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
+from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.scene_texts import written
+
+UNCERTAIN = (EXAMPLES / "scene-panels-uncertain.toml").read_text()
+PLAIN = (EXAMPLES / "scene-panels.toml").read_text()
+
+
+def found_for(tmp_path, text):
+    predictor = ScenePredictor(load_scene(written(tmp_path, text)), None)
+    predictions = predictor.predict().predictions
+    return predictions, predicted_uncertainty(predictor, predictions)
+
+
+def only(section, stated):
+    """Return the plain scene with one section more."""
+    return PLAIN.replace("[acquisition]", f"[{section}]\n{stated}\n[acquisition]")
+
+
+def test_an_offset_of_the_polarizer_moves_s1_by_twice_s2(tmp_path):
+    std_deg = 0.1
+    predictions, found = found_for(tmp_path, only("rig", f"polarizer_offset_deg = {{ value = 0.0, std = {std_deg} }}"))
+    for region, prediction in predictions.items():
+        s1, s2 = (prediction.quantities[name]["mean"] for name in ("s1n", "s2n"))
+        # First order in 0.0035 rad; what is left, of the other component, is half of its square.
+        turned = 2.0 * np.deg2rad(std_deg)
+        errors = [found.std_errors[region][name]["mean"] for name in ("s1n", "s2n")]
+        assert errors == pytest.approx([turned * abs(s) for s in (s2, s1)], abs=0.5 * turned**2 * (abs(s1) + abs(s2)))
+
+
+def test_an_exposure_moves_counts_and_no_ratio(tmp_path):
+    predictions, found = found_for(
+        tmp_path, PLAIN.replace("exposure_ms = 0.03", "exposure_ms = { value = 0.03, std = 0.0003 }")
+    )
+    for region, prediction in predictions.items():
+        s0 = prediction.quantities["s0"]["mean"]
+        assert found.std_errors[region]["s0"]["mean"] == pytest.approx(0.01 * s0, rel=1e-9)
+        assert found.std_errors[region]["s1n"]["mean"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_independent_inputs_add_in_quadrature(tmp_path):
+    region, key = "black_panel", ("black_panel", "dolp", "mean")
+    _, found = found_for(tmp_path, UNCERTAIN)
+    # DoLP is bent in none of these inputs by a tenth of its error.
+    assert found.std_errors[region]["dolp"]["mean"] == pytest.approx(np.linalg.norm(found.effects[key]), rel=2e-2)
+
+
+def test_inputs_are_ranked_by_what_they_move(tmp_path):
+    _, found = found_for(tmp_path, UNCERTAIN)
+    ranked = found.ranked("black_panel", "dolp")
+    assert [name for name, _ in ranked[:2]] == [f"regions.black_panel.stokes_radiance.{k}" for k in range(2)]
+    assert [abs(effect) for _, effect in ranked] == sorted((abs(effect) for _, effect in ranked), reverse=True)
+    # Another panel's radiance, and what is common to all angles, moves it by nothing.
+    assert not {"sensor.f_number", "regions.asphalt.stokes_radiance.0"} & {name for name, _ in ranked}
+
+
+def test_each_number_of_the_answer_has_its_error(tmp_path):
+    predictions, found = found_for(tmp_path, UNCERTAIN)
+    answer = with_input_errors(predictions, found)["asphalt"]["dolp"]
+    assert set(answer) == {"mean", "std", "mean_std_error_inputs", "std_std_error_inputs"}
+    assert input_effects_json(found)["input_effects"]["asphalt"]["dolp"]
+    assert [table.row_count for table in input_effect_tables(found)] == [6, 6, 6]
+
+
+def test_without_uncertain_inputs_every_error_is_zero(tmp_path):
+    _, found = found_for(tmp_path, PLAIN)
+    assert found.std_errors["asphalt"]["dolp"]["mean"] == 0.0
+    assert list(input_effect_tables(found)) == []
+
+
+def test_a_rig_that_is_not_as_recorded_is_predicted(tmp_path):
+    turned = ScenePredictor(load_scene(written(tmp_path, only("rig", "polarizer_offset_deg = 2.0"))), None)
+    plain = ScenePredictor(load_scene(written(tmp_path, PLAIN)), None)
+    aolp = [one.predict().predictions["black_panel"].quantities["aolp_deg"]["mean"] for one in (turned, plain)]
+    assert aolp[0] - aolp[1] == pytest.approx(-2.0, abs=1e-9)
+
+
+def test_a_rig_that_is_not_as_recorded_has_no_prediction_to_a_tolerance(tmp_path):
+    turned = ScenePredictor(load_scene(written(tmp_path, only("rig", "polarizer_offset_deg = 2.0"))), None)
+    with pytest.raises(ConfigError, match="polarizer_offset_deg = 0"):
+        turned.to_tolerance(0.01)
+
+
+@pytest.mark.parametrize("words", [["--tolerance", "0.01"], ["--sweep", "sensor.f_number=1:2:2"]])
+def test_uncertainty_is_of_one_plain_prediction(tmp_path, words):
+    assert main(["predict", str(written(tmp_path, UNCERTAIN)), "--uncertainty", *words]) == 2
+
+
+def test_the_command_shows_errors_and_what_makes_them(tmp_path, capsys):
+    assert main(["predict", str(written(tmp_path, UNCERTAIN)), "--uncertainty"]) == 0
+    shown = capsys.readouterr().out
+    assert "0.380 ± 0.045" in shown
+    assert "regions.black_panel.stokes_radiance.0" in shown
+
+
+def test_the_command_says_that_inputs_are_uncertain(tmp_path, capsys):
+    assert main(["predict", str(written(tmp_path, UNCERTAIN))]) == 0
+    assert "--uncertainty" in capsys.readouterr().err
