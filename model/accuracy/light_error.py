@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.accuracy.between_tiles import light_between_tiles
 from model.accuracy.chain import ChainResult
 from model.accuracy.companions import Pair, companions, one_wavelength
 from model.accuracy.field_error import field_error
@@ -16,7 +17,7 @@ from model.accuracy.settings import Settings
 from model.accuracy.spectral_error import SpectralError, spectral_error
 from model.field_light import FieldLight, Source
 from model.illumination import Illumination
-from model.lit_scene import Air, LitScene
+from model.lit_scene import Air, LitRegion, LitScene
 from model.sampled_sky import SampledSky, Sky, sample_sky, sample_smooth
 from model.scene import ApertureLight
 
@@ -108,7 +109,7 @@ def light_errors(
             found[WAVELENGTHS][region.name] = _of_wavelengths(scene.air, result.settings, lines, scene.source)
         found[SKY_GRID][region.name] = _of_grid(grid, light, lines, scene.source, tolerance=tolerance)
         found[HEMISPHERE][region.name] = _of_hemisphere(lines, grid.largest, scene.source)
-        found[TILES][region.name] = _of_tiles(light, scene.source)
+        found[TILES][region.name] = _of_tiles(scene, region, result)
     return found
 
 
@@ -203,10 +204,15 @@ def _of_hemisphere(lines: LinesOfSight, of_grid: float, source: Source) -> Light
     return _error([], apart=np.array(each)[:, np.newaxis] * np.ones(3))
 
 
-def _of_tiles(light: FieldLight, source: Source) -> LightError:
+def _of_tiles(scene: LitScene, region: LitRegion, result: ChainResult) -> LightError:
+    light = result.lights[region.name]
     if len(light.lights) == 1:
         return _NOTHING
-    found = field_error(np.stack([getattr(one, source) for one in light.lights]))
+    tiles, between = (
+        np.stack([getattr(one, scene.source) for one in each.lights])
+        for each in (light, light_between_tiles(scene, region, result))
+    )
+    found = field_error(tiles, between)
     return LightError(together=_NO_ROWS, apart=found.mean, field=0.0, cov=found.cov)
 
 

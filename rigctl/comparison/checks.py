@@ -92,8 +92,7 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
             text=f"pairs of orthogonal angles, each of which holds all of the light, differ by {excess:.2%} +- "
             f"{error:.2%}; flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above "
             f"{_PAIRS_REFUSED:.0%}: light that changed, unequal exposures or throughput, a dark level that is wrong, "
-            "or an angle that is"
-            + _residual(measurement, moments),
+            "or an angle that is" + _residual(measurement, moments),
         )
 
 

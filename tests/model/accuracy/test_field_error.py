@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.accuracy.field_error import field_error
+from model.accuracy.field_error import PLACES, field_error
 from model.quadrature import gauss_legendre
 
 
@@ -13,15 +13,23 @@ def over_field(law, per_side):
     return values, np.outer(weight, weight).ravel()
 
 
-def variance(law, per_side):
+def estimate(law, per_side):
+    values, _ = over_field(law, per_side)
+    between = law(PLACES[:, 0], PLACES[:, 1])[:, np.newaxis] * np.array([1.0, 0.0, 0.0])
+    return field_error(values, between)
+
+
+def moments(law, per_side):
     values, weights = over_field(law, per_side)
-    return weights @ (values[:, 0] - weights @ values[:, 0]) ** 2
+    mean = weights @ values[:, 0]
+    return mean, weights @ (values[:, 0] - mean) ** 2
 
 
-def test_a_plane_has_next_to_no_error_with_four_tiles():
-    # Beyond degree 1 nothing is there but rounding; the smallest ratio of degrees is taken as a twentieth.
-    values, _ = over_field(lambda x, y: 10.0 + x + 2.0 * y, 4)
-    assert np.max(field_error(values).cov) < 1e-25
+def test_a_plane_has_no_error_with_two_tiles():
+    found = estimate(lambda x, y: 10.0 + x + 2.0 * y, 2)
+    # Rounding of 10, and of it times the deviation of the plane.
+    assert np.max(found.mean) < 1e-13
+    assert np.max(found.cov) < 1e-13
 
 
 @pytest.mark.parametrize("per_side", [3, 4, 5, 6])
@@ -30,16 +38,35 @@ def test_the_estimate_is_above_the_error_of_a_smooth_field(per_side, steepness):
     def law(x, y):
         return np.exp(steepness * (x + 0.5 * y))
 
-    values, _ = over_field(law, per_side)
-    true = abs(variance(law, per_side) - variance(law, 20))
-    estimated = field_error(values).cov[0, 0]
-    # Sums of 400 values of size 1 round by some eps.
-    assert true < estimated + 1e-14
-    # Not so far above as to be of no use: a degree less would be off by about a hundred times as much.
-    assert estimated < 1e3 * true + 1e-11
+    found = estimate(law, per_side)
+    for own, finest, estimated in zip(
+        moments(law, per_side), moments(law, 20), (found.mean[0], found.cov[0, 0]), strict=True
+    ):
+        # Sums of 400 values of size 1 round by some eps.
+        assert abs(own - finest) < estimated + 1e-14
+
+
+@pytest.mark.parametrize("kink", [0.31, 0.4, 0.55])
+def test_the_estimate_is_above_the_error_of_a_kink(kink):
+    def law(x, y):
+        return 1.0 + np.abs(x + 0.3 * y - kink)
+
+    found = estimate(law, 4)
+    for own, finest, estimated in zip(
+        moments(law, 4), moments(law, 400), (found.mean[0], found.cov[0, 0]), strict=True
+    ):
+        assert abs(own - finest) < estimated
 
 
 def test_a_field_that_does_not_fall_off_is_not_trusted():
-    values, _ = over_field(lambda x, y: np.sign(x - 0.4), 5)
-    true = abs(variance(lambda x, y: np.sign(x - 0.4), 5) - 4.0 * 0.4 * 0.6)
-    assert field_error(values).cov[0, 0] > true
+    def law(x, _):
+        return np.sign(x - 0.4)
+
+    true = abs(moments(law, 5)[1] - 4.0 * 0.4 * 0.6)
+    assert estimate(law, 5).cov[0, 0] > true
+
+
+def test_what_one_component_lacks_is_not_laid_on_another():
+    found = estimate(lambda x, y: np.exp(2.0 * x + y), 3)
+    assert found.cov[0, 0] > 0.0
+    assert np.count_nonzero(found.cov) == 1
