@@ -11,9 +11,12 @@ FloatArray = NDArray[np.float64]
 
 # Places between the tiles, over the width and over the height of a region's part of the field: on no line of symmetry.
 PLACES = np.array([[0.18, 0.33], [0.71, 0.12], [0.42, 0.64], [0.88, 0.55], [0.27, 0.87], [0.60, 0.39]])
-# Errors over what the places say, of the mean and of the covariance: of fifty random fields with 3 x 3 to 5 x 5 tiles
-# one mean and one covariance in fifty had more.
-_OF_MEAN, _OF_COV = 0.5, 1.5
+# Errors over what the places say, of the mean, and of the covariance over a smooth field and over any other: of fifty
+# random fields with 3 x 3 to 5 x 5 tiles one mean and one covariance in fifty had more.
+_OF_MEAN, _OF_SMOOTH, _OF_COV = 0.5, 1.5, 0.75
+# Of a smooth field a degree has at most this share of the one before, and what is missed no more than the next one.
+_FALLING = 0.5
+_TINY = 1e-300
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,7 +28,7 @@ class FieldError:
     mean
         Of each component, shape (3,).
     cov
-        Of the covariance, diagonal, shape (3, 3).
+        Of the covariance, positive semi-definite, shape (3, 3).
     """
 
     mean: FloatArray
@@ -44,8 +47,10 @@ def field_error(values: FloatArray, between: FloatArray) -> FieldError:
 
     Notes
     -----
-    What the polynomial through the tiles misses has some rms d at the places, the field a deviation s. The covariance
-    lacks d^2, and has as much as s d too much or too little for what it takes for lower degrees.
+    Let the polynomial through the tiles miss r, and let x be that part of the field which r can be mistaken for: of a
+    field whose degrees fall regularly, also to those missed, the last degree and half of the one before; of any other
+    all of it. The covariance lacks r r', and has as much as x r' + r x' too much or too little. The latter is at most
+    a x x' + r r' / a, least where both are of one size; so the correlation of the components is kept.
 
     References
     ----------
@@ -54,10 +59,23 @@ def field_error(values: FloatArray, between: FloatArray) -> FieldError:
     per_side = round(len(values) ** 0.5)
     basis = _legendre(per_side)
     coefficients = np.einsum("ai,bj,ijc->abc", basis, basis, values.reshape(per_side, per_side, 3))
-    missed = np.sqrt(np.mean((between - _read(coefficients)) ** 2, axis=0))
-    coefficients[0, 0] = 0.0
-    deviation = np.sqrt(np.sum(coefficients**2, axis=(0, 1)))
-    return FieldError(mean=_OF_MEAN * missed, cov=np.diag(_OF_COV * missed * deviation + 2.0 * missed**2))
+    missed = between - _read(coefficients)
+    lacking = missed.T @ missed / len(missed)
+    mistaken, share = _mistaken_for(coefficients, float(np.trace(lacking)))
+    balance = np.sqrt(np.trace(lacking) / max(float(np.trace(mistaken)), _TINY))
+    mixed = share * (balance * mistaken + (lacking / balance if balance > 0.0 else 0.0))
+    return FieldError(mean=_OF_MEAN * np.sqrt(np.diag(lacking)), cov=mixed + 2.0 * lacking)
+
+
+def _mistaken_for(coefficients: FloatArray, lacking: float) -> tuple[FloatArray, float]:
+    """Return the covariance of what may be mistaken for what is missed, shape (3, 3), and a share of it."""
+    degree = np.maximum(*np.indices(coefficients.shape[:2]))
+    by_degree = [coefficients[degree == k].T @ coefficients[degree == k] for k in range(1, len(coefficients))]
+    last, before = by_degree[-1], by_degree[-2] if len(by_degree) > 1 else np.zeros((3, 3))
+    sizes = np.sqrt([np.trace(before), np.trace(last), lacking])
+    if sizes[1] <= _FALLING * sizes[0] and sizes[2] * sizes[0] <= sizes[1] ** 2:
+        return last + _FALLING**2 * before, _OF_SMOOTH
+    return np.sum(by_degree, axis=0), _OF_COV
 
 
 def _legendre(per_side: int) -> FloatArray:

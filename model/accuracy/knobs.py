@@ -151,7 +151,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="six lines of sight between the tiles, beside the polynomial through them",
                 levels=_levels(
                     tuple(f"{n} x {n}" for n in _TILES),
-                    (1e-2, 5e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 4e-7, 1e-7, 5e-8),
+                    (3e-2, 3e-3, 2e-4, 3e-5, 1e-5, 3e-6, 1e-6, 4e-7, 1e-7, 5e-8),
                     tuple(float(n * n + 1) for n in _TILES),
                 ),
             ),
