@@ -1,6 +1,6 @@
 """Trial of the tolerance: random scenes, predicted to a tolerance, beside the finest settings.
 
-Usage: python -m benchmarks.trial_tolerance [--scenes 200] [--first 0] [--tolerances 0.03 0.01] [--out FILE.csv]
+Usage: python -m benchmarks.trial_tolerance [--scenes 1000] [--first 0] [--tolerances 0.1 0.03 0.01 0.003] [--out FILE.csv]
 
 Each scene is predicted to one of the tolerances in turn. Of every reading that is promised the true error must be no
 more than the tolerance. Of each scene the largest estimated error is set beside the largest true one.
@@ -44,9 +44,9 @@ _SMALLEST_TRUE = 1e-12
 def main() -> int:
     """Run the trial; return 1 where a promise is broken."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--scenes", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--tolerances", type=float, nargs="+", default=[0.03, 0.01])
+    parser.add_argument("--tolerances", type=float, nargs="+", default=[0.1, 0.03, 0.01, 0.003])
     parser.add_argument("--out", type=Path, default=None)
     arguments = parser.parse_args()
     return 0 if run_tolerance(arguments.scenes, arguments.tolerances, first=arguments.first, out=arguments.out) else 1

@@ -30,7 +30,7 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--cuts", type=int, default=50)
     parser.add_argument("--effect-scenes", type=int, default=1000)
-    parser.add_argument("--tolerance-scenes", type=int, default=200)
+    parser.add_argument("--tolerance-scenes", type=int, default=1000)
     parser.add_argument("--turns", type=int, default=100)
     parser.add_argument("--lossy-frames", type=int, default=100)
     parser.add_argument("--processes", type=int, default=3)
@@ -44,7 +44,7 @@ def main() -> int:
         print(f"power cuts were not simulated: {reason}")
     sound &= _run_network(turns=arguments.turns, frames=arguments.lossy_frames)
     sound &= run_effects(arguments.effect_scenes)
-    sound &= run_tolerance(arguments.tolerance_scenes, [0.03, 0.01])
+    sound &= run_tolerance(arguments.tolerance_scenes, [0.1, 0.03, 0.01, 0.003])
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )

@@ -119,7 +119,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 law="geometric; below 1e-4 only between the entries of the aerosol's tables",
                 estimate="the same rule for functions of the optical depth, known at all wavelengths",
                 levels=_levels(
-                    tuple(f"{n} between tables' entries" if split else str(n) for n, split in _WAVELENGTHS),
+                    tuple(f"{n} split" if split else str(n) for n, split in _WAVELENGTHS),
                     (5e-2, 2e-3, 2e-4, 1e-4, 1e-5, 1e-6, 2e-7, 5e-8, 1e-8),
                     (1.0, 2.0, 3.0, 5.0, 6.0, 8.0, 10.0, 14.0, 18.0),
                 ),

@@ -25,8 +25,8 @@ from rigctl.reports.tradeoff_curves import (
 )
 from rigctl.terminal import print_json, progress, results
 
-_TOLERANCES = "0.1,0.03,0.01,0.003"
-_SMALLEST, _LARGEST = 1e-4, 0.1
+_TOLERANCES = "0.1,0.03,0.01,0.003,0.001"
+_SMALLEST, _LARGEST = 1e-5, 0.1
 
 
 def command(
@@ -35,7 +35,7 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Noise calibration; takes the place of the assumed noise.")
     ] = None,
     tolerances: Annotated[
-        str, typer.Option(metavar="T,T,...", help="Tolerances to show, 1e-4 to 0.1; small ones take longest.")
+        str, typer.Option(metavar="T,T,...", help="Tolerances to show, 1e-5 to 0.1; small ones take longest.")
     ] = _TOLERANCES,
     acquisition: Annotated[
         bool, typer.Option("--acquisition", help="Frames, angles and exposure instead: error of DoLP against time.")
