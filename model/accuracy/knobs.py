@@ -140,7 +140,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="difference of two rules",
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
-                    tuple(0.4 * t for t in _TOLERANCES),
+                    tuple(0.8 * t for t in _TOLERANCES),
                     (1.0, 1.3, 2.0, 4.0, 8.0, 14.0),
                 ),
             ),

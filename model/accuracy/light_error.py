@@ -25,9 +25,9 @@ FloatArray = NDArray[np.float64]
 
 # Grid on which the difference of two skies is read: it has no aureole, for light scattered once is the same in both.
 _ZENITHS, _AZIMUTHS = 12, 10
-# What other lines of sight than the middle one may find in the sky's grid, whose error has now one sign, now the other:
-# so much more, and a share of the largest error of any direction.
-_ELSEWHERE, _OF_LARGEST = 2.0, 0.01
+# The sky's grid is tried with one wavelength, and over a field in its middle alone, while its error has now one sign, now
+# the other: so much more may be found, and a share of the largest error of any direction.
+_OTHER_WAVELENGTHS, _ELSEWHERE, _OF_LARGEST = 1.5, 2.0, 0.003
 # A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
 _HARMLESS = 0.001
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
@@ -191,9 +191,12 @@ def _of_grid(grid: _Grid, light: FieldLight, lines: LinesOfSight, source: Source
     sky, everything = abs(light.mean("reflected_sky")[0]), abs(light.mean()[0])
     if grid.largest * sky <= _HARMLESS * tolerance * everything:
         return _error([], apart=grid.largest * np.abs(lines.part("reflected_sky")[:, :1]) * np.ones(3))
-    middle = replace(lines, lights=lines.lights[-1:])
-    share = _ELSEWHERE * np.abs(middle.reflected(grid.difference)) / sky + _OF_LARGEST * grid.largest
-    return _error([], apart=share * np.abs(lines.part("reflected_sky")[:, :1]))
+    middle = replace(lines, lights=lines.lights[-1:]).reflected(grid.difference)
+    anywhere = _OF_LARGEST * grid.largest * np.abs(lines.part("reflected_sky")[:, :1]) * np.ones(3)
+    if len(lines.lights) == 1:
+        return _error([_OTHER_WAVELENGTHS * middle], apart=anywhere)
+    share = _ELSEWHERE * np.abs(middle) / sky
+    return _error([], apart=share * np.abs(lines.part("reflected_sky")[:, :1]) + anywhere)
 
 
 def _of_hemisphere(lines: LinesOfSight, of_grid: float, source: Source) -> LightError:
