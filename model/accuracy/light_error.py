@@ -25,8 +25,8 @@ FloatArray = NDArray[np.float64]
 
 # Grid on which the difference of two skies is read: it has no aureole, for light scattered once is the same in both.
 _ZENITHS, _AZIMUTHS = 12, 10
-# The sky's grid is tried with one wavelength, and over a field in its middle alone, while its error has now one sign, now
-# the other: so much more may be found, and a share of the largest error of any direction.
+# The sky's grid is tried with one wavelength, and over a field in its middle alone, while its error has now one sign,
+# now the other: so much more may be found, and a share of the largest error of any direction.
 _OTHER_WAVELENGTHS, _ELSEWHERE, _OF_LARGEST = 1.5, 2.0, 0.003
 # A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
 _HARMLESS = 0.001
