@@ -162,3 +162,8 @@ class LitScene:
         unknown = sorted({name for pair in self.pairs for name in pair} - set(names))
         if unknown:
             raise ValueError(f"pairs name {', '.join(unknown)}; the regions are {', '.join(names)}")
+
+    @property
+    def sensor_height_m(self) -> float:
+        """Over the ground [m]; 0 where no light of the air is asked for."""
+        return 0.0 if self.view is None else self.view.height_m

@@ -7,9 +7,14 @@ import numpy as np
 from model.accuracy.knobs import KNOBS, LAYERS, STREAMS, Plan, at_level
 from model.accuracy.light_store import LightStore
 from model.accuracy.settings import Settings
+from model.atmosphere.lighting.analytic_sky import AnalyticLighting
 from model.atmosphere.lighting.band_lighting import BandLighting
+from model.atmosphere.lighting.compute_lighting import analytic_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.mixed_lighting import MixedLighting
+from model.atmosphere.lighting.single import single_solution
+from model.atmosphere.lighting.solve_column import solve_column
+from model.atmosphere.lighting.tiers import Tier
 from model.lit_scene import Air
 
 # Streams do not care for layers nor layers for streams: each is compared with few of the other.
@@ -51,7 +56,7 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
 
     Notes
     -----
-    Light scattered once, and a table, have no such knobs.
+    Light scattered once has no streams, and a table has neither.
 
     References
     ----------
@@ -59,9 +64,11 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
     """
     if isinstance(lighting, MixedLighting) and air.alternative is not None:
         return _mixed(air, air.alternative, plan, settings, lighting, store)
-    if not isinstance(lighting, BandLighting) or not air.is_solved:
+    band = lighting.path_and_beam if isinstance(lighting, AnalyticLighting) else lighting
+    if not isinstance(band, BandLighting):
         return {}
-    return {knob: _next_level(air, plan, settings, lighting, knob, store) for knob in (STREAMS, LAYERS)}
+    knobs = (STREAMS, LAYERS) if air.is_solved else (LAYERS,)
+    return {knob: _next_level(air, plan, settings, band, knob, store) for knob in knobs}
 
 
 def one_wavelength(lighting: Lighting) -> Lighting:
@@ -95,26 +102,27 @@ def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, kn
     is_finest = plan[knob] + 1 == len(KNOBS[knob].levels)
     neighbour = plan[knob] - 1 if is_finest else plan[knob] + 1
     here, there = (_solved(air, at_level(coarse, knob, level), band, store) for level in (plan[knob], neighbour))
-    return Pair(one=here, other=there, factor=(_BEFORE if is_finest else _BEYOND)[knob])
+    return Pair(one=_seen(air, here), other=_seen(air, there), factor=(_BEFORE if is_finest else _BEYOND)[knob])
+
+
+def _seen(air: Air, band: BandLighting) -> Lighting:
+    """Light as the tier of the air has it."""
+    if air.tier is not Tier.ANALYTIC:
+        return band
+    return analytic_lighting(band, mu0=float(np.cos(air.sun_zenith_rad)), dolp_max=air.dolp_max)
 
 
 def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore) -> BandLighting:
     """Light of the middle wavelength with settings of its own."""
-    middle, chosen = _middle(band), settings.solver
+    middle = _middle(band)
     (column,), (known,) = middle.columns, middle.solutions
-    solution = store.solver(
-        column.layers(
-            fine=chosen.fine_layers,
-            aerosol=air.aerosol,
-            matrix_tolerance=chosen.matrix_tolerance,
-            cuts=chosen.layer_cuts,
-        ),
+    solution = solve_column(
+        store.solver if air.is_solved else single_solution,
+        column,
+        settings.solver,
         mu0=known.mu0,
         albedo=air.ground_albedo,
         aerosol=air.aerosol,
-        nodes=chosen.nodes,
-        element_depth=chosen.element_depth,
-        tolerance=chosen.tolerance,
     )
     return replace(middle, solutions=(solution,))
 

@@ -3,13 +3,13 @@
 from collections import OrderedDict
 from collections.abc import Hashable
 
-from model.atmosphere.lighting.compute_lighting import LightSolver
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
+from model.atmosphere.lighting.solve_column import LightSolver
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
 
-# Of one wavelength with many streams and layers some tens of megabytes.
-_KEPT = 24
+# Of one wavelength, with many streams and layers ten megabytes.
+_KEPT = 48
 
 
 class KeptSolutions:

@@ -69,8 +69,9 @@ class Knob:
 Plan = Mapping[str, int]
 
 _STREAMS = (4, 6, 8, 12, 16, 24, 32)
-# Fine profile or coarse, cuts of each of its layers, largest depth of an element.
-_LAYERS = ((False, 1, 0.1), (False, 2, 0.1), (True, 1, 0.05), (True, 2, 0.03), (True, 4, 0.02), (True, 8, 0.01))
+# Cuts of each layer of the coarse profile, and whether they are extrapolated with twice as many.
+_LAYERS = ((1, False), (2, False), (1, True), (2, True), (4, True), (8, True))
+_ELEMENT_DEPTH = 0.1
 # How many, and whether each stretch between the entries of the aerosol's tables has its part of them.
 _WAVELENGTHS = ((1, False), (2, False), (3, False), (3, True), (4, True), (6, True), (8, True), (12, True), (16, True))
 _GRIDS = ((12, 10), (16, 14), (24, 20), (36, 32), (48, 44))
@@ -105,12 +106,12 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
             Knob(
                 name=LAYERS,
                 stage="sky",
-                law="square of the thickness",
+                law="square of the thickness; its fourth power where two are extrapolated to none",
                 estimate="one wavelength, few streams, beside the next level",
                 levels=_levels(
-                    ("15", "30", "78", "156", "312", "624"),
-                    (2.5e-3, 6e-4, 6e-5, 1.5e-5, 4e-6, 1e-6),
-                    (1.0, 1.5, 3.5, 8.0, 18.0, 40.0),
+                    tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
+                    (2.5e-3, 6e-4, 2e-5, 1.5e-6, 1.5e-7, 1e-8),
+                    (1.0, 1.3, 2.3, 3.3, 5.5, 10.0),
                 ),
             ),
             Knob(
@@ -168,7 +169,7 @@ STATISTICS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def settings_at(plan: Plan, tolerance: float) -> Settings:
+def settings_at(plan: Plan, tolerance: float, *, face_m: float = 0.0) -> Settings:
     """Return the settings of a plan.
 
     Parameters
@@ -177,21 +178,23 @@ def settings_at(plan: Plan, tolerance: float) -> Settings:
         Level of each knob of `KNOBS`.
     tolerance
         That is asked for; statistics and orders of scattering follow it.
+    face_m
+        Height of the sensor [m], at which a layer ends: extrapolation is of what is read between layers.
     """
-    fine, cuts, element_depth = _LAYERS[plan[LAYERS]]
     zeniths, azimuths = _GRIDS[plan[SKY_GRID]]
     count, split_at_kinks = _WAVELENGTHS[plan[WAVELENGTHS]]
+    solver = SolverSettings(
+        fine_layers=False,
+        nodes=_STREAMS[plan[STREAMS]],
+        element_depth=_ELEMENT_DEPTH,
+        tolerance=min(max(_FINER * tolerance, 1e-9), 1e-3),
+        matrix_tolerance=min(0.3 * tolerance, 3e-3),
+        face_m=face_m,
+    )
     return Settings(
         wavelengths=count,
         split_at_kinks=split_at_kinks,
-        solver=SolverSettings(
-            fine_layers=fine,
-            nodes=_STREAMS[plan[STREAMS]],
-            element_depth=element_depth,
-            tolerance=min(max(_FINER * tolerance, 1e-9), 1e-3),
-            matrix_tolerance=min(0.3 * tolerance, 3e-3),
-            layer_cuts=cuts,
-        ),
+        solver=_in_layers(solver, plan[LAYERS]),
         sky_zeniths=zeniths,
         sky_azimuths=azimuths,
         hemisphere_tolerance=_TOLERANCES[plan[HEMISPHERE]],
@@ -219,5 +222,9 @@ def at_level(settings: Settings, knob: str, level: int) -> Settings:
     if knob == WAVELENGTHS:
         count, split_at_kinks = _WAVELENGTHS[level]
         return replace(settings, wavelengths=count, split_at_kinks=split_at_kinks)
-    fine, cuts, depth = _LAYERS[level]
-    return replace(settings, solver=replace(settings.solver, fine_layers=fine, layer_cuts=cuts, element_depth=depth))
+    return replace(settings, solver=_in_layers(settings.solver, level))
+
+
+def _in_layers(solver: SolverSettings, level: int) -> SolverSettings:
+    cuts, extrapolated = _LAYERS[level]
+    return replace(solver, layer_cuts=cuts, extrapolated=extrapolated, element_depth=_ELEMENT_DEPTH / cuts)

@@ -9,9 +9,10 @@ import numpy as np
 
 from model.accuracy.kept_solutions import KeptSolutions
 from model.accuracy.settings import Settings
-from model.atmosphere.lighting.compute_lighting import LightSolver, compute_lighting
+from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.mixed_lighting import MixedLighting
+from model.atmosphere.lighting.solve_column import LightSolver
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect

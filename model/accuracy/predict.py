@@ -109,7 +109,8 @@ def predict(
     aim = min(max(_FIRST_AIM * tolerance, _FIRST_FINEST), _FIRST_COARSEST)
     plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), aim)
     for rounds in range(1, _ROUNDS + 1):
-        result = evaluate(scene, settings_at(plan, tolerance), effects=effects, store=lights, clock=clock)
+        settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
+        result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)
         start = clock()
         errors = light_errors(scene, plan, result, lights, tolerance=tolerance)
         budget = error_budget(scene, result, errors, tolerance=tolerance)

@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-from model.atmosphere.lighting.tiers import TIERS, SolverSettings, Tier
+from model.atmosphere.lighting.tiers import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
 from model.field_of_view import TileRule
-
-_STANDARD = SolverSettings(fine_layers=True, nodes=12, element_depth=0.05, tolerance=1e-5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,4 +55,4 @@ def settings_of_tier(tier: Tier, *, wavelengths: int = 4) -> Settings:
     wavelengths
         As in `Settings`.
     """
-    return Settings(wavelengths=wavelengths, solver=TIERS[tier].settings or _STANDARD)
+    return Settings(wavelengths=wavelengths, solver=TIERS[tier].settings or STANDARD_SETTINGS)

@@ -30,6 +30,8 @@ _FINE_HEIGHTS_M = 1e3 * np.concatenate(
     ]
 )
 _COARSE_HEIGHTS_M = 1e3 * np.array([0, 0.5, 1, 1.5, 2, 3, 4, 5, 7, 9, 12, 16, 20, 25, 35, 100])
+# From a face near the ground each layer is at most so many times as high as the one below.
+_GROWTH = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +127,7 @@ class Column:
         aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
         matrix_tolerance: float = 1e-3,
         cuts: int = 1,
+        face_m: float = 0.0,
     ) -> tuple[Layer, ...]:
         """Homogeneous layers, top to bottom.
 
@@ -138,6 +141,8 @@ class Column:
             As in `model.atmosphere.aerosol.mie_aerosol.aerosol_scattering`.
         cuts
             Into how many parts of equal height each of these layers is cut, 1 or more.
+        face_m
+            Height at which a layer is to end, 0 or more [m]; 0 for none.
 
         Notes
         -----
@@ -147,7 +152,7 @@ class Column:
         ----------
         definition
         """
-        edges = _FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M
+        edges = _with_face(_FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M, face_m)
         heights = np.interp(np.arange((edges.size - 1) * cuts + 1) / cuts, np.arange(edges.size), edges)
         lower, upper = self._matrices(matrix_tolerance) if aerosol is AerosolKind.SPHERES else (None, None)
         low, high = heights[-2::-1], heights[:0:-1]
@@ -190,6 +195,16 @@ class Column:
         below = self.aerosol.optical_depth_between(np.minimum(lower_m, edge), np.minimum(upper_m, edge))
         above = self.aerosol.optical_depth_between(np.maximum(lower_m, edge), np.maximum(upper_m, edge))
         return below * self.lower.extinction + above * self.upper.extinction
+
+
+def _with_face(heights_m: NDArray[np.float64], face_m: float) -> NDArray[np.float64]:
+    """Heights of layers' faces with one more, and if that is near the ground, with some between it and the next."""
+    if not 0.0 < face_m < heights_m[-1]:
+        return heights_m
+    faces = [face_m]
+    while faces[-1] * _GROWTH < heights_m[1]:
+        faces.append(faces[-1] * _GROWTH)
+    return np.union1d(heights_m, faces)
 
 
 def column(state: AtmosphereState, *, wavelength_m: float) -> Column:

@@ -109,7 +109,9 @@ def accuracy_curves(
         predictions.append(predict(scene, tolerance=tolerance, clock=clock))
     yield "finest settings"
     finest = _finer(predictions[-1].plan)
-    reference = evaluate(scene, settings_at(finest, _FINER * min(tolerances)), clock=clock)
+    reference = evaluate(
+        scene, settings_at(finest, _FINER * min(tolerances), face_m=scene.sensor_height_m), clock=clock
+    )
     truth = _readings(reference)
     points = [_of_chain(found, truth) for found in predictions]
     middle = predictions[(len(predictions) - 1) // 2]
@@ -217,7 +219,7 @@ def _at_level(
     scene: LitScene, plan: Plan, tolerance: float, clock: Clock
 ) -> tuple[ChainResult, dict[str, dict[Reading, float]]]:
     store = LightStore()
-    result = evaluate(scene, settings_at(plan, tolerance), store=store, clock=clock)
+    result = evaluate(scene, settings_at(plan, tolerance, face_m=scene.sensor_height_m), store=store, clock=clock)
     lights = light_errors(scene, plan, result, store, tolerance=tolerance)
     budget = error_budget(scene, result, lights, tolerance=tolerance)
     return result, {knob: dict(errors) for knob, errors in budget.by_knob.items()}

@@ -9,7 +9,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from model.atmosphere.lighting.compute_lighting import Solver
+from model.atmosphere.lighting.solve_column import Solver
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix

@@ -1,7 +1,5 @@
 """Light in a band, computed with the effort of a tier."""
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,51 +7,14 @@ from model.atmosphere.lighting.analytic_sky import AnalyticLighting
 from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
 from model.atmosphere.lighting.single import single_solution
-from model.atmosphere.lighting.tiers import TIERS, SolverSettings, Tier
+from model.atmosphere.lighting.solve_column import LightSolver, solve_column
+from model.atmosphere.lighting.tiers import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
 from model.atmosphere.ozone import ozone_optical_depth
 from model.atmosphere.profile import AtmosphereState, Column, column, kinks_m, optical_depth
 from model.atmosphere.solver import solve
 from model.atmosphere.spectral_rule import SpectralRule, spectral_rule
 from model.atmosphere.sun import SolarBand
-from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
-from model.atmosphere.transfer.solution import Solution
-
-
-class Solver(Protocol):
-    """The call of `model.atmosphere.solver.solve`; an application may put a store of solutions in its place."""
-
-    def __call__(
-        self,
-        layers: tuple[Layer, ...],
-        *,
-        mu0: float,
-        albedo: float,
-        aerosol: AerosolKind,
-        nodes: int,
-        element_depth: float,
-        tolerance: float,
-    ) -> Solution:
-        """Solve one wavelength."""
-        ...
-
-
-class LightSolver(Protocol):
-    """The same call where only the light counts: `Solver`, or `model.atmosphere.sasktran2_engine`."""
-
-    def __call__(
-        self,
-        layers: tuple[Layer, ...],
-        *,
-        mu0: float,
-        albedo: float,
-        aerosol: AerosolKind,
-        nodes: int,
-        element_depth: float,
-        tolerance: float,
-    ) -> DiffuseLight:
-        """Solve one wavelength."""
-        ...
 
 
 def compute_lighting(
@@ -96,7 +57,7 @@ def compute_lighting(
     solver
         What solves a wavelength.
     settings
-        In place of the tier's own, of a tier that calls the solver.
+        In place of the tier's own; where light is scattered once, the layers alone count.
 
     Raises
     ------
@@ -120,36 +81,38 @@ def compute_lighting(
     columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in rule.wavelength_m)
     own = TIERS[tier].settings
     solutions = tuple(
-        single_solution(one.layers(fine=True, aerosol=kind), mu0=mu0, albedo=albedo)
-        if own is None
-        else _solved(solver, one, settings or own, mu0=mu0, albedo=albedo, aerosol=kind)
+        solve_column(
+            single_solution if own is None else solver,
+            one,
+            settings or own or STANDARD_SETTINGS,
+            mu0=mu0,
+            albedo=albedo,
+            aerosol=kind,
+        )
         for one in columns
     )
     lighting = _band_lighting(state, band, ozone, rule, columns, solutions)
-    if tier is not Tier.ANALYTIC:
-        return lighting
-    zenith = float(lighting.sky(zenith_rad=0.0, phi_rad=0.0)[0])
-    return AnalyticLighting(path_and_beam=lighting, mu0=mu0, zenith_radiance=zenith, dolp_max=dolp_max)
+    return lighting if tier is not Tier.ANALYTIC else analytic_lighting(lighting, mu0=mu0, dolp_max=dolp_max)
 
 
-def _solved(
-    solver: LightSolver, one: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
-) -> DiffuseLight:
-    """One wavelength with the settings of a tier."""
-    return solver(
-        one.layers(
-            fine=settings.fine_layers,
-            aerosol=aerosol,
-            matrix_tolerance=settings.matrix_tolerance,
-            cuts=settings.layer_cuts,
-        ),
-        mu0=mu0,
-        albedo=albedo,
-        aerosol=aerosol,
-        nodes=settings.nodes,
-        element_depth=settings.element_depth,
-        tolerance=settings.tolerance,
-    )
+def analytic_lighting(path_and_beam: BandLighting, *, mu0: float, dolp_max: float) -> AnalyticLighting:
+    """Return a sky by formula that has the radiance of another at the zenith.
+
+    Parameters
+    ----------
+    path_and_beam
+        The other.
+    mu0
+        Cosine of the solar zenith angle.
+    dolp_max
+        Largest degree of polarization of the sky.
+
+    References
+    ----------
+    definition: see `model.atmosphere.lighting.analytic_sky`
+    """
+    zenith = float(path_and_beam.sky(zenith_rad=0.0, phi_rad=0.0)[0])
+    return AnalyticLighting(path_and_beam=path_and_beam, mu0=mu0, zenith_radiance=zenith, dolp_max=dolp_max)
 
 
 def _band_lighting(

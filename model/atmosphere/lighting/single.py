@@ -12,8 +12,8 @@ from model.atmosphere.transfer.layers import Layer, merge_alike
 from model.atmosphere.transfer.solution import Solution
 
 
-def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solution:
-    """Diffuse light scattered once, and the beam's light off the ground, unscattered since.
+def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: object) -> Solution:
+    """Diffuse light scattered once, and the beam's light off the ground, unscattered since; called like the solver.
 
     Parameters
     ----------

@@ -30,6 +30,11 @@ class SolverSettings:
         Of the scattering matrix of spheres, as in `model.atmosphere.aerosol.mie_aerosol.aerosol_scattering`.
     layer_cuts
         Into how many parts each layer of the profile is cut.
+    extrapolated
+        Whether each of these layers and elements is cut in two in a second solution, and both are extrapolated to
+        layers of no thickness.
+    face_m
+        Height at which a layer ends, for light is read there [m]; 0 for none.
     """
 
     fine_layers: bool
@@ -38,6 +43,8 @@ class SolverSettings:
     tolerance: float
     matrix_tolerance: float = 1e-3
     layer_cuts: int = 1
+    extrapolated: bool = False
+    face_m: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +70,8 @@ class TierFacts:
     settings: SolverSettings | None
 
 
+STANDARD_SETTINGS = SolverSettings(fine_layers=True, nodes=12, element_depth=0.05, tolerance=1e-5)
+
 TIERS: Mapping[Tier, TierFacts] = MappingProxyType(
     {
         Tier.ANALYTIC: TierFacts(
@@ -87,7 +96,7 @@ TIERS: Mapping[Tier, TierFacts] = MappingProxyType(
         Tier.STANDARD: TierFacts(
             accuracy="radiance 2e-4, degree of polarization 1e-4",
             seconds=0.08,
-            settings=SolverSettings(fine_layers=True, nodes=12, element_depth=0.05, tolerance=1e-5),
+            settings=STANDARD_SETTINGS,
         ),
         Tier.TABLE: TierFacts(
             accuracy="that of the table; between its nodes Stokes parameters are linear",
