@@ -10,6 +10,7 @@ more than the tolerance. Of each scene the largest estimated error is set beside
 import argparse
 import csv
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,13 @@ from model.lit_scene import LitScene
 from model.prediction import predict as predict_scenario
 from tests.model.accuracy.random_scenes import random_scene
 
-# Finer in every knob than a plan for the smallest of the tolerances; the law of DoLP and the ROC by quadrature alone.
+# Finer in every knob than a plan for the smallest of the tolerances, and with other layers than any plan has; the law
+# of DoLP and the ROC by quadrature alone.
 FINEST = Settings(
     wavelengths=6,
     split_at_kinks=True,
     solver=SolverSettings(
-        fine_layers=True, nodes=16, element_depth=0.03, tolerance=1e-7, matrix_tolerance=1e-3, layer_cuts=2
+        fine_layers=True, nodes=16, element_depth=0.05, tolerance=1e-7, matrix_tolerance=1e-3, extrapolated=True
     ),
     sky_zeniths=36,
     sky_azimuths=32,
@@ -81,7 +83,8 @@ def truth(scene: LitScene, found: AccuratePrediction) -> dict[Reading, Value]:
     Whether DoLP has moments depends on the tolerance of its law: those that have none to 1e-11 are taken with the
     prediction's own, from the light of the finest settings.
     """
-    finest = evaluate(scene, FINEST)
+    solver = replace(FINEST.solver, face_m=scene.sensor_height_m)
+    finest = evaluate(scene, replace(FINEST, solver=solver))
     looser = predict_scenario(finest.scenario, tolerance=found.result.settings.dolp_tolerance)
     return readings(finest.scenario, looser, ()) | readings(finest.scenario, finest.predictions, finest.detections)
 

@@ -175,8 +175,8 @@ def light_over_tiles(
     [MK14] eq. (8), (9).
     """
     found = tiles(part, view, per_side=per_side, rule=rule)
-    last = per_side**2 - 1
-    corners = sorted({0, per_side - 1, last // 2, last - per_side + 1, last})
+    last, middle = per_side**2 - 1, (per_side // 2) * (per_side + 1)
+    corners = sorted({0, per_side - 1, middle, last - per_side + 1, last})
     refined = dict(zip(corners, lights_at(tuple(found[k].view for k in corners), None), strict=True))
     enough = Rules(
         lobe=max(light.rules.lobe for light in refined.values()),

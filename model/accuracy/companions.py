@@ -17,8 +17,9 @@ from model.atmosphere.lighting.solve_column import solve_column
 from model.atmosphere.lighting.tiers import Tier
 from model.lit_scene import Air
 
-# Streams do not care for layers nor layers for streams: each is compared with few of the other.
-_CHEAPEST = 0
+# Streams do not care for layers nor layers for streams: each is compared with few of the other. Up to this level of
+# the layers the plan's own of both are as few, for they are solved already.
+_CHEAPEST, _CHEAP = 0, 1
 # What lies beyond the next level, in its difference from this one, and by how much the mean over the band is above its
 # middle; and the same in the difference from the level before, where there is no next one.
 _BEYOND = {STREAMS: 1.6, LAYERS: 1.8}
@@ -97,8 +98,7 @@ def _middle(band: BandLighting) -> BandLighting:
 def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, knob: str, store: LightStore) -> Pair:
     """Return one wavelength at this level and at the next, or at the one before where there is none."""
     other = LAYERS if knob == STREAMS else STREAMS
-    # With few layers the streams of the plan are solved already, and need not be made fewer.
-    coarse = settings if plan[LAYERS] == _CHEAPEST else at_level(settings, other, _CHEAPEST)
+    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _CHEAPEST)
     is_finest = plan[knob] + 1 == len(KNOBS[knob].levels)
     neighbour = plan[knob] - 1 if is_finest else plan[knob] + 1
     here, there = (_solved(air, at_level(coarse, knob, level), band, store) for level in (plan[knob], neighbour))

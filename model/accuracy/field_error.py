@@ -1,6 +1,7 @@
 """What the number of tiles costs, from lines of sight between them: how far they are off the tiles' polynomial."""
 
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,9 +57,7 @@ def field_error(values: FloatArray, between: FloatArray) -> FieldError:
     ----------
     Definition.
     """
-    per_side = round(len(values) ** 0.5)
-    basis = _legendre(per_side)
-    coefficients = np.einsum("ai,bj,ijc->abc", basis, basis, values.reshape(per_side, per_side, 3))
+    coefficients = _coefficients(values)
     missed = between - _read(coefficients)
     lacking = missed.T @ missed / len(missed)
     mistaken, share = _mistaken_for(coefficients, float(np.trace(lacking)))
@@ -67,10 +66,46 @@ def field_error(values: FloatArray, between: FloatArray) -> FieldError:
     return FieldError(mean=_OF_MEAN * np.sqrt(np.diag(lacking)), cov=mixed + 2.0 * lacking)
 
 
+def decay(values: FloatArray) -> float | None:
+    """Return by how much each degree of a field over tiles is below the one before; None for tiles too few to tell.
+
+    Parameters
+    ----------
+    values
+        Of the tiles, row by row, shape (n * n, 3).
+
+    Notes
+    -----
+    Of the last three degrees, for odd and even ones may fall apart; of three tiles a side of the two there are.
+
+    References
+    ----------
+    Definition.
+    """
+    per_side = isqrt(len(values))
+    sizes = [float(np.sqrt(np.trace(part))) for part in _by_degree(_coefficients(values))]
+    steps = min(per_side - 2, 2)
+    if steps < 1 or sizes[-1 - steps] == 0.0:
+        return None
+    return float((sizes[-1] / sizes[-1 - steps]) ** (1.0 / steps))
+
+
+def _coefficients(values: FloatArray) -> FloatArray:
+    """Return those of the polynomial through the tiles, first over the height, shape (n, n, 3)."""
+    per_side = isqrt(len(values))
+    basis = _legendre(per_side)
+    return np.asarray(np.einsum("ai,bj,ijc->abc", basis, basis, values.reshape(per_side, per_side, 3)))
+
+
+def _by_degree(coefficients: FloatArray) -> list[FloatArray]:
+    """Return the part of each degree from 1 on in the covariance, each (3, 3)."""
+    degree = np.maximum(*np.indices(coefficients.shape[:2]))
+    return [coefficients[degree == k].T @ coefficients[degree == k] for k in range(1, len(coefficients))]
+
+
 def _mistaken_for(coefficients: FloatArray, lacking: float) -> tuple[FloatArray, float]:
     """Return the covariance of what may be mistaken for what is missed, shape (3, 3), and a share of it."""
-    degree = np.maximum(*np.indices(coefficients.shape[:2]))
-    by_degree = [coefficients[degree == k].T @ coefficients[degree == k] for k in range(1, len(coefficients))]
+    by_degree = _by_degree(coefficients)
     last, before = by_degree[-1], by_degree[-2] if len(by_degree) > 1 else np.zeros((3, 3))
     sizes = np.sqrt([np.trace(before), np.trace(last), lacking])
     if sizes[1] <= _FALLING * sizes[0] and sizes[2] * sizes[0] <= sizes[1] ** 2:

@@ -99,7 +99,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="one wavelength, coarse layers, beside the next level",
                 levels=_levels(
                     tuple(f"{n} a hemisphere" for n in _STREAMS),
-                    (5e-3, 1.5e-3, 5e-4, 6e-5, 1.5e-5, 3e-6, 8e-7),
+                    (5e-3, 1.5e-3, 5e-4, 6e-5, 4e-6, 3e-7, 1e-7),
                     (0.7, 1.0, 1.3, 2.2, 3.5, 6.0, 9.0),
                 ),
             ),
@@ -129,7 +129,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 name=SKY_GRID,
                 stage="sky",
                 law="geometric, as fast as the aureole lets it",
-                estimate="one wavelength, as the panel reflects it, beside the sky itself",
+                estimate="one wavelength, as the panel reflects it, beside a finer grid",
                 levels=_levels(
                     tuple(f"{z} x {a}" for z, a in _GRIDS), (5e-4, 1.5e-4, 3e-5, 6e-6, 1e-6), (1.0, 1.7, 3.7, 8.5, 16.0)
                 ),
@@ -142,7 +142,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
                     tuple(0.8 * t for t in _TOLERANCES),
-                    (1.0, 1.3, 2.0, 4.0, 8.0, 14.0),
+                    (1.0, 1.2, 1.7, 2.4, 8.0, 20.0),
                 ),
             ),
             Knob(
@@ -203,6 +203,16 @@ def settings_at(plan: Plan, tolerance: float, *, face_m: float = 0.0) -> Setting
         dolp_tolerance=max(_FINER * tolerance, 1e-11),
         roc_tolerance=max(_FINER * tolerance, 1e-12),
     )
+
+
+def tiles_per_side(level: int) -> int:
+    """Return the tiles along each side of the field at a level of TILES."""
+    return _TILES[level]
+
+
+def streams(level: int) -> int:
+    """Return the streams of a hemisphere at a level of STREAMS."""
+    return _STREAMS[level]
 
 
 def at_level(settings: Settings, knob: str, level: int) -> Settings:

@@ -1,6 +1,7 @@
 """Lines of sight at which two lightings are set beside each other: their difference as the camera would see it."""
 
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,7 @@ def lines_of_sight(scene: LitScene, region: LitRegion, lights: tuple[ApertureLig
     lights
         Of its tiles, row by row.
     """
-    count = len(lights)
-    chosen = tuple(lights[k] for k in dict.fromkeys((0, count - 1, count // 2)))
+    per_side = isqrt(len(lights))
+    middle = (per_side // 2) * (per_side + 1)
+    chosen = tuple(lights[k] for k in dict.fromkeys((0, len(lights) - 1, middle)))
     return LinesOfSight(region=region, lights=chosen, sun_azimuth_rad=scene.sun_azimuth_rad)

@@ -1,11 +1,32 @@
-"""What each level of each knob is likely to leave out and to cost in a scene, before anything is computed."""
+"""What each level of each knob is likely to leave out and to cost in a scene."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from model.accuracy.knobs import KNOBS, WAVELENGTHS, Plan, at_level, settings_at
+import numpy as np
+
+from model.accuracy.chain import ChainResult
+from model.accuracy.field_error import decay
+from model.accuracy.knobs import (
+    KNOBS,
+    STREAMS,
+    TILES,
+    WAVELENGTHS,
+    Plan,
+    at_level,
+    settings_at,
+    streams,
+    tiles_per_side,
+)
 from model.accuracy.spectral_error import spectral_error
+from model.atmosphere.profile import column
 from model.lit_scene import Air, LitScene
+
+# The law of the tiles is taken to be no steeper, for few tiles do not show a kink, and no flatter.
+_FASTEST, _SLOWEST = 0.05, 0.7
+# What streams miss, over the first term of the scattering function that they do not resolve; molecules have as much
+# of it as an aerosol of this asymmetry.
+_OF_TERM, _LEAST_ASYMMETRY = 0.5, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +59,8 @@ def outlook(scene: LitScene) -> Outlook:
 
     Notes
     -----
-    The wavelengths alone are looked at for the scene itself: a narrow band needs one where a wide one needs four.
+    The wavelengths are looked at for the scene itself: a narrow band needs one where a wide one needs four. So are the
+    streams: the terms of a Henyey-Greenstein function fall as powers of its asymmetry.
 
     References
     ----------
@@ -50,12 +72,50 @@ def outlook(scene: LitScene) -> Outlook:
     if found:
         errors[WAVELENGTHS] = tuple(max(each) for each in zip(*(error for error, _ in found), strict=True))
         efforts[WAVELENGTHS] = tuple(max(each) for each in zip(*(effort for _, effort in found), strict=True))
+        errors[STREAMS] = _of_streams(max(_asymmetry(air) for air in _computed(scene)))
     return Outlook(errors=errors, efforts=efforts)
+
+
+def seen(ahead: Outlook, scene: LitScene, result: ChainResult) -> Outlook:
+    """Return an outlook with the law of the tiles as a field shows it that was seen already.
+
+    Parameters
+    ----------
+    ahead
+        Before.
+    scene, result
+        What was evaluated, and what was found.
+
+    References
+    ----------
+    Definition: an error of tiles falls with each more as the degrees of the field do.
+    """
+    fields = [np.stack([getattr(one, scene.source) for one in light.lights]) for light in result.lights.values()]
+    found = [ratio for ratio in map(decay, fields) if ratio is not None]
+    if not found:
+        return ahead
+    ratio = min(max(*found, _FASTEST), _SLOWEST)
+    sides = np.array([tiles_per_side(level) for level in range(len(KNOBS[TILES].levels))])
+    return replace(ahead, errors={**ahead.errors, TILES: tuple((ratio**sides).tolist())})
 
 
 def _computed(scene: LitScene) -> list[Air]:
     airs = [] if scene.air is None else [scene.air, scene.air.alternative]
     return [air for air in airs if air is not None and air.state is not None]
+
+
+def _asymmetry(air: Air) -> float:
+    """Return the largest of the aerosol in the middle of the band."""
+    if air.state is None:
+        raise ValueError("outlook: a table has no aerosol")
+    spectrum = air.band.shares
+    middle = column(air.state, wavelength_m=float(spectrum @ air.band.wavelength_m / np.sum(spectrum)))
+    return max(middle.lower.g, middle.upper.g)
+
+
+def _of_streams(asymmetry: float) -> tuple[float, ...]:
+    counts = np.array([streams(level) for level in range(len(KNOBS[STREAMS].levels))])
+    return tuple((_OF_TERM * max(asymmetry, _LEAST_ASYMMETRY) ** (2.0 * counts)).tolist())
 
 
 def _of_wavelengths(air: Air) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -10,7 +10,7 @@ from model.accuracy.error_budget import Budget, error_budget
 from model.accuracy.knobs import KNOBS, Plan, settings_at
 from model.accuracy.light_error import light_errors
 from model.accuracy.light_store import LightStore
-from model.accuracy.outlook import Outlook, outlook
+from model.accuracy.outlook import Outlook, outlook, seen
 from model.accuracy.quantities import Reading
 from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.names import ALL, Effect
@@ -21,10 +21,10 @@ ESTIMATES = "error estimates"
 SMALLEST, LARGEST = 1e-6, 0.1
 # Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
 # times as much, then with errors as they were estimated for each number.
-_FIRST_AIM, _AIM = 0.25, 0.6
-# A first plan is no coarser, for that would save nothing, and no finer: it costs little beside a finer one, and tells
-# it what counts.
-_FIRST_COARSEST, _FIRST_FINEST = 2.5e-3, 1e-3
+_FIRST_AIM, _AIM = 0.25, 0.75
+# A first plan is no coarser, for that would save nothing. Where it would have to be finer it is the coarsest: it costs
+# little beside the one that follows, and tells it what counts.
+_FIRST_COARSEST, _FIRST_FINEST = 2.5e-3, 5e-4
 _ROUNDS = 6
 _SPHERES = (
     "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "
@@ -106,8 +106,7 @@ def predict(
     lights = LightStore() if store is None else store
     taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
     ahead = outlook(scene)
-    aim = min(max(_FIRST_AIM * tolerance, _FIRST_FINEST), _FIRST_COARSEST)
-    plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), aim)
+    plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), _first_aim(tolerance))
     for rounds in range(1, _ROUNDS + 1):
         settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
         result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)
@@ -117,7 +116,7 @@ def predict(
         taken[ESTIMATES] += clock() - start
         for stage, seconds in result.stage_s.items():
             taken[stage] += seconds
-        finer = _finer(scene, ahead, plan, budget, tolerance)
+        finer = _finer(scene, seen(ahead, scene, result), plan, budget, tolerance)
         if finer == plan or rounds == _ROUNDS:
             break
         plan = finer
@@ -130,6 +129,11 @@ def predict(
         stage_s=taken,
         rounds=rounds,
     )
+
+
+def _first_aim(tolerance: float) -> float:
+    aim = _FIRST_AIM * tolerance
+    return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, _FIRST_COARSEST)
 
 
 def _finer(scene: LitScene, ahead: Outlook, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:
