@@ -184,12 +184,18 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     Definition.
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
-    aureole = _aureole(sky, sun_zenith_rad)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
-    samples[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
-    sampled = SampledSky(nodes_rad=nodes_rad, series=_fourier_series(samples), aureole=aureole, relative_error=0.0)
-    error = _largest_difference(sky, sampled, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
-    return replace(sampled, relative_error=error)
+    probes = _probes(sky, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
+    # Without an aureole what is divided out may bend the sky more than the sky itself.
+    found = (_over(aureole, nodes_rad, phi_rad, samples) for aureole in (_aureole(sky, sun_zenith_rad), _NO_AUREOLE))
+    return min((replace(one, relative_error=probes.largest(one)) for one in found), key=lambda one: one.relative_error)
+
+
+def _over(aureole: Aureole, nodes_rad: FloatArray, phi_rad: FloatArray, samples: FloatArray) -> SampledSky:
+    """Sky of samples, shape (Z, A, 3), whose radiance is divided by an aureole."""
+    smooth = samples.copy()
+    smooth[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
+    return SampledSky(nodes_rad=nodes_rad, series=_fourier_series(smooth), aureole=aureole, relative_error=0.0)
 
 
 def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
@@ -283,11 +289,22 @@ def _barycentric(nodes_rad: FloatArray, zenith_rad: FloatArray) -> FloatArray:
     return np.asarray(weights / np.sum(weights, axis=1, keepdims=True))
 
 
-def _largest_difference(sky: Sky, sampled: SampledSky, *, sun_zenith_rad: float, step_rad: float) -> float:
-    """Largest difference between the grid and the sky at the probed directions, over the sky's S0."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Probes:
+    """A sky itself at directions between those of its grid."""
+
+    zenith_rad: FloatArray
+    phi_rad: FloatArray
+    exact: FloatArray
+
+    def largest(self, sampled: SampledSky) -> float:
+        """Largest difference of the grid, over the sky's S0."""
+        apart = sampled(zenith_rad=self.zenith_rad, phi_rad=self.phi_rad) - self.exact
+        lit = self.exact[..., 0] > 0.0
+        return float(np.max(np.max(np.abs(apart), axis=-1)[lit] / self.exact[lit, 0], initial=0.0))
+
+
+def _probes(sky: Sky, *, sun_zenith_rad: float, step_rad: float) -> _Probes:
     beside = np.clip(sun_zenith_rad + _PROBED_BESIDE_SUN_RAD, 0.0, 0.5 * np.pi)
     zenith, phi = np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), step_rad * np.array(_PROBED_STEPS))
-    exact = sky(zenith_rad=zenith, phi_rad=phi)
-    difference = np.max(np.abs(sampled(zenith_rad=zenith, phi_rad=phi) - exact), axis=-1)
-    lit = exact[..., 0] > 0.0
-    return float(np.max(difference[lit] / exact[lit, 0], initial=0.0))
+    return _Probes(zenith_rad=zenith, phi_rad=phi, exact=sky(zenith_rad=zenith, phi_rad=phi))

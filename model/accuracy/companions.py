@@ -72,25 +72,29 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
     return {knob: _next_level(air, plan, settings, band, knob, store) for knob in knobs}
 
 
-def one_wavelength(lighting: Lighting) -> Lighting:
-    """Return the middle wavelength of computed light, standing for all of its band; a sky by formula as it is.
+def longest_wavelength(lighting: Lighting) -> Lighting:
+    """Return the longest wavelength of computed light, standing for all of its band; a sky by formula as it is.
 
     Parameters
     ----------
     lighting
         Of two mixed ones the first is taken.
 
+    Notes
+    -----
+    The air is thinnest there: its sky is brighter toward the horizon, and changes faster, than at any other.
+
     References
     ----------
     Definition.
     """
     one = lighting.first if isinstance(lighting, MixedLighting) else lighting
-    return _middle(one) if isinstance(one, BandLighting) else one
+    return _at(one, len(one.columns) - 1) if isinstance(one, BandLighting) else one
 
 
-def _middle(band: BandLighting) -> BandLighting:
-    """Light of the middle of a band's wavelengths, standing for all of them."""
-    at = slice((len(band.columns) - 1) // 2, (len(band.columns) - 1) // 2 + 1)
+def _at(band: BandLighting, index: int) -> BandLighting:
+    """Light of one of a band's wavelengths, standing for all of them."""
+    at = slice(index, index + 1)
     total = np.array([np.sum(band.irradiance)])
     return replace(band, columns=band.columns[at], solutions=band.solutions[at], irradiance=total)
 
@@ -114,7 +118,7 @@ def _seen(air: Air, band: BandLighting) -> Lighting:
 
 def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore) -> BandLighting:
     """Light of the middle wavelength with settings of its own."""
-    middle = _middle(band)
+    middle = _at(band, (len(band.columns) - 1) // 2)
     (column,), (known,) = middle.columns, middle.solutions
     solution = solve_column(
         store.solver if air.is_solved else single_solution,

@@ -78,7 +78,7 @@ _GRIDS = ((12, 10), (16, 14), (24, 20), (36, 32), (48, 44))
 _TILES = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20)
 _TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 # Orders of scattering, and the statistics, cost so little that they are always finer than what is asked for.
-_FINER = 0.02
+_OF_ORDERS, _FINER = 0.003, 0.02
 
 
 def _levels(labels: tuple[str, ...], errors: tuple[float, ...], efforts: tuple[float, ...]) -> tuple[Level, ...]:
@@ -187,7 +187,7 @@ def settings_at(plan: Plan, tolerance: float, *, face_m: float = 0.0) -> Setting
         fine_layers=False,
         nodes=_STREAMS[plan[STREAMS]],
         element_depth=_ELEMENT_DEPTH,
-        tolerance=min(max(_FINER * tolerance, 1e-9), 1e-3),
+        tolerance=min(max(_OF_ORDERS * tolerance, 1e-9), 1e-4),
         matrix_tolerance=min(0.3 * tolerance, 3e-3),
         face_m=face_m,
     )

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.accuracy.between_tiles import light_between_tiles
 from model.accuracy.chain import ChainResult
-from model.accuracy.companions import Pair, companions, one_wavelength
+from model.accuracy.companions import Pair, companions, longest_wavelength
 from model.accuracy.field_error import field_error
-from model.accuracy.knobs import HEMISPHERE, KNOBS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, Plan
+from model.accuracy.knobs import HEMISPHERE, KNOBS, SKY_GRID, TILES, WAVELENGTHS, Plan
 from model.accuracy.light_store import LightStore
 from model.accuracy.lines_of_sight import LinesOfSight, lines_of_sight
 from model.accuracy.settings import Settings
@@ -97,9 +97,7 @@ def light_errors(
     lighting = result.illumination.lighting
     pairs = companions(scene.air, plan, result.settings, lighting, store)
     skies = {knob: _difference(pair) for knob, pair in pairs.items()}
-    # As smooth as the sky of the band: the aureole, the steepest of all, is light scattered once, which is exact.
-    alike = pairs[STREAMS].one if STREAMS in pairs else one_wavelength(lighting)
-    grid = _Grid(sky=alike.sky, settings=result.settings, illumination=result.illumination)
+    grid = _Grid(sky=longest_wavelength(lighting).sky, settings=result.settings, illumination=result.illumination)
     for region in scene.regions:
         if region.surface is None:
             continue

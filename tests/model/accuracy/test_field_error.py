@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.accuracy.field_error import PLACES, field_error
+from model.accuracy.field_error import PLACES, decay, field_error
 from model.quadrature import gauss_legendre
 
 
@@ -70,3 +70,22 @@ def test_what_one_component_lacks_is_not_laid_on_another():
     found = estimate(lambda x, y: np.exp(2.0 * x + y), 3)
     assert found.cov[0, 0] > 0.0
     assert np.count_nonzero(found.cov) == 1
+
+
+@pytest.mark.parametrize("per_side", [3, 4, 6])
+@pytest.mark.parametrize("ratio", [0.05, 0.3])
+def test_the_decay_of_a_field_is_that_of_its_degrees(per_side, ratio):
+    def law(x, y):
+        degrees = np.arange(per_side)
+        factors = ratio**degrees * np.sqrt(2.0 * degrees + 1.0)
+        return np.polynomial.legendre.legval(2.0 * x - 1.0, factors)
+
+    assert decay(over_field(law, per_side)[0]) == pytest.approx(ratio, rel=1e-6)
+
+
+def test_two_tiles_a_side_tell_no_decay():
+    assert decay(over_field(lambda x, y: 1.0 + x, 2)[0]) is None
+
+
+def test_a_field_without_any_light_tells_no_decay():
+    assert decay(np.zeros((16, 3))) is None
