@@ -17,13 +17,14 @@ from model.atmosphere.lighting.solve_column import solve_column
 from model.atmosphere.lighting.tiers import Tier
 from model.lit_scene import Air
 
-# Streams do not care for layers nor layers for streams: each is compared with few of the other. Up to this level of
-# the layers the plan's own of both are as few, for they are solved already.
-_CHEAPEST, _CHEAP = 0, 1
-# What lies beyond the next level, in its difference from this one, and by how much the mean over the band is above its
-# middle; and the same in the difference from the level before, where there is no next one.
-_BEYOND = {STREAMS: 1.6, LAYERS: 1.8}
-_BEFORE = {STREAMS: 0.8, LAYERS: 0.6}
+# Streams do not care for layers nor layers for streams: each is compared with few of the other, layers with the second
+# fewest streams, for with the fewest they seem to miss more. Up to this level of the layers the plan's own of both are
+# as few, for they are solved already.
+_FEW, _CHEAP = {STREAMS: 0, LAYERS: 1}, 1
+# What lies beyond the next level, in its difference from this one, by the law of the knob; and in the difference from
+# the level before, where there is no next one.
+_BEYOND = {STREAMS: (1.2,) * 6, LAYERS: (4 / 3, 1.1, 1.1, 1.1, 1.1)}
+_BEFORE = {STREAMS: 0.5, LAYERS: 0.1}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,24 +90,24 @@ def longest_wavelength(lighting: Lighting) -> Lighting:
     Definition.
     """
     one = lighting.first if isinstance(lighting, MixedLighting) else lighting
-    return _at(one, len(one.columns) - 1) if isinstance(one, BandLighting) else one
+    return _alone(one, slice(-1, None)) if isinstance(one, BandLighting) else one
 
 
-def _at(band: BandLighting, index: int) -> BandLighting:
+def _alone(band: BandLighting, at: slice) -> BandLighting:
     """Light of one of a band's wavelengths, standing for all of them."""
-    at = slice(index, index + 1)
     total = np.array([np.sum(band.irradiance)])
     return replace(band, columns=band.columns[at], solutions=band.solutions[at], irradiance=total)
 
 
 def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, knob: str, store: LightStore) -> Pair:
-    """Return one wavelength at this level and at the next, or at the one before where there is none."""
+    """Return the shortest wavelength at this level and at the next, or at the one before where there is none."""
     other = LAYERS if knob == STREAMS else STREAMS
-    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _CHEAPEST)
+    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _FEW[knob])
     is_finest = plan[knob] + 1 == len(KNOBS[knob].levels)
     neighbour = plan[knob] - 1 if is_finest else plan[knob] + 1
     here, there = (_solved(air, at_level(coarse, knob, level), band, store) for level in (plan[knob], neighbour))
-    return Pair(one=_seen(air, here), other=_seen(air, there), factor=(_BEFORE if is_finest else _BEYOND)[knob])
+    beyond = _BEFORE[knob] if is_finest else _BEYOND[knob][plan[knob]]
+    return Pair(one=_seen(air, here), other=_seen(air, there), factor=beyond)
 
 
 def _seen(air: Air, band: BandLighting) -> Lighting:
@@ -117,9 +118,9 @@ def _seen(air: Air, band: BandLighting) -> Lighting:
 
 
 def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore) -> BandLighting:
-    """Light of the middle wavelength with settings of its own."""
-    middle = _at(band, (len(band.columns) - 1) // 2)
-    (column,), (known,) = middle.columns, middle.solutions
+    """Light of the shortest wavelength with settings of its own: most of it is scattered more than once."""
+    shortest = _alone(band, slice(1))
+    (column,), (known,) = shortest.columns, shortest.solutions
     solution = solve_column(
         store.solver if air.is_solved else single_solution,
         column,
@@ -128,7 +129,7 @@ def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore)
         albedo=air.ground_albedo,
         aerosol=air.aerosol,
     )
-    return replace(middle, solutions=(solution,))
+    return replace(shortest, solutions=(solution,))
 
 
 def _mixed(

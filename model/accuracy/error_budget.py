@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.accuracy.chain import ChainResult
+from model.accuracy.field_error import grown
 from model.accuracy.knobs import DOLP, ROC, TILES
 from model.accuracy.light_error import LightError
 from model.accuracy.quantities import Reading, readings
-from model.accuracy.sensitivity import Changes, Sensitivity, changes, over_field, sensitivity
+from model.accuracy.sensitivity import Changes, changes, over_field, sensitivity
 from model.lit_scene import LitScene
 from model.scenario import RegionLight
 
@@ -58,9 +59,11 @@ def error_budget(
         if region.name not in result.lights:
             continue
         moves = sensitivity(scene, result, region, tolerance=tolerance)
-        for knob, errors in lights.items():
-            if region.name in errors:
-                _add(by_knob[knob], _moved(moves, errors[region.name]))
+        errors = {knob: of_region[region.name] for knob, of_region in lights.items() if region.name in of_region}
+        for knob, error in errors.items():
+            _add(by_knob[knob], _moved(moves, error))
+        for knob, change in _spread(scene, result, region, errors).items():
+            _add(by_knob[knob], change)
         if region.name in lights[TILES]:
             _add(by_knob[TILES], _widened(scene, result, region, lights[TILES][region.name]))
     by_knob |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
@@ -74,19 +77,31 @@ def _add(errors: dict[Reading, float], more: Changes) -> None:
         errors[key] += error
 
 
-def _moved(moves: Sensitivity, error: LightError) -> Changes:
+def _moved(moves: tuple[Changes, ...], error: LightError) -> Changes:
     """Size of what errors make that come together, and sizes of what may have any sign."""
     found: dict[Reading, float] = defaultdict(float)
     for row in error.together:
         together: dict[Reading, float] = defaultdict(float)
-        for change, size in zip(moves.by_stokes, row.tolist(), strict=True):
+        for change, size in zip(moves, row.tolist(), strict=True):
             if size != 0.0:
                 _add(together, {key: each * size for key, each in change.items()})
         _add(found, {key: abs(each) for key, each in together.items()})
-    for change, size in zip((*moves.by_stokes, moves.by_field), (*error.apart, error.field), strict=True):
+    for change, size in zip(moves, error.apart.tolist(), strict=True):
         if size > 0.0:
-            _add(found, {key: abs(each) * float(size) for key, each in change.items()})
+            _add(found, {key: abs(each) * size for key, each in change.items()})
     return found
+
+
+def _spread(
+    scene: LitScene, result: ChainResult, region: RegionLight, errors: Mapping[str, LightError]
+) -> dict[str, Changes]:
+    """Return what errors that differ over the field change; the part of each knob by its part of them."""
+    differ = sum((error.field for error in errors.values()), np.zeros(3))
+    if not np.any(differ):
+        return {}
+    wider = changes(scene, result, replace(region, field_cov=grown(over_field(region), differ)))
+    parts = {knob: float(np.mean((e.field / differ)[differ > 0.0])) for knob, e in errors.items()}
+    return {knob: {key: part * abs(change) for key, change in wider.items()} for knob, part in parts.items() if part}
 
 
 def _widened(scene: LitScene, result: ChainResult, region: RegionLight, error: LightError) -> Changes:

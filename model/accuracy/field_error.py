@@ -18,6 +18,8 @@ _OF_MEAN, _OF_SMOOTH, _OF_COV = 0.5, 1.5, 0.75
 # Of a smooth field a degree has at most this share of the one before, and what is missed no more than the next one.
 _FALLING = 0.5
 _TINY = 1e-300
+# Of the largest component of an error what any may have at other places of the field.
+_ELSEWHERE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +66,26 @@ def field_error(values: FloatArray, between: FloatArray) -> FieldError:
     balance = np.sqrt(np.trace(lacking) / max(float(np.trace(mistaken)), _TINY))
     mixed = share * (balance * mistaken + (lacking / balance if balance > 0.0 else 0.0))
     return FieldError(mean=_OF_MEAN * np.sqrt(np.diag(lacking)), cov=mixed + 2.0 * lacking)
+
+
+def grown(cov: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return a covariance whose deviations have grown by the sizes of an error, in whatever direction that may lie.
+
+    Parameters
+    ----------
+    cov
+        Positive semi-definite, shape (3, 3).
+    sizes
+        Of the error's components, each 0 or more and one above, shape (3,).
+
+    References
+    ----------
+    Definition: in units of the sizes the deviation along each principal axis grows by 1.
+    """
+    unit = np.maximum(sizes, _ELSEWHERE * np.max(sizes))
+    values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
+    roots = np.sqrt(np.maximum(values, 0.0)) + 1.0
+    return np.asarray((vectors * roots**2) @ vectors.T * np.outer(unit, unit))
 
 
 def decay(values: FloatArray) -> float | None:

@@ -54,19 +54,19 @@ class LightError:
     apart
         What each component may be off by beside that, of any sign, each 0 or more, shape (3,).
     field
-        How far the error may differ over the field [W m-2 sr-1].
+        How far the error of each component may differ over the field, shape (3,) [W m-2 sr-1].
     cov
         Of the covariance over the field, beside what `field` does to it, shape (3, 3).
     """
 
     together: FloatArray
     apart: FloatArray
-    field: float
+    field: FloatArray
     cov: FloatArray
 
 
 _NO_ROWS = np.zeros((0, 3))
-_NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=0.0, cov=np.zeros((3, 3)))
+_NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=np.zeros(3), cov=np.zeros((3, 3)))
 
 
 def light_errors(
@@ -220,13 +220,13 @@ def _of_tiles(scene: LitScene, region: LitRegion, result: ChainResult) -> LightE
         for each in (light, light_between_tiles(scene, region, result))
     )
     found = field_error(tiles, between)
-    return LightError(together=_NO_ROWS, apart=found.mean, field=0.0, cov=found.cov)
+    return LightError(together=_NO_ROWS, apart=found.mean, field=np.zeros(3), cov=found.cov)
 
 
 def _error(together: list[FloatArray], *, apart: FloatArray | None = None) -> LightError:
     """Errors along lines of sight, each (V, 3), as those of a region: the last is its middle."""
     loose = np.zeros((1, 3)) if apart is None else apart
-    differ = sum(float(np.max(np.ptp(each, axis=0))) for each in (*together, loose))
+    differ = sum((np.ptp(each, axis=0) for each in (*together, loose)), np.zeros(3))
     return LightError(
         together=np.array([each[-1] for each in together]).reshape(-1, 3),
         apart=np.max(loose, axis=0),

@@ -24,7 +24,7 @@ SMALLEST, LARGEST = 1e-6, 0.1
 _FIRST_AIM, _AIM = 0.25, 0.75
 # A first plan is no coarser, for that would save nothing. Where it would have to be finer it is the coarsest: it costs
 # little beside the one that follows, and tells it what counts.
-_FIRST_COARSEST, _FIRST_FINEST = 2.5e-3, 5e-4
+_FIRST_COARSEST, _FIRST_FINEST = 5e-3, 5e-4
 _ROUNDS = 6
 _SPHERES = (
     "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "

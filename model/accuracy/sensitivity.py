@@ -1,7 +1,7 @@
-"""How what a user reads moves with the light of each region: a step of each component, and of the field's spread."""
+"""How what a user reads moves with the light of each region: a step of each component."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,24 +21,8 @@ _STEP = 0.3
 _LEAST_STEP = 1e-7
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sensitivity:
-    """Change of each reading, in the units of a tolerance, per unit of an error of the light of one region.
-
-    Attributes
-    ----------
-    by_stokes
-        For S0, S1 and S2.
-    by_field
-        For an error that differs over the field.
-    """
-
-    by_stokes: tuple[Changes, ...]
-    by_field: Changes
-
-
-def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, tolerance: float) -> Sensitivity:
-    """Return how the readings move with the light of a region.
+def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, tolerance: float) -> tuple[Changes, ...]:
+    """Return for S0, S1 and S2 the change of each reading, in the units of a tolerance, per unit of its error.
 
     Parameters
     ----------
@@ -55,15 +39,13 @@ def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, to
     """
     size = max(_STEP * tolerance, _LEAST_STEP) * abs(float(region.stokes_radiance[0]))
     if size == 0.0:
-        return Sensitivity(by_stokes=({}, {}, {}), by_field={})
+        return ({}, {}, {})
 
     def per_unit(changed: RegionLight, step: float) -> Changes:
         return {key: change / step for key, change in changes(scene, result, changed).items()}
 
     steps = [_step(region, component, size) for component in range(3)]
-    by_stokes = tuple(per_unit(_moved(region, component, step), step) for component, step in enumerate(steps))
-    several = len(result.lights[region.name].lights) > 1
-    return Sensitivity(by_stokes=by_stokes, by_field=per_unit(_spread(region, size), size) if several else {})
+    return tuple(per_unit(_moved(region, component, step), step) for component, step in enumerate(steps))
 
 
 def changes(scene: LitScene, result: ChainResult, changed: RegionLight) -> dict[Reading, float]:
@@ -108,13 +90,6 @@ def _moved(region: RegionLight, component: int, step: float) -> RegionLight:
     stokes[component] += step
     grown = (stokes[0] / region.stokes_radiance[0]) ** 2
     return replace(region, stokes_radiance=stokes, texture_cov=grown * region.texture_cov)
-
-
-def _spread(region: RegionLight, size: float) -> RegionLight:
-    """Light whose deviations over the field have grown by a size in every direction."""
-    values, vectors = np.linalg.eigh(over_field(region))
-    roots = np.sqrt(np.maximum(values, 0.0)) + size
-    return replace(region, field_cov=np.asarray((vectors * roots**2) @ vectors.T))
 
 
 def over_field(region: RegionLight) -> FloatArray:
