@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.accuracy.field_error import PLACES, decay, field_error
+from model.accuracy.field_error import PLACES, decay, field_error, grown
 from model.quadrature import gauss_legendre
 
 
@@ -89,3 +89,24 @@ def test_two_tiles_a_side_tell_no_decay():
 
 def test_a_field_without_any_light_tells_no_decay():
     assert decay(np.zeros((16, 3))) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_covariance_grows_for_every_error_within_the_sizes(seed):
+    rng = np.random.default_rng(seed)
+    field = rng.normal(size=(400, 3)) @ rng.normal(size=(3, 3))
+    sizes = np.array([1.0, 0.5, 0.7]) * 1e-2
+    cov = np.cov(field.T, bias=True)
+    wider = grown(cov, sizes)
+    assert np.all(np.linalg.eigvalsh(wider - cov) > 0.0)
+    for _ in range(50):
+        # An error that goes with the field, of a deviation of 1 in units of the sizes.
+        error = field @ rng.normal(size=(3, 3))
+        error *= sizes / np.sqrt(3.0) / np.std(error, axis=0)
+        found = np.cov((field + error).T, bias=True)
+        for direction in rng.normal(size=(20, 3)):
+            assert direction @ found @ direction <= direction @ wider @ direction
+
+
+def test_where_there_was_no_field_the_error_is_all_of_it():
+    assert np.diag(grown(np.zeros((3, 3)), np.array([2.0, 1.0, 1.5]))) == pytest.approx([4.0, 1.0, 2.25])
