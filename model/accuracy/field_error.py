@@ -69,7 +69,7 @@ def field_error(values: FloatArray, between: FloatArray) -> FieldError:
 
 
 def grown(cov: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Return a covariance whose deviations have grown by the sizes of an error, in whatever direction that may lie.
+    """Return a covariance whose deviations have grown by the sizes of an error along each of its principal axes.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def grown(cov: FloatArray, sizes: FloatArray) -> FloatArray:
 
     References
     ----------
-    Definition: in units of the sizes the deviation along each principal axis grows by 1.
+    Definition: axes and deviations in units of the sizes, each deviation by 1.
     """
     unit = np.maximum(sizes, _ELSEWHERE * np.max(sizes))
     values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
