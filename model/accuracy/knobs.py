@@ -96,7 +96,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 name=STREAMS,
                 stage="sky",
                 law="geometric above the length of the phase function's expansion",
-                estimate="one wavelength, coarse layers, beside the next level",
+                estimate="the shortest wavelength, coarse layers, beside the next level",
                 levels=_levels(
                     tuple(f"{n} a hemisphere" for n in _STREAMS),
                     (5e-3, 1.5e-3, 5e-4, 6e-5, 4e-6, 3e-7, 1e-7),
@@ -107,7 +107,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 name=LAYERS,
                 stage="sky",
                 law="square of the thickness; its fourth power where two are extrapolated to none",
-                estimate="one wavelength, few streams, beside the next level",
+                estimate="the shortest wavelength, few streams, beside the next level",
                 levels=_levels(
                     tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
                     (2.5e-3, 6e-4, 2e-5, 1.5e-6, 1.5e-7, 1e-8),
@@ -129,7 +129,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 name=SKY_GRID,
                 stage="sky",
                 law="geometric, as fast as the aureole lets it",
-                estimate="one wavelength, as the panel reflects it, beside a finer grid",
+                estimate="the longest wavelength, as the panel reflects it, beside a finer grid",
                 levels=_levels(
                     tuple(f"{z} x {a}" for z, a in _GRIDS), (5e-4, 1.5e-4, 3e-5, 6e-6, 1e-6), (1.0, 1.7, 3.7, 8.5, 16.0)
                 ),
