@@ -7,7 +7,7 @@ from model.accuracy.outlook import Outlook
 from model.lit_scene import LitScene
 
 # Seconds, on one core: a wavelength solved with the least of all, its sky read on the smallest grid, one line of sight.
-_SOLVED_S, _READ_S, _SEEN_S = 0.008, 0.003, 0.003
+_SOLVED_S, _READ_S, _SEEN_S = 0.008, 0.005, 0.003
 # What the readings of a solution cost more with its streams and layers than the solution itself: less.
 _READING = 0.6
 

@@ -74,9 +74,9 @@ _LAYERS = ((1, False), (2, False), (1, True), (2, True), (4, True), (8, True))
 _ELEMENT_DEPTH = 0.1
 # How many, and whether each stretch between the entries of the aerosol's tables has its part of them.
 _WAVELENGTHS = ((1, False), (2, False), (3, False), (3, True), (4, True), (6, True), (8, True), (12, True), (16, True))
-_GRIDS = ((12, 10), (16, 14), (24, 20), (36, 32), (48, 44))
+_GRIDS = ((16, 14), (24, 20), (36, 32), (48, 44))
 _TILES = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20)
-_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 # Orders of scattering, and the statistics, cost so little that they are always finer than what is asked for.
 _OF_ORDERS, _FINER = 0.003, 0.02
 
@@ -131,7 +131,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 law="geometric, as fast as the aureole lets it",
                 estimate="the longest wavelength, as the panel reflects it, beside a finer grid",
                 levels=_levels(
-                    tuple(f"{z} x {a}" for z, a in _GRIDS), (5e-4, 1.5e-4, 3e-5, 6e-6, 1e-6), (1.0, 1.7, 3.7, 8.5, 16.0)
+                    tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 8e-5, 1.5e-5, 3e-6), (1.0, 2.2, 5.0, 9.4)
                 ),
             ),
             Knob(
@@ -141,8 +141,8 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="difference of two rules",
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
-                    tuple(0.8 * t for t in _TOLERANCES),
-                    (1.0, 1.2, 1.7, 2.4, 8.0, 20.0),
+                    tuple(1.5 * t for t in _TOLERANCES),
+                    (1.2, 1.7, 2.4, 8.0, 20.0),
                 ),
             ),
             Knob(
