@@ -10,6 +10,7 @@ from model.accuracy.knobs import HEMISPHERE, KNOBS, LAYERS, SKY_GRID, STREAMS, T
 from model.accuracy.light_error import light_errors
 from model.accuracy.light_store import LightStore
 from model.accuracy.quantities import differences, readings
+from model.atmosphere.lighting.tiers import Tier
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-4  # so small that nothing is passed over
@@ -46,6 +47,21 @@ def test_the_largest_error_of_a_knob_is_found(knob, seed):
     # The finer solution has a hundredth of the error; elements of depth come and go, 2e-6.
     assert true <= 1.01 * estimated + 2e-6
     assert true > 1e-6 or knob == TILES
+
+
+@pytest.mark.parametrize("tier", [Tier.SINGLE, Tier.ANALYTIC])
+def test_light_scattered_once_has_layers_too(tier):
+    scene, store = random_scene(SEEDS[0]), LightStore()
+    scene = replace(scene, air=replace(scene.air, tier=tier), view=replace(scene.view, height_m=2500.0))
+    plan = {**BASE, LAYERS: 0}
+    result, finer = (
+        evaluate(scene, settings_at({**plan, LAYERS: level}, TOLERANCE, face_m=2500.0), store=store) for level in (0, 3)
+    )
+    errors = light_errors(scene, plan, result, store, tolerance=TOLERANCE)
+    estimated = error_budget(scene, result, errors, tolerance=TOLERANCE).by_knob
+    true = max(differences(of(result), of(finer)).values())
+    assert 1e-6 < true <= 1.01 * max(estimated[LAYERS].values()) + 2e-6
+    assert not estimated[STREAMS]
 
 
 def test_a_scene_of_given_radiance_has_no_error_of_the_light():
