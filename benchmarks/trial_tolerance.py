@@ -41,6 +41,17 @@ FINEST = Settings(
     dolp_tolerance=1e-11,
     roc_tolerance=1e-12,
 )
+# The same for tolerances below 0.003.
+_VERY_FINE = replace(
+    FINEST,
+    wavelengths=10,
+    solver=replace(FINEST.solver, nodes=24, tolerance=1e-9),
+    sky_zeniths=54,
+    sky_azimuths=50,
+    hemisphere_tolerance=1e-6,
+    tiles_per_side=12,
+)
+_FINE_DOWN_TO = 0.003
 _SMALLEST_TRUE = 1e-12
 
 
@@ -83,8 +94,8 @@ def truth(scene: LitScene, found: AccuratePrediction) -> dict[Reading, Value]:
     Whether DoLP has moments depends on the tolerance of its law: those that have none to 1e-11 are taken with the
     prediction's own, from the light of the finest settings.
     """
-    solver = replace(FINEST.solver, face_m=scene.sensor_height_m)
-    finest = evaluate(scene, replace(FINEST, solver=solver))
+    settings = FINEST if found.tolerance >= _FINE_DOWN_TO else _VERY_FINE
+    finest = evaluate(scene, replace(settings, solver=replace(settings.solver, face_m=scene.sensor_height_m)))
     looser = predict_scenario(finest.scenario, tolerance=found.result.settings.dolp_tolerance)
     return readings(finest.scenario, looser, ()) | readings(finest.scenario, finest.predictions, finest.detections)
 
