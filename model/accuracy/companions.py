@@ -23,7 +23,7 @@ from model.lit_scene import Air
 _FEW, _CHEAP = {STREAMS: 0, LAYERS: 1}, 1
 # What lies beyond the next level, in its difference from this one, by the law of the knob; and in the difference from
 # the level before, where there is no next one.
-_BEYOND = {STREAMS: (1.2,) * 6, LAYERS: (4 / 3, 1.1, 1.1, 1.1, 1.1)}
+_BEYOND = {STREAMS: (1.6,) * 6, LAYERS: (4 / 3, 1.1, 1.1, 1.1, 1.1)}
 _BEFORE = {STREAMS: 0.5, LAYERS: 0.1}
 
 

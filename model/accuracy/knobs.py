@@ -110,7 +110,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="the shortest wavelength, few streams, beside the next level",
                 levels=_levels(
                     tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
-                    (2.5e-3, 6e-4, 2e-5, 1.5e-6, 1.5e-7, 1e-8),
+                    (2.5e-3, 6e-4, 1e-5, 5e-7, 6e-8, 6e-9),
                     (1.0, 1.3, 2.3, 3.3, 5.5, 10.0),
                 ),
             ),
@@ -141,7 +141,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="difference of two rules",
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
-                    tuple(1.5 * t for t in _TOLERANCES),
+                    tuple(3.0 * t for t in _TOLERANCES),
                     (1.2, 1.7, 2.4, 8.0, 20.0),
                 ),
             ),

@@ -19,7 +19,7 @@ _SLANTS = (0.5, 1.0, 3.0)
 # Skies and paths of sixty random scenes, 16 directions each, were off by up to this much more than the functions.
 _BEYOND = 1.3
 # By so much more the degree of polarization of either may be off than the functions are among themselves.
-_UNLIKE = 2.0
+_UNLIKE = 1.1
 # Of which the sums over the spectrum are certain.
 _ROUNDING = 1e-11
 

@@ -84,8 +84,10 @@ def single_scattering(
     """
     direction = mu if upward else -mu
     depths = np.array([layer.depth for layer in layers])
-    tops = np.cumsum(depths) - depths
-    reach = _radiance_per_source(tops, depths, mu0=mu0, tau_above=tau_above, mu=mu, upward=upward)
+    faces = np.cumsum([0.0, *depths])
+    # An observer that rounding puts below the last layer would see nothing of it along the horizon.
+    observer = np.minimum(tau_above, faces[-1])
+    reach = _radiance_per_source(faces, mu0=mu0, tau_above=observer, mu=mu, upward=upward)
     rayleigh = np.array([layer.tau_rayleigh / layer.depth for layer in layers])
     delta = np.array([layer.delta for layer in layers])
     column = rayleigh_column(mu=direction, beam_mu=-mu0, phi_rad=phi_rad)
@@ -116,8 +118,7 @@ def _aerosol_column(
 
 
 def _radiance_per_source(
-    tops: NDArray[np.float64],
-    depths: NDArray[np.float64],
+    faces: NDArray[np.float64],
     *,
     mu0: float,
     tau_above: NDArray[np.float64],
@@ -126,8 +127,9 @@ def _radiance_per_source(
 ) -> NDArray[np.float64]:
     """Share of each layer in the radiance at each observer, shape (R, K)."""
     observer, line = tau_above[:, np.newaxis], mu[:, np.newaxis]
+    tops, bottoms = faces[:-1], faces[1:]
     seen_top = np.maximum(tops, observer) if upward else tops
-    seen_bottom = tops + depths if upward else np.minimum(tops + depths, observer)
+    seen_bottom = bottoms if upward else np.minimum(bottoms, observer)
     seen = np.maximum(seen_bottom - seen_top, 0.0)
     between = np.maximum(seen_top - observer if upward else observer - seen_bottom, 0.0)
     share = beam_share(depth=seen, mu=line, mu0=mu0, upward=upward)

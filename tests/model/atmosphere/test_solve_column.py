@@ -88,3 +88,15 @@ def test_a_face_adds_layers_and_no_depth(height_m):
     assert len(layers) > len(air.layers(fine=False))
     assert depth[-1] == pytest.approx(air.depth, rel=1e-12)
     assert np.min(np.abs(depth - air.tau_above(height_m))) < 1e-12
+
+
+@pytest.mark.parametrize("solver", [solve, single_solution])
+@pytest.mark.parametrize("cuts", [1, 2, 3, 4, 8])
+def test_along_the_horizon_an_observer_below_the_last_face_by_rounding_sees_the_air(solver, cuts):
+    air = column(AtmosphereState(visibility_m=23e3), wavelength_m=420e-9)
+    found = solve_column(
+        solver, air, settings(cuts, height_m=3000.0), mu0=0.6, albedo=0.2, aerosol=AerosolKind.DEPOLARIZING
+    )
+    beside = found.stokes(found.depth, 1e-9, 0.7, looking="up")
+    for depth in (found.depth, *np.nextafter(found.depth, [0.0, np.inf]), found.depth * (1.0 + 4e-16)):
+        np.testing.assert_allclose(found.stokes(depth, 0.0, 0.7, looking="up"), beside, atol=1e-7 * beside[0])
