@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 _ZENITHS, _AZIMUTHS = 12, 10
 # The sky's grid is tried with one wavelength, and over a field in its middle alone, while its error has now one sign,
 # now the other: so much more may be found, and a share of the largest error of any direction.
-_OTHER_WAVELENGTHS, _ELSEWHERE, _OF_LARGEST = 1.5, 2.0, 0.003
+_OTHER_WAVELENGTHS, _ELSEWHERE, _OF_LARGEST = 1.3, 2.0, 0.003
 # The finer grid beside which it is set, and what that one still misses: a fifth of what it tells.
 _FINER_GRID, _BEYOND_FINER_GRID = 1.5, 1.25
 # A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
