@@ -4,7 +4,8 @@ The lobe and the diffuse term are integrated apart. For the lobe the nodes lie o
 narrow lobe has as many as a wide one; for the diffuse term they cover the sky evenly.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,8 @@ class Skylight:
     sun_azimuth_rad: float
     ground_radiance: float = 0.0
     relative_error: float = 0.0
+    # By tilt and order: what all views of all panels that lie alike see of it.
+    _on_nodes: dict[tuple[Tilt, int], FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def stokes(self, *, zenith_rad: FloatArray, azimuth_rad: FloatArray) -> FloatArray:
         """Return the light from directions (R,) in each one's own frame, shape (R, 3) [W m-2 sr-1]."""
@@ -55,6 +58,22 @@ class Skylight:
         found[above] = self.sky(zenith_rad=zenith, phi_rad=self.sun_azimuth_rad - azimuth_rad[above])
         found[~above, 0] = self.ground_radiance
         return found
+
+    def on_nodes(self, tilt: Tilt, order: int) -> FloatArray:
+        """Return the light on the nodes of a panel's hemisphere, shape (R, 3) [W m-2 sr-1]; not to be written to."""
+        if (tilt, order) not in self._on_nodes:
+            nodes = _hemisphere(tilt, order)
+            self._on_nodes[tilt, order] = self.stokes(zenith_rad=nodes.zenith_rad, azimuth_rad=nodes.azimuth_rad)
+        return self._on_nodes[tilt, order]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Nodes:
+    """Directions of the world, shape (R,), and their solid angles times the cosine on the panel [sr]."""
+
+    zenith_rad: FloatArray
+    azimuth_rad: FloatArray
+    weight: FloatArray
 
 
 class PanelLight:
@@ -127,19 +146,21 @@ class PanelLight:
         [MK14] eq. (3), over facet slopes: dOmega_sky = 4 cos(psi) dOmega_facet.
         """
         surface = self._surface
-        nodes = facet_nodes(
+        facets = facet_nodes(
             np.array([self._theta_r_rad]), slope_rms=surface.slope_rms, shadowing=surface.shadowing, order=order
         )
-        x, y = (np.tile(part.ravel(), 2) for part in np.broadcast_arrays(nodes.x, nodes.y))
+        x, y = (np.tile(part.ravel(), 2) for part in np.broadcast_arrays(facets.x, facets.y))
         y[y.size // 2 :] *= -1.0
         cos_r, sin_r = np.cos(self._theta_r_rad), np.sin(self._theta_r_rad)
         seen, secant2 = cos_r + x * sin_r, 1.0 + x**2 + y**2
         mirrored = (2.0 * seen / secant2)[:, np.newaxis] * np.stack([x, y, np.ones_like(x)], axis=-1)
         mirrored -= np.array([sin_r, 0.0, cos_r])
-        # The nodes' weight holds the density of slopes, which is part of the pBRDF too: take it out.
+        # The facets' weight holds the density of slopes, which is part of the pBRDF too: take it out.
         density = np.exp((x**2 + y**2) * (-0.5 / surface.slope_rms**2)) / (np.pi * surface.slope_rms**2)
-        solid_angle = 4.0 * seen / secant2**2 * np.tile(nodes.weight.ravel(), 2) / density
-        return self._sum(light, mirrored @ self._axes, solid_angle, specular=True)
+        solid_angle = 4.0 * seen / secant2**2 * np.tile(facets.weight.ravel(), 2) / density
+        nodes = _facing(self._tilt, mirrored @ self._axes, solid_angle)
+        incident = light.stokes(zenith_rad=nodes.zenith_rad, azimuth_rad=nodes.azimuth_rad)
+        return self._sum(nodes, incident, specular=True)
 
     def diffuse(self, light: Skylight, order: int) -> FloatArray:
         """Return the skylight that the diffuse term reflects, shape (3,) [W m-2 sr-1].
@@ -157,20 +178,15 @@ class PanelLight:
         """
         if self._surface.dhr is None:
             return np.zeros(3)
-        return self._sum(light, *_hemisphere(self._tilt, order), specular=False)
+        return self._sum(_hemisphere(self._tilt, order), light.on_nodes(self._tilt, order), specular=False)
 
-    def _sum(self, light: Skylight, direction: FloatArray, solid_angle: FloatArray, *, specular: bool) -> FloatArray:
-        """Sum of pBRDF times light times projected solid angle over directions (R, 3) of the world."""
-        cos_i = direction @ self._tilt.normal
-        facing = cos_i > 0.0
-        east, north, up = direction[facing].T
-        zenith, azimuth = np.arctan2(np.hypot(east, north), up), np.arctan2(east, north)
-        local = self._local(zenith, azimuth)
-        incident = light.stokes(zenith_rad=zenith, azimuth_rad=azimuth)
+    def _sum(self, nodes: _Nodes, incident: FloatArray, *, specular: bool) -> FloatArray:
+        """Sum of pBRDF times light times projected solid angle."""
+        local = self._local(nodes.zenith_rad, nodes.azimuth_rad)
         if not self.is_level:
             incident = rotate_frame(incident, local.incident_rotation_rad)
         mueller = self._mueller(local, specular=specular)
-        return self._to_camera(np.einsum("r,rij,rj->i", (solid_angle * cos_i)[facing], mueller, incident))
+        return self._to_camera(np.einsum("r,rij,rj->i", nodes.weight, mueller, incident))
 
     def _mueller(self, local: LocalGeometry, *, specular: bool) -> FloatArray:
         """Lobe or diffuse term of the pBRDF alone, in the panel's frames."""
@@ -207,8 +223,21 @@ class PanelLight:
         return rotate_frame(stokes, self._turn_rad)
 
 
-def _hemisphere(tilt: Tilt, order: int) -> tuple[FloatArray, FloatArray]:
-    """Directions over the hemisphere that a panel faces, shape (R, 3) of the world, and their solid angles [sr].
+def _facing(tilt: Tilt, direction: FloatArray, solid_angle: FloatArray) -> _Nodes:
+    """Those of some directions (R, 3) of the world that a panel faces, with their solid angles [sr]."""
+    cos_i = direction @ tilt.normal
+    facing = cos_i > 0.0
+    east, north, up = direction[facing].T
+    return _Nodes(
+        zenith_rad=np.arctan2(np.hypot(east, north), up),
+        azimuth_rad=np.arctan2(east, north),
+        weight=(solid_angle * cos_i)[facing],
+    )
+
+
+@lru_cache(maxsize=64)
+def _hemisphere(tilt: Tilt, order: int) -> _Nodes:
+    """Directions over the hemisphere that a panel faces.
 
     Each half turn about the normal, uphill and downhill, has its own nodes, and each meridian is cut at the horizon,
     so that no rule reaches across an edge of the light.
@@ -230,7 +259,7 @@ def _hemisphere(tilt: Tilt, order: int) -> tuple[FloatArray, FloatArray]:
     flat = geometry.direction(zenith_rad=theta, azimuth_rad=np.tile(around, 2)[:, np.newaxis])
     axes = np.stack([np.cross(along, tilt.normal), along, tilt.normal])
     kept = solid_angle > 0.0
-    return flat[kept] @ axes, solid_angle[kept]
+    return _facing(tilt, flat[kept] @ axes, solid_angle[kept])
 
 
 def _panel_axes(normal: FloatArray, camera: FloatArray, camera_azimuth_rad: float) -> FloatArray:

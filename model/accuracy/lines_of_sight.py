@@ -41,7 +41,8 @@ class LinesOfSight:
 
     def reflected(self, sky: Sky) -> FloatArray:
         """Return what the region sends of a sky to the camera, by the rules that were used, shape (V, 3)."""
-        return np.stack([self._reflected(sky, light) for light in self.lights])
+        skylight = Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
+        return np.stack([self._reflected(skylight, light) for light in self.lights])
 
     def path(self, lighting: Lighting) -> FloatArray:
         """Return what the air adds, shape (V, 3)."""
@@ -61,11 +62,11 @@ class LinesOfSight:
     def _phi_rad(self) -> FloatArray:
         return self.sun_azimuth_rad - np.array([light.view.azimuth_rad for light in self.lights])
 
-    def _reflected(self, sky: Sky, light: ApertureLight) -> FloatArray:
+    def _reflected(self, skylight: Skylight, light: ApertureLight) -> FloatArray:
         if self.region.surface is None or self.region.tilt is None:
             raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
         panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, view=light.view)
-        stokes = reflected_by_rules(panel, Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad), light.rules)
+        stokes = reflected_by_rules(panel, skylight, light.rules)
         return rotate_frame(light.transmittance * stokes, light.view.roll_rad)
 
 
