@@ -39,7 +39,7 @@ FINEST = Settings(
     tiles_per_side=8,
     negligible_spread=0.0,
     dolp_tolerance=1e-11,
-    roc_tolerance=1e-12,
+    roc_tolerance=1e-11,
 )
 # The same for tolerances below 0.003.
 _VERY_FINE = replace(
