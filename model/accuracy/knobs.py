@@ -131,7 +131,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 law="geometric, as fast as the aureole lets it",
                 estimate="the longest wavelength, as the panel reflects it, beside a finer grid",
                 levels=_levels(
-                    tuple(f"{z} x {a}" for z, a in _GRIDS), (8e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)
+                    tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)
                 ),
             ),
             Knob(
@@ -141,7 +141,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="difference of two rules",
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
-                    tuple(6.0 * t for t in _TOLERANCES),
+                    (1.5e-3, 6e-4, 4e-5, 2e-6, 4e-7),
                     (1.2, 1.7, 2.4, 8.0, 20.0),
                 ),
             ),

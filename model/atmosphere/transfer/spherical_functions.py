@@ -160,13 +160,18 @@ def basis_functions(*, degree_max: int, order_max: int, mu: FloatArray) -> Float
     ----------
     Siewert, Astron. Astrophys. 109 (1982) 195.
     """
-    return _kept_functions(degree_max, order_max, np.ascontiguousarray(mu, dtype=np.float64).tobytes())
+    kept = _kept_functions if mu.size > _FEW else _kept_functions_of_few
+    return kept(degree_max, order_max, np.ascontiguousarray(mu, dtype=np.float64).tobytes())
 
 
-@lru_cache(maxsize=6)
-def _kept_functions(degree_max: int, order_max: int, mu_bytes: bytes) -> FloatArray:
+def _functions(degree_max: int, order_max: int, mu_bytes: bytes) -> FloatArray:
     mu = np.frombuffer(mu_bytes)
     plain, plus, minus = (wigner_d(degree_max=degree_max, order_max=order_max, second=n, mu=mu) for n in (0, 2, -2))
     functions = np.stack([plain, 0.5 * (plus + minus), 0.5 * (minus - plus)])
     functions.flags.writeable = False
     return functions
+
+
+# Of many directions they take tens of megabytes; of the few of a quadrature or of some lines of sight, little.
+_FEW = 40
+_kept_functions, _kept_functions_of_few = (lru_cache(maxsize=size)(_functions) for size in (6, 48))
