@@ -7,7 +7,7 @@ import numpy as np
 from model.atmosphere.lighting.lighting import Lighting
 from model.panel_light import Skylight
 from model.quadrature import gauss_legendre
-from model.sampled_sky import Sky
+from model.sky import Sky
 
 # Largest zenith angle of the sun for which a plane-parallel atmosphere holds [rad].
 LARGEST_SUN_ZENITH_RAD = float(np.radians(85.0))

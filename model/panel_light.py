@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from model import geometry
 from model.quadrature import gauss_legendre
-from model.sampled_sky import Sky
+from model.sky import Sky
 from model.stokes import rotate_frame
 from model.surface.facet_quadrature import facet_nodes
 from model.surface.pbrdf import Surface, evaluate

@@ -1,35 +1,20 @@
 """A computed sky kept on a grid of directions, so that reading it again costs next to nothing."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
-from scipy.optimize import nnls
+
+from model.aureole import NO_AUREOLE, Aureole, aureole_of
+from model.sky import Sky
 
 FloatArray = NDArray[np.float64]
 
-# Asymmetries of the functions of the angle from the sun of which an aureole is put together.
-_ASYMMETRIES = np.array([0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998])
-_AUREOLE_SAMPLES = 60
-_AUREOLE_EDGE_RAD = float(np.radians(60.0))
-# Nearer to the zenith the ring of the sun's own zenith angle is too small to show the aureole.
-_HIGH_SUN_RAD = float(np.radians(15.0))
-_FIT_STEPS = 2000
 # Directions between the grid's at which it is set beside the sky itself: steps of the grid in azimuth, and zenith
 # angles around the sun's and down to the horizon.
 _PROBED_STEPS = (0.05, 0.5, 1.5, 4.5)
 _PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 0.0, 0.7, 2.5, 9.0])
 _PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
-
-
-class Sky(Protocol):
-    """Stokes radiance of the sky by direction; `model.atmosphere.lighting.lighting.Lighting.sky` is one."""
-
-    def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
-        """Return S0, S1, S2 in the frame of each direction's own azimuth, shape (..., 3) [W m-2 sr-1]."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +64,7 @@ class SampledSky:
 
     nodes_rad: FloatArray
     series: FloatArray
-    aureole: "Aureole"
+    aureole: Aureole
     relative_error: float
 
     def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
@@ -122,40 +107,6 @@ class SampledSky:
         return stokes.reshape(*zenith.shape, 3)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Aureole:
-    """Radiance as a function of the angle from the sun alone: a sum of Henyey-Greenstein functions, and a correction.
-
-    Attributes
-    ----------
-    sun_zenith_rad
-        Where the sun is [rad].
-    asymmetries, weights
-        Of the functions, shape (K,), weights above 0.
-    correction
-        Logarithm of what the sum is to be multiplied by, over the square root of the angle from the sun in radians;
-        None for none. The aureole of large particles has rings that the sum does not follow.
-    """
-
-    sun_zenith_rad: float
-    asymmetries: FloatArray
-    weights: FloatArray
-    correction: CubicSpline | None = None
-
-    def __call__(self, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
-        """Return the radiance of the sum in directions [W m-2 sr-1]."""
-        across = np.sin(zenith_rad) * np.sin(self.sun_zenith_rad) * (1.0 - np.cos(phi_rad))
-        cosine = np.cos(zenith_rad - self.sun_zenith_rad) - across
-        smooth = np.asarray(_henyey_greenstein(self.asymmetries, cosine) @ self.weights)
-        if self.correction is None:
-            return smooth
-        root = np.sqrt(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        return np.asarray(smooth * np.exp(self.correction(np.minimum(root, self.correction.x[-1]))))
-
-
-_NO_AUREOLE = Aureole(sun_zenith_rad=0.0, asymmetries=np.zeros(1), weights=np.ones(1))
-
-
 def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
     """Return a sky sampled over the hemisphere, with an estimate of what the samples miss.
 
@@ -187,7 +138,7 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
     probes = _probes(sky, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
     # Without an aureole what is divided out may bend the sky more than the sky itself.
-    found = (_over(aureole, nodes_rad, phi_rad, samples) for aureole in (_aureole(sky, sun_zenith_rad), _NO_AUREOLE))
+    found = (_over(aureole, nodes_rad, phi_rad, samples) for aureole in (aureole_of(sky, sun_zenith_rad), NO_AUREOLE))
     return min((replace(one, relative_error=probes.largest(one)) for one in found), key=lambda one: one.relative_error)
 
 
@@ -217,7 +168,7 @@ def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     series = _fourier_series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
-    return SampledSky(nodes_rad=nodes_rad, series=series, aureole=_NO_AUREOLE, relative_error=0.0)
+    return SampledSky(nodes_rad=nodes_rad, series=series, aureole=NO_AUREOLE, relative_error=0.0)
 
 
 def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
@@ -227,45 +178,6 @@ def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
             raise ValueError(f"sample_sky: {name} = {steps}, allowed is 4 or more")
     nodes_rad = 0.25 * np.pi * (1.0 - np.cos(np.pi * np.arange(zeniths + 1) / zeniths))
     return nodes_rad, np.pi * np.arange(azimuths + 1) / azimuths
-
-
-def _aureole(sky: Sky, sun_zenith_rad: float) -> Aureole:
-    """Sum of functions that is closest to the sky around the sun, in relative terms; even where the sky is black."""
-    share = (np.arange(_AUREOLE_SAMPLES) / (_AUREOLE_SAMPLES - 1)) ** 2
-    if sun_zenith_rad > _HIGH_SUN_RAD:
-        from_sun = min(2.0 * sun_zenith_rad, _AUREOLE_EDGE_RAD) * share
-        # Two directions of one zenith angle: sin(from_sun / 2) = sin(zenith) sin(phi / 2).
-        phi = 2.0 * np.arcsin(np.minimum(np.sin(0.5 * from_sun) / np.sin(sun_zenith_rad), 1.0))
-        radiance = sky(zenith_rad=sun_zenith_rad, phi_rad=phi)[:, 0]
-    else:
-        from_sun = 0.5 * _AUREOLE_EDGE_RAD * share
-        zenith = sun_zenith_rad - from_sun
-        radiance = sky(zenith_rad=np.abs(zenith), phi_rad=np.where(zenith < 0.0, np.pi, 0.0))[:, 0]
-    if not np.all(radiance > 0.0):
-        return _NO_AUREOLE
-    columns = _henyey_greenstein(_ASYMMETRIES, np.cos(from_sun)) / radiance[:, np.newaxis]
-    scale = np.max(columns, axis=0)
-    weights = nnls(columns / scale, np.ones(_AUREOLE_SAMPLES), maxiter=_FIT_STEPS)[0] / scale
-    used = weights > 0.0
-    left = np.log(radiance / (_henyey_greenstein(_ASYMMETRIES[used], np.cos(from_sun)) @ weights[used]))
-    return Aureole(
-        sun_zenith_rad=sun_zenith_rad,
-        asymmetries=_ASYMMETRIES[used],
-        weights=weights[used],
-        correction=CubicSpline(np.sqrt(from_sun), left * _faded(from_sun / from_sun[-1]), bc_type="clamped"),
-    )
-
-
-def _faded(share: FloatArray) -> FloatArray:
-    """Weight that falls smoothly from 1 at the middle of the aureole to 0 at its edge."""
-    step = np.clip(2.0 * share - 1.0, 0.0, 1.0)
-    return np.asarray(1.0 - step**2 * (3.0 - 2.0 * step))
-
-
-def _henyey_greenstein(asymmetries: FloatArray, cosine: FloatArray) -> FloatArray:
-    """Henyey-Greenstein functions of mean 1, shape (..., K)."""
-    squares = asymmetries**2
-    return np.asarray((1.0 - squares) / (1.0 + squares - 2.0 * asymmetries * cosine[..., np.newaxis]) ** 1.5)
 
 
 def _fourier_series(samples: FloatArray) -> FloatArray:

@@ -2,11 +2,11 @@
 
 from collections import OrderedDict
 from collections.abc import Hashable
+from typing import Unpack
 
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
-from model.atmosphere.lighting.solve_column import LightSolver
+from model.atmosphere.lighting.solve_column import HowToSolve, LightSolver
 from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.phase import AerosolKind
 
 # Of one wavelength, with many streams and layers ten megabytes.
 _KEPT = 48
@@ -20,29 +20,11 @@ class KeptSolutions:
         self._solver = solver
         self._kept: OrderedDict[Hashable, tuple[tuple[Layer, ...], DiffuseLight]] = OrderedDict()
 
-    def __call__(
-        self,
-        layers: tuple[Layer, ...],
-        *,
-        mu0: float,
-        albedo: float,
-        aerosol: AerosolKind,
-        nodes: int,
-        element_depth: float,
-        tolerance: float,
-    ) -> DiffuseLight:
+    def __call__(self, layers: tuple[Layer, ...], **how: Unpack[HowToSolve]) -> DiffuseLight:
         """Return the solution of one wavelength; arguments as `model.atmosphere.solver.solve`."""
-        key = (tuple(map(_facts, layers)), mu0, albedo, aerosol, nodes, element_depth, tolerance)
+        key = (tuple(map(_facts, layers)), *sorted(how.items()))
         if key not in self._kept:
-            solution = self._solver(
-                layers,
-                mu0=mu0,
-                albedo=albedo,
-                aerosol=aerosol,
-                nodes=nodes,
-                element_depth=element_depth,
-                tolerance=tolerance,
-            )
+            solution = self._solver(layers, **how)
             # The layers stay with it: a scattering matrix is known by its identity.
             self._kept[key] = (layers, solution)
             if len(self._kept) > _KEPT:

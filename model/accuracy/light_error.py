@@ -18,8 +18,9 @@ from model.accuracy.spectral_error import SpectralError, spectral_error
 from model.field_light import FieldLight, Source
 from model.illumination import Illumination
 from model.lit_scene import Air, LitRegion, LitScene
-from model.sampled_sky import SampledSky, Sky, sample_sky, sample_smooth
+from model.sampled_sky import SampledSky, sample_sky, sample_smooth
 from model.scene import ApertureLight
+from model.sky import Sky
 
 FloatArray = NDArray[np.float64]
 

@@ -21,8 +21,9 @@ from model.field_of_view import FieldPart
 from model.hemisphere import Rules
 from model.illumination import Illumination, illuminate, require_sun_zenith
 from model.lit_scene import Air, LitRegion
-from model.sampled_sky import MixedSky, Sky, sample_sky
+from model.sampled_sky import MixedSky, sample_sky
 from model.scene import ApertureLight, aperture_lights
+from model.sky import Sky
 from model.view import View
 
 # A sky is asked for again by the next region, the next geometry, or not at all; lights by a sweep or a derivative.

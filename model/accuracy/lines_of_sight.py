@@ -10,8 +10,8 @@ from model.atmosphere.lighting.lighting import Lighting
 from model.hemisphere import reflected_by_rules
 from model.lit_scene import LitRegion, LitScene
 from model.panel_light import PanelLight, Skylight
-from model.sampled_sky import Sky
 from model.scene import ApertureLight
+from model.sky import Sky
 from model.stokes import rotate_frame
 
 FloatArray = NDArray[np.float64]

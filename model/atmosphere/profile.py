@@ -10,6 +10,7 @@ from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
 from model.atmosphere.aerosol.models import AerosolOptics, AerosolType
 from model.atmosphere.aerosol.particle_modes import MieAerosol
 from model.atmosphere.aerosol_profile import BOUNDARY_LAYER_TOP_M, AerosolColumn, aerosol_column
+from model.atmosphere.layer_heights import face_heights_m
 from model.atmosphere.molecules import (
     SEA_LEVEL_PRESSURE_PA,
     pressure_ratio,
@@ -19,19 +20,6 @@ from model.atmosphere.molecules import (
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
 from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
-
-_FINE_HEIGHTS_M = 1e3 * np.concatenate(
-    [
-        np.arange(0, 2, 0.2),
-        np.arange(2, 10, 0.25),
-        np.arange(10, 20, 0.5),
-        np.arange(20, 30, 1),
-        [30, 32.5, 35, 40, 50, 70, 100],
-    ]
-)
-_COARSE_HEIGHTS_M = 1e3 * np.array([0, 0.5, 1, 1.5, 2, 3, 4, 5, 7, 9, 12, 16, 20, 25, 35, 100])
-# From a face near the ground each layer is at most so many times as high as the one below.
-_GROWTH = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,8 +140,7 @@ class Column:
         ----------
         definition
         """
-        edges = _with_face(_FINE_HEIGHTS_M if fine else _COARSE_HEIGHTS_M, face_m)
-        heights = np.interp(np.arange((edges.size - 1) * cuts + 1) / cuts, np.arange(edges.size), edges)
+        heights = face_heights_m(fine=fine, cuts=cuts, face_m=face_m)
         lower, upper = self._matrices(matrix_tolerance) if aerosol is AerosolKind.SPHERES else (None, None)
         low, high = heights[-2::-1], heights[:0:-1]
         molecules = self._rayleigh_above(low) - self._rayleigh_above(high)
@@ -195,16 +182,6 @@ class Column:
         below = self.aerosol.optical_depth_between(np.minimum(lower_m, edge), np.minimum(upper_m, edge))
         above = self.aerosol.optical_depth_between(np.maximum(lower_m, edge), np.maximum(upper_m, edge))
         return below * self.lower.extinction + above * self.upper.extinction
-
-
-def _with_face(heights_m: NDArray[np.float64], face_m: float) -> NDArray[np.float64]:
-    """Heights of layers' faces with one more, and if that is near the ground, with some between it and the next."""
-    if not 0.0 < face_m < heights_m[-1]:
-        return heights_m
-    faces = [face_m]
-    while faces[-1] * _GROWTH < heights_m[1]:
-        faces.append(faces[-1] * _GROWTH)
-    return np.union1d(heights_m, faces)
 
 
 def column(state: AtmosphereState, *, wavelength_m: float) -> Column:

@@ -189,10 +189,14 @@ def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePo
 def _of_knob(
     scene: LitScene, knob: str, middle: AccuratePrediction, whole: dict[Reading, Value], clock: Clock
 ) -> list[CurvePoint]:
-    """One knob over its levels about that of a plan, the others as the plan has them; the finest is the truth."""
+    """One knob over its levels about that of a plan; the finest is the truth.
+
+    The others are finer than the plan has them, so that what they leave does not show in the curve.
+    """
     top = min(middle.plan[knob] + 2, len(KNOBS[knob].levels) - 1)
     levels = range(max(middle.plan[knob] - _BELOW, 0), top + 1)
-    found = [_at_level(scene, {**middle.plan, knob: level}, middle.tolerance, clock) for level in levels]
+    others = _finer(middle.plan)
+    found = [_at_level(scene, {**others, knob: level}, middle.tolerance, clock) for level in levels]
     truth = _readings(found[-1][0])
     points = []
     for level, (result, errors) in zip(levels, found[:-1], strict=False):

@@ -1,7 +1,7 @@
 """One wavelength of an atmosphere, solved with the settings of a tier."""
 
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, TypedDict, TypeVar, Unpack
 
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
 from model.atmosphere.lighting.extrapolated_light import ExtrapolatedLight
@@ -11,41 +11,32 @@ from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
 from model.atmosphere.transfer.solution import Solution
 
+Light = TypeVar("Light", bound=DiffuseLight, covariant=True)
 
-class Solver(Protocol):
-    """The call of `model.atmosphere.solver.solve`; an application may put a store of solutions in its place."""
 
-    def __call__(
-        self,
-        layers: tuple[Layer, ...],
-        *,
-        mu0: float,
-        albedo: float,
-        aerosol: AerosolKind,
-        nodes: int,
-        element_depth: float,
-        tolerance: float,
-    ) -> Solution:
+class HowToSolve(TypedDict):
+    """Scene and numerical settings of `model.atmosphere.solver.solve`, which says what they are."""
+
+    mu0: float
+    albedo: float
+    aerosol: AerosolKind
+    nodes: int
+    element_depth: float
+    tolerance: float
+
+
+class _SolverFor(Protocol[Light]):
+    """A call like that of `model.atmosphere.solver.solve`."""
+
+    def __call__(self, layers: tuple[Layer, ...], **how: Unpack[HowToSolve]) -> Light:
         """Solve one wavelength."""
         ...
 
 
-class LightSolver(Protocol):
-    """The same call where only the light counts: `Solver`, or `model.atmosphere.sasktran2_engine`."""
-
-    def __call__(
-        self,
-        layers: tuple[Layer, ...],
-        *,
-        mu0: float,
-        albedo: float,
-        aerosol: AerosolKind,
-        nodes: int,
-        element_depth: float,
-        tolerance: float,
-    ) -> DiffuseLight:
-        """Solve one wavelength."""
-        ...
+# The solver itself, or a store of its solutions that an application puts in its place; and, where only the light
+# counts, also another engine.
+Solver = _SolverFor[Solution]
+LightSolver = _SolverFor[DiffuseLight]
 
 
 def solve_column(
