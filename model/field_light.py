@@ -177,21 +177,8 @@ def light_over_tiles(
     found = tiles(part, view, per_side=per_side, rule=rule)
     last, middle = per_side**2 - 1, (per_side // 2) * (per_side + 1)
     corners = sorted({0, per_side - 1, middle, last - per_side + 1, last})
-    refined = dict(zip(corners, lights_at(tuple(found[k].view for k in corners), None), strict=True))
-    enough = Rules(
-        lobe=max(light.rules.lobe for light in refined.values()),
-        diffuse=max(light.rules.diffuse for light in refined.values()),
-        error=max(light.rules.error for light in refined.values()),
-    )
-    others = [k for k in range(len(found)) if k not in refined]
-    lights = refined
-    if others:
-        lights = refined | dict(zip(others, lights_at(tuple(found[k].view for k in others), enough), strict=True))
-    return FieldLight(
-        lights=tuple(lights[k] for k in range(len(found))),
-        weights=tuple(tile.weight for tile in found),
-        spread=np.nan,
-    )
+    rules = lights_at(tuple(found[k].view for k in corners), None)[0].rules
+    return _over_tiles(lights_at, found, rules, np.nan)
 
 
 def _over_tiles(

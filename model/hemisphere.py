@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.panel_light import PanelLight, Skylight
+from model.panel_light import PanelLight
+from model.skylight import Skylight
 
 FloatArray = NDArray[np.float64]
 
@@ -40,34 +41,34 @@ class Rules:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReflectedSkylight:
-    """Skylight that a panel sends to the camera.
+    """Skylight that a panel sends to V cameras.
 
     Attributes
     ----------
     stokes
-        S0, S1, S2 in the horizontal frame of the camera, before the path to it [W m-2 sr-1].
+        S0, S1, S2 in the horizontal frame of each camera, before the path to it, shape (V, 3) [W m-2 sr-1].
     error
-        Estimated error of each of them [W m-2 sr-1]: of the quadrature, and of the sky.
+        Estimated error of each of them, shape (V,) [W m-2 sr-1]: of the quadrature, and of the sky.
     rules
-        The least that keep the tolerance, if any do.
+        The least that keep the tolerance for all cameras, if any do.
     """
 
     stokes: FloatArray
-    error: float
+    error: FloatArray
     rules: Rules
 
 
 def reflected_skylight(panel: PanelLight, light: Skylight, *, tolerance: float = TOLERANCE) -> ReflectedSkylight:
-    """Return the skylight that a panel reflects to the camera, and its estimated error.
+    """Return the skylight that a panel reflects to cameras, and its estimated error.
 
     Parameters
     ----------
     panel
-        The panel before its camera.
+        The panel before its cameras.
     light
         The sky.
     tolerance
-        Rules are refined until two differ by this share of S0, above 0.
+        Rules are refined until two differ by this share of S0, for every camera; above 0.
 
     Raises
     ------
@@ -88,17 +89,18 @@ def reflected_skylight(panel: PanelLight, light: Skylight, *, tolerance: float =
     lobe = _refined(lambda order: panel.lobe(light, order), tolerance)
     diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance)
     stokes = lobe.value + diffuse.value
-    of_rules = (lobe.order_error + diffuse.order_error) / float(stokes[0]) if stokes[0] > 0.0 else 0.0
-    tail = 0.0 if panel.is_level else _TAIL
+    s0 = stokes[:, 0]
+    of_rules = np.divide(lobe.order_error + diffuse.order_error, s0, out=np.zeros_like(s0), where=s0 > 0.0)
+    beside = light.relative_error + (0.0 if panel.is_level else _TAIL)
     return ReflectedSkylight(
         stokes=stokes,
-        error=lobe.error + diffuse.error + (light.relative_error + tail) * float(stokes[0]),
-        rules=Rules(lobe=lobe.order, diffuse=diffuse.order, error=of_rules + light.relative_error + tail),
+        error=lobe.error + diffuse.error + beside * s0,
+        rules=Rules(lobe=lobe.order, diffuse=diffuse.order, error=float(np.max(of_rules)) + beside),
     )
 
 
 def reflected_by_rules(panel: PanelLight, light: Skylight, rules: Rules) -> FloatArray:
-    """Return the skylight that a panel reflects to the camera, by given rules: no refinement, no error.
+    """Return the skylight that a panel reflects to cameras, by given rules: no refinement, no error.
 
     Parameters
     ----------
@@ -109,14 +111,14 @@ def reflected_by_rules(panel: PanelLight, light: Skylight, rules: Rules) -> Floa
 
     Returns
     -------
-    ndarray, shape (3,)
+    ndarray, shape (V, 3)
         S0, S1, S2 [W m-2 sr-1].
 
     References
     ----------
     [MK14] eq. (3).
     """
-    return np.asarray(panel.lobe(light, rules.lobe) + panel.diffuse(light, rules.diffuse))
+    return panel.lobe(light, rules.lobe) + panel.diffuse(light, rules.diffuse)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,35 +126,37 @@ class _Refined:
     """Result of the last rule, and the coarsest rule that keeps the tolerance too, with the errors of both."""
 
     value: FloatArray
-    error: float
+    error: FloatArray
     order: int
-    order_error: float
+    order_error: FloatArray
 
 
 def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
-    """Rules of growing order until the estimated error of the last one is below the tolerance."""
-    values, steps = [rule(_ORDERS[0])], [np.inf]
+    """Rules of growing order until the estimated error of the last one is below the tolerance for every camera."""
+    values = [rule(_ORDERS[0])]
+    steps = [np.full(len(values[0]), np.inf)]
     for order in _ORDERS[1:]:
         values.append(rule(order))
-        steps.append(float(np.max(np.abs(values[-1] - values[-2]))))
-        if _error(steps) <= tolerance * values[-1][0]:
+        steps.append(np.max(np.abs(values[-1] - values[-2]), axis=-1))
+        if np.all(_error(steps) <= tolerance * values[-1][:, 0]):
             break
     value, error = values[-1], _error(steps)
-    errors = [float(np.max(np.abs(coarser - value))) + error for coarser in values]
-    enough = next((k for k, one in enumerate(errors) if one <= tolerance * value[0]), len(values) - 1)
+    errors = [np.max(np.abs(coarser - value), axis=-1) + error for coarser in values]
+    kept = (k for k, one in enumerate(errors) if np.all(one <= tolerance * value[:, 0]))
+    enough = next(kept, len(values) - 1)
     return _Refined(value=value, error=error, order=_ORDERS[enough], order_error=errors[enough])
 
 
-def _error(steps: list[float]) -> float:
-    """Error of the last of a row of rules, from the steps between them.
+def _error(steps: list[FloatArray]) -> FloatArray:
+    """Error of the last of a row of rules for each camera, from the steps between them.
 
     Where the last two steps are each a quarter of the one before or less, what is missing is of the size of the last.
     Else steps are of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe,
     or at the kink of the shadowing.
     """
     before, last = steps[-2:]
-    if last == 0.0:
-        return last
-    if len(steps) > 2 and last <= _REGULAR * before and before <= _REGULAR * steps[-3]:
-        return _MARGIN * last
-    return 3.0 * max(last, 0.5 * before) if np.isfinite(before) else np.inf
+    careful = 3.0 * np.maximum(last, 0.5 * before)
+    if len(steps) > 2:
+        regular = (last <= _REGULAR * before) & (before <= _REGULAR * steps[-3])
+        careful = np.where(regular, _MARGIN * last, careful)
+    return np.asarray(np.where(last == 0.0, 0.0, careful))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.atmosphere.lighting.lighting import Lighting
-from model.panel_light import Skylight
 from model.quadrature import gauss_legendre
 from model.sky import Sky
+from model.skylight import Skylight
 
 # Largest zenith angle of the sun for which a plane-parallel atmosphere holds [rad].
 LARGEST_SUN_ZENITH_RAD = float(np.radians(85.0))

@@ -3,7 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import ArrayLike, NDArray
+from scipy.fft import dct, dst
 
 from model.aureole import NO_AUREOLE, Aureole, aureole_of
 from model.sky import Sky
@@ -50,11 +52,9 @@ class SampledSky:
 
     Attributes
     ----------
-    nodes_rad
-        Zenith angles, shape (Z,) [rad], Chebyshev points of 0 to pi/2.
     series
-        For each of them the coefficients of cos(m phi) of S0 over the aureole and of S1, and of sin(m phi) of S2,
-        shape (Z, M, 3).
+        Coefficients of S0 over the aureole, of S1, and of S2 over sin(phi), by the degrees of Chebyshev polynomials of
+        1 - 4 zenith / pi and of cos(phi), shape (3, Z, A).
     aureole
         What S0 was divided by.
     relative_error
@@ -62,7 +62,6 @@ class SampledSky:
         horizon. Below that it is up to four times as much.
     """
 
-    nodes_rad: FloatArray
     series: FloatArray
     aureole: Aureole
     relative_error: float
@@ -89,22 +88,17 @@ class SampledSky:
 
         References
         ----------
-        Berrut & Trefethen, SIAM Rev. 46 (2004) 501, doi:10.1137/S0036144502417715 (polynomial in the zenith angle).
+        Trefethen, Approximation Theory and Approximation Practice (SIAM, 2013), doi:10.1137/1.9781611975949, ch. 3.
         """
         zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
         if not np.all((zenith >= 0.0) & (zenith <= 0.5 * np.pi)):
             raise ValueError("zenith_rad must be 0 to pi/2 rad: there is no sky below the horizon")
-        nodes, modes, _ = self.series.shape
-        wave = np.ones((zenith.size, modes), dtype=complex)
-        wave[:, 1:] = np.exp(1j * phi.reshape(-1, 1))
-        np.cumprod(wave, axis=1, out=wave)
-        at_zenith = _barycentric(self.nodes_rad, zenith.ravel()) @ self.series.reshape(nodes, -1)
-        at_zenith = at_zenith.reshape(-1, modes, 3)
-        stokes = np.empty((zenith.size, 3))
-        stokes[:, :2] = np.einsum("rmk,rm->rk", at_zenith[..., :2], wave.real)
-        stokes[:, 2] = np.einsum("rm,rm->r", at_zenith[..., 2], wave.imag)
-        stokes[:, 0] *= self.aureole(zenith_rad=zenith.ravel(), phi_rad=phi.ravel())
-        return stokes.reshape(*zenith.shape, 3)
+        upward, around = (degrees - 1 for degrees in self.series.shape[1:])
+        at_phi = self.series @ chebvander(np.cos(phi.ravel()), around).T
+        even: FloatArray = np.einsum("kzr,zr->rk", at_phi, chebvander(1.0 - 4.0 / np.pi * zenith.ravel(), upward).T)
+        even[:, 0] *= self.aureole(zenith_rad=zenith.ravel(), phi_rad=phi.ravel())
+        even[:, 2] *= np.sin(phi.ravel())
+        return even.reshape(*zenith.shape, 3)
 
 
 def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
@@ -146,7 +140,7 @@ def _over(aureole: Aureole, nodes_rad: FloatArray, phi_rad: FloatArray, samples:
     """Sky of samples, shape (Z, A, 3), whose radiance is divided by an aureole."""
     smooth = samples.copy()
     smooth[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
-    return SampledSky(nodes_rad=nodes_rad, series=_fourier_series(smooth), aureole=aureole, relative_error=0.0)
+    return SampledSky(series=_series(smooth), aureole=aureole, relative_error=0.0)
 
 
 def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
@@ -167,8 +161,8 @@ def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
     Definition.
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
-    series = _fourier_series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
-    return SampledSky(nodes_rad=nodes_rad, series=series, aureole=NO_AUREOLE, relative_error=0.0)
+    series = _series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
+    return SampledSky(series=series, aureole=NO_AUREOLE, relative_error=0.0)
 
 
 def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
@@ -180,25 +174,23 @@ def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
     return nodes_rad, np.pi * np.arange(azimuths + 1) / azimuths
 
 
-def _fourier_series(samples: FloatArray) -> FloatArray:
-    """Coefficients of a half turn of samples (Z, N + 1, 3): cosines for S0 and S1, sines for S2."""
+def _series(samples: FloatArray) -> FloatArray:
+    """Coefficients of samples (Z, A, 3) on the grid, as `SampledSky` has them."""
     steps = samples.shape[1] - 1
-    mirrored = samples[:, -2:0:-1] * np.array([1.0, 1.0, -1.0])
-    modes = np.fft.rfft(np.concatenate([samples, mirrored], axis=1), axis=1) / steps
-    modes[:, [0, -1]] *= 0.5
-    return np.concatenate([modes.real[..., :2], -modes.imag[..., 2:]], axis=-1)
+    sines = dst(samples[:, 1:-1, 2], type=1, axis=1) / steps
+    # sin(m phi) over sin(phi) is twice the sum of cos(j phi) for the j below m that are odd where m is even.
+    degree = np.arange(steps + 1)[:, np.newaxis]
+    mode = np.arange(1, steps)
+    below = np.where((degree < mode) & ((mode - degree) % 2 == 1), np.where(degree == 0, 1.0, 2.0), 0.0)
+    around = [*np.moveaxis(_cosines(samples[..., :2], axis=1), -1, 0), sines @ below.T]
+    return _cosines(np.stack(around), axis=1)
 
 
-def _barycentric(nodes_rad: FloatArray, zenith_rad: FloatArray) -> FloatArray:
-    """Weights of the Chebyshev nodes at zenith angles, shape (R, Z)."""
-    signs = (-1.0) ** np.arange(nodes_rad.size)
-    signs[[0, -1]] *= 0.5
-    apart = zenith_rad[:, np.newaxis] - nodes_rad
-    on_node = apart == 0.0
-    weights = signs / np.where(on_node, 1.0, apart)
-    hit = np.any(on_node, axis=1)
-    weights[hit] = on_node[hit]
-    return np.asarray(weights / np.sum(weights, axis=1, keepdims=True))
+def _cosines(samples: FloatArray, *, axis: int) -> FloatArray:
+    """Coefficients of cos(m t), t from 0 to pi, of samples along an axis, both ends among them."""
+    modes = np.moveaxis(dct(samples, type=1, axis=axis), axis, 0) / (samples.shape[axis] - 1)
+    modes[[0, -1]] *= 0.5
+    return np.moveaxis(modes, 0, axis)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from model.hemisphere import TOLERANCE, Rules, reflected_by_rules, reflected_skylight
 from model.illumination import Illumination
-from model.panel_light import PanelLight, Skylight
+from model.panel_light import PanelLight
+from model.skylight import Skylight
 from model.stokes import rotate_frame
 from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt
@@ -16,8 +17,8 @@ from model.view import View
 
 FloatArray = NDArray[np.float64]
 
-# Of a panel on which no skylight falls: Stokes parameters, error, rules.
-_NO_SKY = (np.zeros(3), 0.0, Rules(lobe=2, diffuse=2))
+# Of a panel on which no skylight falls.
+_NO_RULES = Rules(lobe=2, diffuse=2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +104,7 @@ def aperture_lights(
     skylight: bool = True,
     path: bool = True,
 ) -> tuple[ApertureLight, ...]:
-    """Return what `aperture_light` does for several views from one height, faster than one by one.
+    """Return what `aperture_light` does for several views from one height, by rules that suffice for all of them.
 
     Parameters
     ----------
@@ -136,50 +137,39 @@ def aperture_lights(
     paths = np.zeros((len(views), 3))
     if path:
         paths = illumination.lighting.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi)
-    return tuple(
-        _one_light(
-            illumination,
-            PanelLight(surface=surface, tilt=tilt, view=view),
-            float(part),
-            added,
-            (tolerance, rules) if skylight else None,
-        )
-        for view, part, added in zip(views, through, paths, strict=True)
-    )
-
-
-def _one_light(
-    illumination: Illumination,
-    panel: PanelLight,
-    through: float,
-    path: FloatArray,
-    effort: tuple[float, Rules | None] | None,
-) -> ApertureLight:
-    """Light of one view, its path being known; without an effort, of the sun alone."""
+    panel = PanelLight(surface=surface, tilt=tilt, views=views)
     sun = panel.sun(
         zenith_rad=illumination.sun_zenith_rad,
         azimuth_rad=illumination.sun_azimuth_rad,
         irradiance=illumination.lighting.direct_irradiance,
     )
-    sky, error, used = _NO_SKY if effort is None else _sky_part(panel, illumination.skylight, *effort)
-    roll_rad = panel.view.roll_rad
-    return ApertureLight(
-        reflected_sun=rotate_frame(through * sun, roll_rad),
-        reflected_sky=rotate_frame(through * sky, roll_rad),
-        path=rotate_frame(path, roll_rad),
-        transmittance=through,
-        error=through * error,
-        rules=used,
-        view=panel.view,
+    sky, error, used = np.zeros((len(views), 3)), np.zeros(len(views)), _NO_RULES
+    if skylight:
+        sky, error, used = _sky_part(panel, illumination.skylight, tolerance, rules)
+    turn = np.array([view.roll_rad for view in views])
+    reflected_sun, reflected_sky, added = (
+        rotate_frame(part, turn) for part in (through[:, np.newaxis] * sun, through[:, np.newaxis] * sky, paths)
+    )
+    return tuple(
+        ApertureLight(
+            reflected_sun=reflected_sun[k],
+            reflected_sky=reflected_sky[k],
+            path=added[k],
+            transmittance=float(through[k]),
+            error=float(through[k] * error[k]),
+            rules=used,
+            view=view,
+        )
+        for k, view in enumerate(views)
     )
 
 
 def _sky_part(
     panel: PanelLight, light: Skylight, tolerance: float, rules: Rules | None
-) -> tuple[FloatArray, float, Rules]:
-    """Reflected skylight, its error and its rules."""
+) -> tuple[FloatArray, FloatArray, Rules]:
+    """Reflected skylight (V, 3), its error (V,) and its rules."""
     if rules is not None:
         stokes = reflected_by_rules(panel, light, rules)
-        return stokes, rules.error * float(stokes[0]), rules
+        return stokes, rules.error * stokes[:, 0], rules
     found = reflected_skylight(panel, light, tolerance=tolerance)
     return found.stokes, found.error, found.rules

@@ -40,13 +40,12 @@ def light_between_tiles(scene: LitScene, region: LitRegion, result: ChainResult)
     right = np.tan(part.left_rad) + PLACES[:, 0] * (np.tan(part.right_rad) - np.tan(part.left_rad))
     up = np.tan(part.bottom_rad) + PLACES[:, 1] * (np.tan(part.top_rad) - np.tan(part.bottom_rad))
     views = tuple(off_axis(scene.view, right=x, up=y) for x, y in zip(right.tolist(), up.tolist(), strict=True))
-    coarsest = min((light.rules for light in result.lights[region.name].lights), key=lambda rules: -rules.error)
     lights = aperture_lights(
         illumination,
         surface=region.surface,
         tilt=region.tilt,
         views=views,
-        rules=coarsest,
+        rules=result.lights[region.name].lights[0].rules,
         skylight=Effect.SKYLIGHT in result.effects,
         path=Effect.PATH_RADIANCE in result.effects,
     )

@@ -7,12 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.lighting.lighting import Lighting
-from model.hemisphere import reflected_by_rules
+from model.hemisphere import Rules, reflected_by_rules
 from model.lit_scene import LitRegion, LitScene
-from model.panel_light import PanelLight, Skylight
+from model.panel_light import PanelLight
 from model.scene import ApertureLight
 from model.sky import Sky
+from model.skylight import Skylight
 from model.stokes import rotate_frame
+from model.view import View
 
 FloatArray = NDArray[np.float64]
 
@@ -41,33 +43,46 @@ class LinesOfSight:
 
     def reflected(self, sky: Sky) -> FloatArray:
         """Return what the region sends of a sky to the camera, by the rules that were used, shape (V, 3)."""
-        skylight = Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
-        return np.stack([self._reflected(skylight, light) for light in self.lights])
+        return self.reflected_light(Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad), self.rules)
+
+    def reflected_light(self, skylight: Skylight, rules: Rules) -> FloatArray:
+        """Return what the region sends of all skylight to the camera, by other rules, shape (V, 3)."""
+        if self.region.surface is None or self.region.tilt is None:
+            raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
+        panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, views=self._views)
+        stokes = reflected_by_rules(panel, skylight, rules)
+        through = np.array([light.transmittance for light in self.lights])
+        return rotate_frame(through[:, np.newaxis] * stokes, self._roll_rad)
 
     def path(self, lighting: Lighting) -> FloatArray:
         """Return what the air adds, shape (V, 3)."""
         found = lighting.path(height_m=self.lights[0].view.height_m, zenith_rad=self._zenith_rad, phi_rad=self._phi_rad)
-        turned = [rotate_frame(one, light.view.roll_rad) for one, light in zip(found, self.lights, strict=True)]
-        return np.stack(turned)
+        return rotate_frame(found, self._roll_rad)
 
     def transmittance(self, lighting: Lighting) -> FloatArray:
         """Return the transmittance of the air, shape (V,)."""
         return lighting.transmittance(height_m=self.lights[0].view.height_m, zenith_rad=self._zenith_rad)
 
     @property
+    def rules(self) -> Rules:
+        """Rules of the hemisphere integral that were used."""
+        return self.lights[0].rules
+
+    @property
+    def _views(self) -> tuple[View, ...]:
+        return tuple(light.view for light in self.lights)
+
+    @property
     def _zenith_rad(self) -> FloatArray:
-        return np.array([light.view.zenith_rad for light in self.lights])
+        return np.array([view.zenith_rad for view in self._views])
 
     @property
     def _phi_rad(self) -> FloatArray:
-        return self.sun_azimuth_rad - np.array([light.view.azimuth_rad for light in self.lights])
+        return self.sun_azimuth_rad - np.array([view.azimuth_rad for view in self._views])
 
-    def _reflected(self, skylight: Skylight, light: ApertureLight) -> FloatArray:
-        if self.region.surface is None or self.region.tilt is None:
-            raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
-        panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, view=light.view)
-        stokes = reflected_by_rules(panel, skylight, light.rules)
-        return rotate_frame(light.transmittance * stokes, light.view.roll_rad)
+    @property
+    def _roll_rad(self) -> FloatArray:
+        return np.array([view.roll_rad for view in self._views])
 
 
 def lines_of_sight(scene: LitScene, region: LitRegion, lights: tuple[ApertureLight, ...]) -> LinesOfSight:

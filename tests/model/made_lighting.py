@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.atmosphere.lighting.analytic_sky import analytic_sky
-from model.panel_light import Skylight
+from model.skylight import Skylight
 
 SUN_AZIMUTH_RAD = np.radians(200.0)
 

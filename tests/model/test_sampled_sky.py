@@ -64,8 +64,9 @@ def test_twice_the_samples_are_better():
 
 def test_nodes_give_the_sky_itself():
     sky = polarized_sky()
-    sampled = sample_sky(sky, sun_zenith_rad=np.radians(50.0), azimuths=8)
-    zenith, phi = np.meshgrid(sampled.nodes_rad, np.pi / 8.0 * np.arange(-3, 8))
+    sampled = sample_sky(sky, sun_zenith_rad=np.radians(50.0), zeniths=24, azimuths=8)
+    nodes_rad = 0.25 * np.pi * (1.0 - np.cos(np.pi * np.arange(25) / 24))
+    zenith, phi = np.meshgrid(nodes_rad, np.pi / 8.0 * np.arange(-3, 8))
     np.testing.assert_allclose(
         sampled(zenith_rad=zenith, phi_rad=phi), sky(zenith_rad=zenith, phi_rad=phi), rtol=0, atol=1e-11
     )
