@@ -28,7 +28,7 @@ from tests.model.accuracy.random_scenes import random_scene
 # Finer in every knob than a plan for the smallest of the tolerances, and with other layers than any plan has; the law
 # of DoLP and the ROC by quadrature alone.
 FINEST = Settings(
-    wavelengths=6,
+    wavelengths=8,
     split_at_kinks=True,
     solver=SolverSettings(
         fine_layers=True, nodes=16, element_depth=0.05, tolerance=1e-7, matrix_tolerance=1e-3, extrapolated=True
@@ -36,7 +36,7 @@ FINEST = Settings(
     sky_zeniths=36,
     sky_azimuths=32,
     hemisphere_tolerance=1e-5,
-    tiles_per_side=8,
+    tiles_per_side=12,
     negligible_spread=0.0,
     dolp_tolerance=1e-11,
     roc_tolerance=1e-11,
@@ -49,7 +49,7 @@ _VERY_FINE = replace(
     sky_zeniths=54,
     sky_azimuths=50,
     hemisphere_tolerance=1e-6,
-    tiles_per_side=12,
+    tiles_per_side=16,
 )
 _FINE_DOWN_TO = 0.003
 _SMALLEST_TRUE = 1e-12

@@ -1,7 +1,7 @@
 """Light of a region over the part of the field of view that it fills: mean and covariance over its pixels."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -30,11 +30,15 @@ class FieldLight:
         What five directions (centre and the middles of the edges) say of the field: standard deviation over it and
         shift of its mean from the centre, largest component over S0; 0 for a point, not a number where it was not
         asked for.
+    finer
+        Tile to its light by the finest rules of the hemisphere integral that were tried, for those which showed what
+        rules suffice for all.
     """
 
     lights: tuple[ApertureLight, ...]
     weights: tuple[float, ...]
     spread: float
+    finer: Mapping[int, ApertureLight] = field(default_factory=dict)
 
     @property
     def error(self) -> float:
@@ -177,8 +181,8 @@ def light_over_tiles(
     found = tiles(part, view, per_side=per_side, rule=rule)
     last, middle = per_side**2 - 1, (per_side // 2) * (per_side + 1)
     corners = sorted({0, per_side - 1, middle, last - per_side + 1, last})
-    rules = lights_at(tuple(found[k].view for k in corners), None)[0].rules
-    return _over_tiles(lights_at, found, rules, np.nan)
+    finer = dict(zip(corners, lights_at(tuple(found[k].view for k in corners), None), strict=True))
+    return replace(_over_tiles(lights_at, found, finer[0].rules, np.nan), finer=finer)
 
 
 def _over_tiles(

@@ -142,6 +142,39 @@ def scenario_of(
     return _scenario(seen, _fields(seen, used, effects, lights))
 
 
+def region_light(seen: LitScene, region: LitRegion, field: FieldLight) -> RegionLight:
+    """Return what a prediction takes of the light of a region over its part of the field.
+
+    Parameters
+    ----------
+    seen
+        The scene with the effects that act.
+    region
+        Of the scene, given by its material.
+    field
+        Its light.
+
+    References
+    ----------
+    [MK14] eq. (7)-(10).
+    """
+    whole = field.moments(
+        seen.source,
+        texture_rms=region.texture_rms,
+        texture_diagonal=region.texture_diagonal,
+        texture_cov=region.texture_cov,
+    )
+    over_field = field.moments(seen.source, texture_cov=np.zeros((3, 3))).cov
+    light = RegionLight(
+        name=region.name,
+        stokes_radiance=whole.mean,
+        texture_rms=0.0,
+        texture_cov=whole.cov - over_field,
+        field_cov=over_field,
+    )
+    return _with_falloff(light, region, seen)
+
+
 def _illumination(
     scene: LitScene, settings: Settings, effects: frozenset[Effect], lights: LightStore
 ) -> Illumination | None:
@@ -185,36 +218,22 @@ def _scenario(scene: LitScene, fields: dict[str, FieldLight]) -> Scenario:
 
 
 def _region_light(region: LitRegion, fields: dict[str, FieldLight], scene: LitScene) -> RegionLight:
-    light = _light_as_given(region, fields, scene)
+    if region.radiance is None:
+        return region_light(scene, region, fields[region.name])
+    given = RegionLight(
+        name=region.name,
+        stokes_radiance=region.radiance,
+        texture_rms=region.texture_rms,
+        texture_cov=region.texture_cov,
+    )
+    return _with_falloff(given, region, scene)
+
+
+def _with_falloff(light: RegionLight, region: LitRegion, scene: LitScene) -> RegionLight:
     if region.part is None or not scene.imperfections.off_axis_falloff:
         return light
     falloff = cosine_fourth(region.part)
     return replace(light, falloff_mean=falloff.mean, falloff_var=falloff.var)
-
-
-def _light_as_given(region: LitRegion, fields: dict[str, FieldLight], scene: LitScene) -> RegionLight:
-    if region.radiance is not None:
-        return RegionLight(
-            name=region.name,
-            stokes_radiance=region.radiance,
-            texture_rms=region.texture_rms,
-            texture_cov=region.texture_cov,
-        )
-    field = fields[region.name]
-    whole = field.moments(
-        scene.source,
-        texture_rms=region.texture_rms,
-        texture_diagonal=region.texture_diagonal,
-        texture_cov=region.texture_cov,
-    )
-    over_field = field.moments(scene.source, texture_cov=np.zeros((3, 3))).cov
-    return RegionLight(
-        name=region.name,
-        stokes_radiance=whole.mean,
-        texture_rms=0.0,
-        texture_cov=whole.cov - over_field,
-        field_cov=over_field,
-    )
 
 
 @contextmanager

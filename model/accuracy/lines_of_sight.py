@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.lighting.lighting import Lighting
-from model.hemisphere import Rules, reflected_by_rules
+from model.field_light import FieldLight
+from model.hemisphere import reflected_by_rules
 from model.lit_scene import LitRegion, LitScene
 from model.panel_light import PanelLight
 from model.scene import ApertureLight
@@ -29,28 +30,32 @@ class LinesOfSight:
         The region.
     lights
         What was found along them: of one tile, or of two corners of the field and its middle, the last.
+    finer
+        The same by finer rules of the hemisphere integral; of one tile itself.
     sun_azimuth_rad
         Clockwise from north [rad].
     """
 
     region: LitRegion
     lights: tuple[ApertureLight, ...]
+    finer: tuple[ApertureLight, ...]
     sun_azimuth_rad: float
 
     def part(self, name: str) -> FloatArray:
         """Return a part of the light that was found, shape (V, 3)."""
         return np.stack([getattr(light, name) for light in self.lights])
 
+    def missed_by_rules(self) -> FloatArray:
+        """Return what finer rules of the hemisphere integral add to the reflected sky, shape (V, 3)."""
+        return np.stack([finer.reflected_sky for finer in self.finer]) - self.part("reflected_sky")
+
     def reflected(self, sky: Sky) -> FloatArray:
         """Return what the region sends of a sky to the camera, by the rules that were used, shape (V, 3)."""
-        return self.reflected_light(Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad), self.rules)
-
-    def reflected_light(self, skylight: Skylight, rules: Rules) -> FloatArray:
-        """Return what the region sends of all skylight to the camera, by other rules, shape (V, 3)."""
         if self.region.surface is None or self.region.tilt is None:
             raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
         panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, views=self._views)
-        stokes = reflected_by_rules(panel, skylight, rules)
+        skylight = Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
+        stokes = reflected_by_rules(panel, skylight, self.lights[0].rules)
         through = np.array([light.transmittance for light in self.lights])
         return rotate_frame(through[:, np.newaxis] * stokes, self._roll_rad)
 
@@ -62,11 +67,6 @@ class LinesOfSight:
     def transmittance(self, lighting: Lighting) -> FloatArray:
         """Return the transmittance of the air, shape (V,)."""
         return lighting.transmittance(height_m=self.lights[0].view.height_m, zenith_rad=self._zenith_rad)
-
-    @property
-    def rules(self) -> Rules:
-        """Rules of the hemisphere integral that were used."""
-        return self.lights[0].rules
 
     @property
     def _views(self) -> tuple[View, ...]:
@@ -85,7 +85,7 @@ class LinesOfSight:
         return np.array([view.roll_rad for view in self._views])
 
 
-def lines_of_sight(scene: LitScene, region: LitRegion, lights: tuple[ApertureLight, ...]) -> LinesOfSight:
+def lines_of_sight(scene: LitScene, region: LitRegion, light: FieldLight) -> LinesOfSight:
     """Return where to look for a region.
 
     Parameters
@@ -94,10 +94,15 @@ def lines_of_sight(scene: LitScene, region: LitRegion, lights: tuple[ApertureLig
         For the sun's azimuth.
     region
         Given by its material.
-    lights
-        Of its tiles, row by row.
+    light
+        What was found.
     """
-    per_side = isqrt(len(lights))
+    per_side, tiles = isqrt(len(light.lights)), dict(enumerate(light.lights))
     middle = (per_side // 2) * (per_side + 1)
-    chosen = tuple(lights[k] for k in dict.fromkeys((0, len(lights) - 1, middle)))
-    return LinesOfSight(region=region, lights=chosen, sun_azimuth_rad=scene.sun_azimuth_rad)
+    chosen = tuple(dict.fromkeys((0, len(tiles) - 1, middle)))
+    return LinesOfSight(
+        region=region,
+        lights=tuple(tiles[k] for k in chosen),
+        finer=tuple({**tiles, **light.finer}[k] for k in chosen),
+        sun_azimuth_rad=scene.sun_azimuth_rad,
+    )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.accuracy.chain import ChainResult
-from model.accuracy.field_error import decay
+from model.accuracy.field_decay import decay
 from model.accuracy.knobs import (
     KNOBS,
     STREAMS,

@@ -19,6 +19,8 @@ Changes = Mapping[Reading, float]
 # Of the tolerance, as a share of S0: small beside what bends the law of a quantity, large beside its rounding.
 _STEP = 0.3
 _LEAST_STEP = 1e-7
+# Of the largest component of an error what any may have at other places of the field.
+_ELSEWHERE = 0.3
 
 
 def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, tolerance: float) -> tuple[Changes, ...]:
@@ -95,3 +97,23 @@ def _moved(region: RegionLight, component: int, step: float) -> RegionLight:
 def over_field(region: RegionLight) -> FloatArray:
     """Return the covariance of a region's light over its part of the field, shape (3, 3)."""
     return np.zeros((3, 3)) if region.field_cov is None else region.field_cov
+
+
+def grown(cov: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return a covariance whose deviations have grown by the sizes of an error along each of its principal axes.
+
+    Parameters
+    ----------
+    cov
+        Positive semi-definite, shape (3, 3).
+    sizes
+        Of the error's components, each 0 or more and one above, shape (3,).
+
+    References
+    ----------
+    Definition: axes and deviations in units of the sizes, each deviation by 1.
+    """
+    unit = np.maximum(sizes, _ELSEWHERE * np.max(sizes))
+    values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
+    roots = np.sqrt(np.maximum(values, 0.0)) + 1.0
+    return np.asarray((vectors * roots**2) @ vectors.T * np.outer(unit, unit))

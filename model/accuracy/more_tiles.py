@@ -1,0 +1,58 @@
+"""Light of a region over one more tile along each side: beside it stands what the tiles of a result miss."""
+
+from math import isqrt
+
+from model.accuracy.chain import ChainResult, region_light
+from model.adjacency import with_surroundings
+from model.effects.acting import acting
+from model.effects.names import Effect
+from model.field_light import FieldLight
+from model.field_of_view import tiles
+from model.lit_scene import LitRegion, LitScene
+from model.scenario import RegionLight
+from model.scene import aperture_lights
+
+
+def on_more_tiles(scene: LitScene, region: LitRegion, result: ChainResult) -> RegionLight | None:
+    """Return the light of a region over one more tile along each side; None for a point.
+
+    Parameters
+    ----------
+    scene, result
+        What was evaluated, and what was found.
+    region
+        Of the scene, given by its material.
+
+    Raises
+    ------
+    ValueError
+        The radiance of the region is given.
+
+    References
+    ----------
+    Definition; rules of the hemisphere integral as for the tiles.
+    """
+    air, view, illumination = scene.air, scene.view, result.illumination
+    if air is None or view is None or illumination is None or region.surface is None or region.tilt is None:
+        raise ValueError(f"region {region.name}: its radiance is given, there is nothing to compute")
+    own = result.lights[region.name].lights
+    if region.part is None or len(own) == 1:
+        return None
+    more = tiles(region.part, view, per_side=isqrt(len(own)) + 1, rule=result.settings.tile_rule)
+    lights = aperture_lights(
+        illumination,
+        surface=region.surface,
+        tilt=region.tilt,
+        views=tuple(tile.view for tile in more),
+        rules=own[0].rules,
+        skylight=Effect.SKYLIGHT in result.effects,
+        path=Effect.PATH_RADIANCE in result.effects,
+    )
+    field = FieldLight(
+        lights=lights, weights=tuple(tile.weight for tile in more), spread=result.lights[region.name].spread
+    )
+    seen = acting(scene, result.effects)
+    around = seen.imperfections.surround_albedo
+    if around is not None:
+        field = with_surroundings(field, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
+    return region_light(seen, region, field)
