@@ -1,7 +1,7 @@
 """From errors of the light to errors of what a user reads: per knob, and their sum."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,13 +11,16 @@ from model.accuracy.knobs import DOLP, ROC, TILES
 from model.accuracy.light_error import LightError
 from model.accuracy.more_tiles import on_more_tiles
 from model.accuracy.quantities import Reading, readings
-from model.accuracy.sensitivity import Changes, changes, grown, over_field, sensitivity
+from model.accuracy.sensitivity import Changes, changes, grown, over_field, steps
 from model.lit_scene import LitScene
 from model.scenario import RegionLight
 
 # What one more tile along each side changes is what the tiles miss: of the fields of 240 random scenes, by 3 to 6
 # tiles, the middle one by a hundredth more or less, one of twenty by 0.8 of it or less; of fields with a kink by half.
 _OF_MORE_TILES = 2.0
+
+# Light of a region whose covariance over the field has grown by what errors differ there.
+_WIDER = "wider"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,17 +65,36 @@ def error_budget(
     for region in result.scenario.regions:
         if region.name not in result.lights:
             continue
-        moves = sensitivity(scene, result, region, tolerance=tolerance)
         errors = {knob: of_region[region.name] for knob, of_region in lights.items() if region.name in of_region}
-        for knob, error in errors.items():
-            _add(by_knob[knob], _moved(moves, error))
-        for knob, change in _spread(scene, result, region, errors).items():
-            _add(by_knob[knob], change)
-        _add(by_knob[TILES], _of_tiles(scene, result, region.name))
+        for knob, found in _of_region(scene, result, region, errors, tolerance=tolerance):
+            _add(by_knob[knob], found)
     by_knob |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
     every = readings(result.scenario, result.predictions, result.detections)
     total = {key: sum(errors.get(key, 0.0) for errors in by_knob.values()) for key in every}
     return Budget(by_knob={knob: dict(errors) for knob, errors in by_knob.items()}, total=total)
+
+
+def _of_region(
+    scene: LitScene, result: ChainResult, region: RegionLight, errors: Mapping[str, LightError], *, tolerance: float
+) -> Iterator[tuple[str, Changes]]:
+    """Yield knobs and what they change: by their errors, by what differs of these over the field, and by the tiles."""
+    differ = sum((error.field for error in errors.values()), np.zeros(3))
+    stepped = steps(region, tolerance=tolerance)
+    others: dict[str, RegionLight] = {}
+    if np.any(differ):
+        others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
+    if (finer := on_more_tiles(scene, result, region.name)) is not None:
+        others[TILES] = finer
+    found = changes(scene, result, region.name, (*stepped.lights, *others.values()))
+    moves = stepped.per_unit(found[: len(stepped.lights)])
+    changed = dict(zip(others, found[len(stepped.lights) :], strict=True))
+    for knob, error in errors.items():
+        yield knob, _moved(moves, error)
+        if np.any(error.field):
+            share = float(np.mean((error.field / differ)[differ > 0.0]))
+            yield knob, {key: share * abs(change) for key, change in changed[_WIDER].items()}
+    if TILES in changed:
+        yield TILES, {key: _OF_MORE_TILES * abs(change) for key, change in changed[TILES].items()}
 
 
 def _add(errors: dict[Reading, float], more: Changes) -> None:
@@ -93,27 +115,6 @@ def _moved(moves: tuple[Changes, ...], error: LightError) -> Changes:
         if size > 0.0:
             _add(found, {key: abs(each) * size for key, each in change.items()})
     return found
-
-
-def _spread(
-    scene: LitScene, result: ChainResult, region: RegionLight, errors: Mapping[str, LightError]
-) -> dict[str, Changes]:
-    """Return what errors that differ over the field change; the part of each knob by its part of them."""
-    differ = sum((error.field for error in errors.values()), np.zeros(3))
-    if not np.any(differ):
-        return {}
-    wider = changes(scene, result, replace(region, field_cov=grown(over_field(region), differ)))
-    parts = {knob: float(np.mean((e.field / differ)[differ > 0.0])) for knob, e in errors.items()}
-    return {knob: {key: part * abs(change) for key, change in wider.items()} for knob, part in parts.items() if part}
-
-
-def _of_tiles(scene: LitScene, result: ChainResult, name: str) -> Changes:
-    """Return what one more tile along each side of a region changes, and what more of them may."""
-    region = next(one for one in scene.regions if one.name == name)
-    finer = on_more_tiles(scene, region, result)
-    if finer is None:
-        return {}
-    return {key: _OF_MORE_TILES * abs(change) for key, change in changes(scene, result, finer).items()}
 
 
 def _of_dolp(result: ChainResult) -> dict[Reading, float]:

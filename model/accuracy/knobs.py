@@ -110,7 +110,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 estimate="the shortest wavelength, few streams, beside the next level",
                 levels=_levels(
                     tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
-                    (2.5e-3, 6e-4, 1e-5, 5e-7, 6e-8, 6e-9),
+                    (1.5e-3, 4e-4, 1e-5, 5e-7, 6e-8, 6e-9),
                     (1.0, 1.3, 2.3, 3.3, 5.5, 10.0),
                 ),
             ),
@@ -138,22 +138,22 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 name=HEMISPHERE,
                 stage="light",
                 law="geometric; of the square root of the nodes where a horizon lies in the lobe",
-                estimate="difference of two rules",
+                estimate="finer rules in corners and middle",
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
-                    (1.5e-3, 6e-4, 4e-5, 2e-6, 4e-7),
-                    (1.2, 1.7, 2.4, 8.0, 20.0),
+                    (1.5e-3, 2e-4, 2e-5, 1.5e-6, 4e-7),
+                    (1.0, 1.3, 1.8, 4.0, 20.0),
                 ),
             ),
             Knob(
                 name=TILES,
                 stage="light",
                 law="geometric over a smooth field; slower where the shadowing has its kink in it",
-                estimate="six lines of sight between the tiles, beside the polynomial through them",
+                estimate="one more tile along each side",
                 levels=_levels(
                     tuple(f"{n} x {n}" for n in _TILES),
-                    (3e-2, 3e-3, 2e-4, 3e-5, 1e-5, 3e-6, 1e-6, 4e-7, 1e-7, 5e-8),
-                    tuple(float(n * n + 1) for n in _TILES),
+                    (1.5e-2, 1.5e-3, 1e-4, 2e-5, 1e-5, 3e-6, 1e-6, 4e-7, 1e-7, 5e-8),
+                    tuple(float(n**2 + (n + 1) ** 2 + 5) for n in _TILES),
                 ),
             ),
         )

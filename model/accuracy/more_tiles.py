@@ -8,20 +8,20 @@ from model.effects.acting import acting
 from model.effects.names import Effect
 from model.field_light import FieldLight
 from model.field_of_view import tiles
-from model.lit_scene import LitRegion, LitScene
+from model.lit_scene import LitScene
 from model.scenario import RegionLight
 from model.scene import aperture_lights
 
 
-def on_more_tiles(scene: LitScene, region: LitRegion, result: ChainResult) -> RegionLight | None:
+def on_more_tiles(scene: LitScene, result: ChainResult, name: str) -> RegionLight | None:
     """Return the light of a region over one more tile along each side; None for a point.
 
     Parameters
     ----------
     scene, result
         What was evaluated, and what was found.
-    region
-        Of the scene, given by its material.
+    name
+        Of a region that is given by its material.
 
     Raises
     ------
@@ -32,10 +32,11 @@ def on_more_tiles(scene: LitScene, region: LitRegion, result: ChainResult) -> Re
     ----------
     Definition; rules of the hemisphere integral as for the tiles.
     """
+    region = next(one for one in scene.regions if one.name == name)
     air, view, illumination = scene.air, scene.view, result.illumination
     if air is None or view is None or illumination is None or region.surface is None or region.tilt is None:
-        raise ValueError(f"region {region.name}: its radiance is given, there is nothing to compute")
-    own = result.lights[region.name].lights
+        raise ValueError(f"region {name}: its radiance is given, there is nothing to compute")
+    own = result.lights[name].lights
     if region.part is None or len(own) == 1:
         return None
     more = tiles(region.part, view, per_side=isqrt(len(own)) + 1, rule=result.settings.tile_rule)
@@ -48,9 +49,7 @@ def on_more_tiles(scene: LitScene, region: LitRegion, result: ChainResult) -> Re
         skylight=Effect.SKYLIGHT in result.effects,
         path=Effect.PATH_RADIANCE in result.effects,
     )
-    field = FieldLight(
-        lights=lights, weights=tuple(tile.weight for tile in more), spread=result.lights[region.name].spread
-    )
+    field = FieldLight(lights=lights, weights=tuple(tile.weight for tile in more), spread=result.lights[name].spread)
     seen = acting(scene, result.effects)
     around = seen.imperfections.surround_albedo
     if around is not None:

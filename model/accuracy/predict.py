@@ -21,10 +21,10 @@ ESTIMATES = "error estimates"
 SMALLEST, LARGEST = 1e-6, 0.1
 # Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
 # times as much, then with errors as they were estimated for each number.
-_FIRST_AIM, _AIM = 0.35, 0.75
+_FIRST_AIM, _AIM = 0.6, 0.75
 # A first plan is no coarser, for that would save nothing. Where it would have to be finer it is the coarsest: it costs
 # little beside the one that follows, and tells it what counts.
-_FIRST_COARSEST, _FIRST_FINEST = 5e-3, 7e-4
+_FIRST_COARSEST, _FIRST_FINEST = 1e-2, 7e-4
 _ROUNDS = 6
 _SPHERES = (
     "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "

@@ -1,7 +1,7 @@
 """How what a user reads moves with the light of each region: a step of each component."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from model.accuracy.chain import ChainResult
 from model.accuracy.quantities import Reading, readings, signed_differences
 from model.lit_scene import LitScene
-from model.performance import pair_detection
-from model.prediction import predict
+from model.performance import PairDetection, detections_of_pair, pair_detection
+from model.prediction import RegionPrediction, predict
 from model.scenario import RegionLight
 
 FloatArray = NDArray[np.float64]
@@ -23,17 +23,38 @@ _LEAST_STEP = 1e-7
 _ELSEWHERE = 0.3
 
 
-def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, tolerance: float) -> tuple[Changes, ...]:
-    """Return for S0, S1 and S2 the change of each reading, in the units of a tolerance, per unit of its error.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Steps:
+    """Steps of the light of a region, one of each component.
+
+    Attributes
+    ----------
+    sizes
+        Of S0, S1 and S2, with their signs, shape (3,) [W m-2 sr-1]; none is 0.
+    lights
+        The region's light with each of them.
+    """
+
+    sizes: FloatArray
+    lights: tuple[RegionLight, ...]
+
+    def per_unit(self, found: Sequence[Changes]) -> tuple[Changes, ...]:
+        """Return the changes of the readings per unit of each component's error, of those that the steps made."""
+        if not self.lights:
+            return ({}, {}, {})
+        pairs = zip(found, self.sizes.tolist(), strict=True)
+        return tuple({key: change / size for key, change in each.items()} for each, size in pairs)
+
+
+def steps(region: RegionLight, *, tolerance: float) -> Steps:
+    """Return steps small beside what bends the law of a quantity, and large beside its rounding; none in the dark.
 
     Parameters
     ----------
-    scene, result
-        What was evaluated, and what was found.
     region
-        Of the result's scenario.
+        Light of a region.
     tolerance
-        That is asked for; it sets the step.
+        That is asked for.
 
     References
     ----------
@@ -41,44 +62,63 @@ def sensitivity(scene: LitScene, result: ChainResult, region: RegionLight, *, to
     """
     size = max(_STEP * tolerance, _LEAST_STEP) * abs(float(region.stokes_radiance[0]))
     if size == 0.0:
-        return ({}, {}, {})
-
-    def per_unit(changed: RegionLight, step: float) -> Changes:
-        return {key: change / step for key, change in changes(scene, result, changed).items()}
-
-    steps = [_step(region, component, size) for component in range(3)]
-    return tuple(per_unit(_moved(region, component, step), step) for component, step in enumerate(steps))
+        return Steps(sizes=np.zeros(0), lights=())
+    sizes = np.array([_step(region, component, size) for component in range(3)])
+    lights = tuple(_moved(region, component, step) for component, step in enumerate(sizes.tolist()))
+    return Steps(sizes=sizes, lights=lights)
 
 
-def changes(scene: LitScene, result: ChainResult, changed: RegionLight) -> dict[Reading, float]:
-    """Return the change of each reading where the light of one region is another; infinite where it is lost.
+def changes(
+    scene: LitScene, result: ChainResult, name: str, alternatives: Sequence[RegionLight]
+) -> list[dict[Reading, float]]:
+    """Return the changes of the readings for each other light of a region; infinite where a reading is lost.
 
     Parameters
     ----------
     scene, result
         What was evaluated, and what was found.
-    changed
-        The other light of the region of that name.
+    name
+        Of the region.
+    alternatives
+        Its other lights.
     """
-    own = replace(result.scenario, regions=(changed,))
-    concerned = [(pair, at) for at, pair in enumerate(scene.pairs) if changed.name in pair]
-    before = replace(result.scenario, regions=tuple(r for r in result.scenario.regions if r.name == changed.name))
-    base = readings(
-        before,
-        {changed.name: result.predictions[changed.name]},
-        tuple(result.detections[at] for _, at in concerned),
-    )
+    pairs = tuple(pair for pair in scene.pairs if name in pair)
+    before = replace(result.scenario, regions=tuple(r for r in result.scenario.regions if r.name == name))
+    concerned = tuple(found for pair, found in zip(scene.pairs, result.detections, strict=True) if pair in pairs)
+    base = readings(before, {name: result.predictions[name]}, concerned)
+    alone = [_predicted(result, other) for other in alternatives]
+    possible = {k: {**result.predictions, name: one} for k, one in enumerate(alone) if one is not None}
+    by_pair = [_detections(scene, result, pair, possible) for pair in pairs]
+
+    def changed(k: int) -> dict[Reading, float]:
+        if k not in possible:
+            return dict.fromkeys(base, np.inf)
+        own = replace(result.scenario, regions=(alternatives[k],))
+        there = readings(own, {name: possible[k][name]}, tuple(detections[k] for detections in by_pair))
+        return signed_differences(base, there)
+
+    return [changed(k) for k in range(len(alternatives))]
+
+
+def _predicted(result: ChainResult, light: RegionLight) -> RegionPrediction | None:
+    """Prediction of another light of a region; None for light that nothing sends, polarized to more than 1."""
+    own = replace(result.scenario, regions=(light,))
     try:
-        alone = predict(own, tolerance=result.settings.dolp_tolerance)
+        return predict(own, tolerance=result.settings.dolp_tolerance)[light.name]
     except ValueError:
-        # Light that nothing sends, of a degree of polarization above 1: so near to it nothing is promised.
-        return dict.fromkeys(base, np.inf)
-    every = {**result.predictions, **alone}
-    pairs = tuple(
-        pair_detection(*pair, every, scene.p_false_alarm, tolerance=result.settings.roc_tolerance)
-        for pair, _ in concerned
-    )
-    return signed_differences(base, readings(own, alone, pairs))
+        return None
+
+
+def _detections(
+    scene: LitScene, result: ChainResult, pair: tuple[str, str], alternatives: dict[int, dict[str, RegionPrediction]]
+) -> dict[int, PairDetection]:
+    rates, tolerance, each = scene.p_false_alarm, result.settings.roc_tolerance, list(alternatives.values())
+    try:
+        found = detections_of_pair(*pair, each, rates, tolerance=tolerance)
+    except ValueError:
+        # One background that is singular is refused together with all others: each is asked for itself then.
+        found = tuple(pair_detection(*pair, one, rates, tolerance=tolerance) for one in each)
+    return dict(zip(alternatives, found, strict=True))
 
 
 def _step(region: RegionLight, component: int, size: float) -> float:

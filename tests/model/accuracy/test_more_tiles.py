@@ -1,0 +1,47 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from model.accuracy.chain import evaluate
+from model.accuracy.knobs import HEMISPHERE, KNOBS, settings_at
+from model.accuracy.more_tiles import on_more_tiles
+from tests.model.accuracy.random_scenes import random_scene
+
+# A target before a background that fills 20 by 16 deg of the field; two points.
+WIDE, POINTS = 14, 4
+PLAN = {**dict.fromkeys(KNOBS, 0), HEMISPHERE: 2}
+
+
+def settings(tiles_per_side):
+    return replace(settings_at(PLAN, 1e-3), tiles_per_side=tiles_per_side)
+
+
+@pytest.mark.parametrize("per_side", [3, 4])
+def test_what_one_more_tile_changes_is_what_the_tiles_miss(per_side):
+    scene = random_scene(WIDE)
+    result = evaluate(scene, settings(per_side))
+    finest = {one.name: one for one in evaluate(scene, settings(9)).scenario.regions}
+    wide = [one for one in result.scenario.regions if len(result.lights[one.name].lights) > 1]
+    assert wide
+    for own in wide:
+        more = on_more_tiles(scene, result, own.name)
+        for moment in ("stokes_radiance", "field_cov"):
+            true = np.max(np.abs(getattr(finest[own.name], moment) - getattr(own, moment)))
+            found = np.max(np.abs(getattr(more, moment) - getattr(own, moment)))
+            # What is left falls by ten with each tile of a smooth field; the rules of the hemisphere are theirs alone.
+            scale = np.max(np.abs(getattr(own, moment)))
+            assert found == pytest.approx(true, rel=0.3, abs=3e-5 * scale), (own.name, moment)
+
+
+def test_a_point_has_no_more_tiles():
+    scene = random_scene(POINTS)
+    result = evaluate(scene, settings(3))
+    assert all(on_more_tiles(scene, result, name) is None for name in result.lights)
+
+
+def test_light_that_is_given_has_none():
+    scene = random_scene(WIDE)
+    result = replace(evaluate(scene, settings(3)), illumination=None)
+    with pytest.raises(ValueError, match="nothing to compute"):
+        on_more_tiles(scene, result, next(iter(result.lights)))
