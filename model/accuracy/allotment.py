@@ -29,7 +29,8 @@ def expected_s(scene: LitScene, plan: Plan, ahead: Outlook) -> float:
     effort = {name: ahead.efforts[name][level] for name, level in plan.items()}
     solver = effort[STREAMS] * effort[LAYERS]
     sky = _SOLVED_S * solver + _READ_S * effort[SKY_GRID] * float(solver**_READING)
-    lines = sum(_LINES_OF_POINT if region.part is None else effort[TILES] for region in scene.regions if region.surface is not None)
+    seen = [region for region in scene.regions if region.surface is not None]
+    lines = sum(_LINES_OF_POINT if region.part is None else effort[TILES] for region in seen)
     return effort[WAVELENGTHS] * sky + _SEEN_S * lines * effort[HEMISPHERE]
 
 

@@ -18,7 +18,7 @@ from model.accuracy.knobs import (
     streams,
     tiles_per_side,
 )
-from model.accuracy.spectral_error import spectral_error
+from model.accuracy.spectral_error import spectral_errors
 from model.atmosphere.profile import column
 from model.lit_scene import Air, LitScene
 
@@ -121,5 +121,5 @@ def _of_streams(asymmetry: float) -> tuple[float, ...]:
 def _of_wavelengths(air: Air) -> tuple[tuple[float, ...], tuple[float, ...]]:
     lowest = settings_at(dict.fromkeys(KNOBS, 0), 1e-2)
     levels = range(len(KNOBS[WAVELENGTHS].levels))
-    found = [spectral_error(air, at_level(lowest, WAVELENGTHS, level)) for level in levels]
+    found = spectral_errors(air, [at_level(lowest, WAVELENGTHS, level) for level in levels])
     return tuple(one.scattered for one in found), tuple(float(one.rule.wavelength_m.size) for one in found)

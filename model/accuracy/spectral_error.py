@@ -1,5 +1,6 @@
 """What the number of wavelengths costs: the rule tried on functions of the optical depth, known at all wavelengths."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,9 +69,29 @@ def spectral_error(air: Air, settings: Settings) -> SpectralError:
 
     Parameters
     ----------
+    air, settings
+        As in `spectral_errors`.
+
+    Raises
+    ------
+    ValueError
+        The air is a table.
+
+    References
+    ----------
+    Definition.
+    """
+    return spectral_errors(air, (settings,))[0]
+
+
+def spectral_errors(air: Air, several: Sequence[Settings]) -> tuple[SpectralError, ...]:
+    """Return what `spectral_error` does for each of several settings.
+
+    Parameters
+    ----------
     air
         Atmosphere and band; no table.
-    settings
+    several
         Their wavelengths count.
 
     Raises
@@ -88,30 +109,37 @@ def spectral_error(air: Air, settings: Settings) -> SpectralError:
     ----------
     Definition.
     """
-    if air.state is None:
+    state = air.state
+    if state is None:
         raise ValueError("spectral_error: a table has no wavelengths")
     mu0 = float(np.cos(air.sun_zenith_rad))
-    ozone = np.exp(-ozone_optical_depth(wavelength_m=air.band.wavelength_m, ozone_m=air.state.ozone_m) / mu0)
+    ozone = np.exp(-ozone_optical_depth(wavelength_m=air.band.wavelength_m, ozone_m=state.ozone_m) / mu0)
     lit = air.band.shares > 0.0
     everything = SpectralRule(wavelength_m=air.band.wavelength_m[lit], irradiance=(air.band.shares * ozone)[lit])
-    rule = spectral_rule(
-        wavelength_m=everything.wavelength_m,
-        irradiance=everything.irradiance,
-        count=settings.wavelengths,
-        kinks_m=kinks_m(air.state, aerosol=air.aerosol) if settings.split_at_kinks else (),
-    )
-    few, all_of_it = _spectrum(air, rule, mu0), _spectrum(air, everything, mu0)
-    present = [pair for pair in zip(few.parts, all_of_it.parts, strict=True) if np.any(pair[1] > _ROUNDING)]
-    errors = np.stack([few.sums(some) / all_of_it.sums(every) - 1.0 for some, every in present])
-    # Polarized light is of the molecules, or of both alike.
-    unlike = max(float(np.max(np.ptp(errors, axis=0))), float(np.max(np.ptp(errors, axis=1))))
-    return SpectralError(
-        scattered=_BEYOND * float(np.max(np.abs(errors))) + _ROUNDING,
-        by_component=_UNLIKE * unlike,
-        rule=rule,
-        _all=all_of_it,
-        _few=few,
-    )
+    all_of_it = _spectrum(air, everything, mu0)
+    present = [k for k, part in enumerate(all_of_it.parts) if np.any(part > _ROUNDING)]
+    true = [all_of_it.sums(all_of_it.parts[k]) for k in present]
+
+    def found(settings: Settings) -> SpectralError:
+        rule = spectral_rule(
+            wavelength_m=everything.wavelength_m,
+            irradiance=everything.irradiance,
+            count=settings.wavelengths,
+            kinks_m=kinks_m(state, aerosol=air.aerosol) if settings.split_at_kinks else (),
+        )
+        few = _spectrum(air, rule, mu0)
+        errors = np.stack([few.sums(few.parts[k]) / every - 1.0 for k, every in zip(present, true, strict=True)])
+        # Polarized light is of the molecules, or of both alike.
+        unlike = max(float(np.max(np.ptp(errors, axis=0))), float(np.max(np.ptp(errors, axis=1))))
+        return SpectralError(
+            scattered=_BEYOND * float(np.max(np.abs(errors))) + _ROUNDING,
+            by_component=_UNLIKE * unlike,
+            rule=rule,
+            _all=all_of_it,
+            _few=few,
+        )
+
+    return tuple(found(settings) for settings in several)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.field_light import FieldLight, light_over_field
+from model.field_light import FieldLight, light_over_field, light_over_tiles
 from model.field_of_view import FieldPart
 from model.hemisphere import Rules
 from model.scene import ApertureLight
@@ -83,6 +83,15 @@ def test_tiles_use_the_rules_of_the_centre():
     rules = Rules(lobe=6, diffuse=6)
     assert asked == [(1, None), (4, rules), (4, rules)]
     assert len(found.lights) == 4
+
+
+def test_all_tiles_use_the_rules_that_suffice_in_corners_and_middle_and_the_finest_tried_there_are_kept():
+    asked = []
+    found = light_over_tiles(recorded(asked), view=AXIS, part=field(7.5), per_side=3)
+    assert asked == [(5, None), (9, Rules(lobe=6, diffuse=6))]
+    assert sorted(found.finer) == [0, 2, 4, 6, 8]
+    for tile, light in found.finer.items():
+        np.testing.assert_array_equal(light.total, found.lights[tile].total)
 
 
 def test_texture_multiplies_what_is_reflected_and_not_the_path():

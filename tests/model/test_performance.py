@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.performance import pair_detections, polarization_strength
+from model.performance import detections_of_pair, pair_detection, pair_detections, polarization_strength
 from model.prediction import predict
 from model.scenario import RegionLight, Scenario
 from tests.model.test_whole_chain import READOUT, SENSOR
@@ -25,6 +25,17 @@ def test_every_ordered_pair_is_there_and_a_pair_of_equals_is_chance():
     assert found[0].p_detection == pytest.approx([1e-3, 1e-2], rel=1e-9)
     assert found[0].auc == pytest.approx(0.5, abs=1e-9)
     assert np.all(found[1].p_detection > [1e-3, 1e-2])
+
+
+def test_several_sets_of_predictions_are_detected_as_each_alone():
+    several = [_predictions(a=((s0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02)) for s0 in (20.0, 20.1, 23.0)]
+    found = detections_of_pair("a", "b", several, (1e-3, 1e-2))
+    for predictions, together in zip(several, found, strict=True):
+        alone = pair_detection("a", "b", predictions, (1e-3, 1e-2))
+        np.testing.assert_allclose(together.p_detection, alone.p_detection, rtol=1e-9)
+        assert together.auc == pytest.approx(alone.auc, rel=1e-9)
+        assert together.p_detection_error.shape == (2,)
+        assert together.warnings == alone.warnings
 
 
 def test_half_of_the_pixels_lie_below_the_median():
