@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.lighting.tiers import SolverSettings, Tier
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand

@@ -12,10 +12,10 @@ import time
 from functools import partial
 from pathlib import Path
 
-from model.accuracy.chain import ChainResult, evaluate
-from model.accuracy.knobs import KNOBS, Plan, settings_at
+from model.accuracy.evaluation.chain import ChainResult, evaluate
+from model.accuracy.evaluation.quantities import differences, readings
+from model.accuracy.planning.knobs import KNOBS, Plan, settings_at
 from model.accuracy.predict import predict
-from model.accuracy.quantities import differences, readings
 from model.lit_scene import LitScene
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.files.scene_file import load_scene

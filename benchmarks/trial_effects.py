@@ -17,11 +17,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene
-from model.accuracy.chain import evaluate, scenario_of
 from model.accuracy.effect_check import change, readings_of
-from model.accuracy.light_store import LightStore
-from model.accuracy.quantities import Readings
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.chain import evaluate, scenario_of
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import Readings
+from model.accuracy.evaluation.settings import Settings
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, in_words, plan

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from model.accuracy.chain import evaluate
+from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
+from model.accuracy.evaluation.settings import Settings
 from model.accuracy.predict import AccuratePrediction, predict
-from model.accuracy.quantities import Reading, Value, differences, readings
-from model.accuracy.settings import Settings
 from model.atmosphere.lighting.tiers import SolverSettings
 from model.lit_scene import LitScene
 from model.prediction import predict as predict_scenario

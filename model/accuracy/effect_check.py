@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.accuracy.chain import ChainResult, evaluate, scenario_of
-from model.accuracy.light_store import LightStore
-from model.accuracy.quantities import Reading, Readings, differences, readings
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.chain import ChainResult, evaluate, scenario_of
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import Reading, Readings, differences, readings
+from model.accuracy.evaluation.settings import Settings
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
 from model.lit_scene import LitScene
@@ -92,7 +92,7 @@ def chain_time_s(scene: LitScene, settings: Settings, effects: frozenset[Effect]
     Parameters
     ----------
     scene, settings, effects
-        As `model.accuracy.chain.evaluate` takes them.
+        As `model.accuracy.evaluation.chain.evaluate` takes them.
     """
     return min(
         sum(evaluate(scene, settings, effects=effects, store=LightStore()).stage_s.values()) for _ in range(_REPEATS)

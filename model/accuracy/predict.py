@@ -4,14 +4,14 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from model.accuracy.allotment import allot
-from model.accuracy.chain import STAGES, ChainResult, Clock, evaluate
-from model.accuracy.error_budget import Budget, error_budget
-from model.accuracy.knobs import KNOBS, Plan, settings_at
-from model.accuracy.light_error import light_errors
-from model.accuracy.light_store import LightStore
-from model.accuracy.outlook import Outlook, outlook, seen
-from model.accuracy.quantities import Reading
+from model.accuracy.estimates.error_budget import Budget, error_budget
+from model.accuracy.estimates.light_error import light_errors
+from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import Reading
+from model.accuracy.planning.allotment import allot
+from model.accuracy.planning.knobs import KNOBS, Plan, settings_at
+from model.accuracy.planning.outlook import Outlook, outlook, seen
 from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.names import ALL, Effect
 from model.lit_scene import LitScene

@@ -19,7 +19,7 @@ def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:
         With all effects.
     effects
         That act. FIELD_OF_VIEW, SKYLIGHT, PATH_RADIANCE and WAVELENGTHS act elsewhere
-        (`model.accuracy.light_store`, `model.accuracy.chain`).
+        (`model.accuracy.evaluation.light_store`, `model.accuracy.evaluation.chain`).
 
     References
     ----------

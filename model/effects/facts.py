@@ -27,8 +27,8 @@ class EffectFacts:
 
 
 _RECORD = "model.effects.acting"
-_STORE = "model.accuracy.light_store"
-_CHAIN = "model.accuracy.chain"
+_STORE = "model.accuracy.evaluation.light_store"
+_CHAIN = "model.accuracy.evaluation.chain"
 _LITTLE = "microseconds"
 
 FACTS: Mapping[Effect, EffectFacts] = MappingProxyType(

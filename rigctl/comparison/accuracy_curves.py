@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.chain import ChainResult, evaluate
-from model.accuracy.error_budget import error_budget
-from model.accuracy.knobs import KNOBS, WAVELENGTHS, Plan, settings_at
-from model.accuracy.light_error import light_errors
-from model.accuracy.light_store import LightStore
+from model.accuracy.estimates.error_budget import error_budget
+from model.accuracy.estimates.light_error import light_errors
+from model.accuracy.evaluation.chain import ChainResult, evaluate
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
+from model.accuracy.planning.knobs import KNOBS, WAVELENGTHS, Plan, settings_at
 from model.accuracy.predict import AccuratePrediction, predict
-from model.accuracy.quantities import Reading, Value, differences, readings
 from model.lit_scene import LitScene
 from model.rig_errors import predict_with_errors
 from rigctl.comparison.scene_prediction import ScenePredictor

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from model.accuracy.chain import scenario_of
 from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.chain import scenario_of
+from model.accuracy.evaluation.settings import Settings
 from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, plan
 from model.lit_scene import LitScene

@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.settings import Settings, settings_of_tier
+from model.accuracy.evaluation.settings import Settings, settings_of_tier
 from model.atmosphere.lighting.tiers import Tier
 from model.field_light import Source
 from model.imperfections import Imperfections

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.chain import scenario_of
+from model.accuracy.evaluation.chain import scenario_of
 from model.field_light import Source
 from model.scenario import Readout, Scenario
 from model.sensor import Sensor, SensorNoise

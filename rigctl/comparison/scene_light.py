@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from model.accuracy.light_store import LightStore
+from model.accuracy.evaluation.light_store import LightStore
 from model.atmosphere.lighting.tiers import TIERS
 from model.atmosphere.profile import column
 from model.atmosphere.sasktran2_engine import sasktran2_solution

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from model.accuracy.chain import Clock
+from model.accuracy.evaluation.chain import Clock
 from model.accuracy.predict import SMALLEST, AccuratePrediction
 from model.accuracy.predict import predict as predict_to
 from model.effects.planner import EffectPlan, plan

@@ -4,7 +4,7 @@ from typing import Any
 
 from rich.table import Table
 
-from model.accuracy.knobs import KNOBS, STATISTICS
+from model.accuracy.planning.knobs import KNOBS, STATISTICS
 from model.accuracy.predict import AccuratePrediction
 
 _PERCENT = 100.0

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.chain import evaluate
+from model.accuracy.evaluation.chain import evaluate
 from model.adjacency import BACKSCATTER, forward_scattered
 from model.effects.names import ALL, Effect
 from tests.model.effects.scenes import COARSE, panel_scene

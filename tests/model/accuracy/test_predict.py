@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.chain import STAGES, evaluate
-from model.accuracy.knobs import KNOBS, settings_at
-from model.accuracy.light_store import LightStore
+from model.accuracy.evaluation.chain import STAGES, evaluate
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import differences, readings
+from model.accuracy.planning.knobs import KNOBS, settings_at
 from model.accuracy.predict import ESTIMATES, predict
-from model.accuracy.quantities import differences, readings
 from model.atmosphere.transfer.phase import AerosolKind
 from model.lit_scene import LitRegion
 from tests.model.accuracy.random_scenes import random_scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.effect_scenes import SETTINGS, random_materials
-from model.accuracy.chain import evaluate
+from model.accuracy.evaluation.chain import evaluate
 from model.effects.planner import light_limits
 from model.imperfections import Imperfections
 

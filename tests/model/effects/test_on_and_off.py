@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from model.accuracy.chain import evaluate, scenario_of
 from model.accuracy.effect_check import change, readings_of
-from model.accuracy.light_store import LightStore
+from model.accuracy.evaluation.chain import evaluate, scenario_of
+from model.accuracy.evaluation.light_store import LightStore
 from model.effects.names import ALL, Effect
 from model.effects.planner import plan
 from model.lit_scene import LitScene

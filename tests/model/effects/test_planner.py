@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.accuracy.chain import evaluate
+from model.accuracy.evaluation.chain import evaluate
 from model.effects.bound import Bound
 from model.effects.facts import FACTS
 from model.effects.names import ALL, Effect

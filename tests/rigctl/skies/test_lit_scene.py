@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from pvlib import spectrum
 
-from model.accuracy.light_store import LightStore
-from model.accuracy.settings import settings_of_tier
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.settings import settings_of_tier
 from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve

@@ -4,12 +4,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.accuracy.chain import evaluate
-from model.accuracy.error_budget import error_budget
-from model.accuracy.knobs import HEMISPHERE, KNOBS, LAYERS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, settings_at
-from model.accuracy.light_error import light_errors
-from model.accuracy.light_store import LightStore
-from model.accuracy.quantities import differences, readings
+from model.accuracy.estimates.error_budget import error_budget
+from model.accuracy.estimates.light_error import light_errors
+from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import differences, readings
+from model.accuracy.planning.knobs import HEMISPHERE, KNOBS, LAYERS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, settings_at
 from model.atmosphere.lighting.tiers import Tier
 from tests.model.accuracy.random_scenes import random_scene
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.accuracy.light_store import LightStore
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.settings import Settings
 from model.adjacency import with_surroundings
 from model.effects.acting import acting
 from model.effects.names import ALL, Effect

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.accuracy.chain import ChainResult
-from model.accuracy.field_decay import decay
-from model.accuracy.knobs import (
+from model.accuracy.evaluation.chain import ChainResult
+from model.accuracy.planning.field_decay import decay
+from model.accuracy.planning.knobs import (
     KNOBS,
     STREAMS,
     TILES,
@@ -18,7 +18,7 @@ from model.accuracy.knobs import (
     streams,
     tiles_per_side,
 )
-from model.accuracy.spectral_error import spectral_errors
+from model.accuracy.planning.spectral_error import spectral_errors
 from model.atmosphere.profile import column
 from model.lit_scene import Air, LitScene
 

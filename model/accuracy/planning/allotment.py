@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from model.accuracy.knobs import HEMISPHERE, KNOBS, LAYERS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, Plan
-from model.accuracy.outlook import Outlook
+from model.accuracy.planning.knobs import HEMISPHERE, KNOBS, LAYERS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, Plan
+from model.accuracy.planning.outlook import Outlook
 from model.lit_scene import LitScene
 
 # Seconds, on one core: a wavelength solved with the least of all, its sky read on the smallest grid, one line of sight.

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.chain import evaluate
-from model.accuracy.knobs import KNOBS, STREAMS, TILES, WAVELENGTHS, settings_at
-from model.accuracy.outlook import outlook, seen
+from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.planning.knobs import KNOBS, STREAMS, TILES, WAVELENGTHS, settings_at
+from model.accuracy.planning.outlook import outlook, seen
 from model.atmosphere.profile import AtmosphereState
 from tests.model.accuracy.random_scenes import random_scene
 

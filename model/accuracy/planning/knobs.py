@@ -1,14 +1,15 @@
 """What can be turned in the chain: each knob with its levels, its law of convergence, and its likely cost.
 
 The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin
-(`model.accuracy.outlook`). What a result states is estimated on its own scene (`model.accuracy.light_error`).
+(`model.accuracy.planning.outlook`). What a result states is estimated on its own scene
+(`model.accuracy.estimates.light_error`).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.lighting.tiers import SolverSettings
 
 STREAMS, LAYERS, WAVELENGTHS, SKY_GRID, HEMISPHERE, TILES, DOLP, ROC = (
@@ -49,7 +50,7 @@ class Knob:
     Attributes
     ----------
     name, stage
-        Of the knob, and the stage of `model.accuracy.chain` whose time it costs.
+        Of the knob, and the stage of `model.accuracy.evaluation.chain` whose time it costs.
     law
         How its error falls.
     estimate

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.chain import ChainResult
-from model.accuracy.quantities import Reading, readings, signed_differences
+from model.accuracy.evaluation.chain import ChainResult
+from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
 from model.lit_scene import LitScene
 from model.performance import PairDetection, detections_of_pair, pair_detection
 from model.prediction import RegionPrediction, predict

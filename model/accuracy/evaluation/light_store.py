@@ -7,8 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from model.accuracy.kept_solutions import KeptSolutions
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.kept_solutions import KeptSolutions
+from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.mixed_lighting import MixedLighting

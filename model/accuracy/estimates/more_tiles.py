@@ -2,7 +2,7 @@
 
 from math import isqrt
 
-from model.accuracy.chain import ChainResult, region_light
+from model.accuracy.evaluation.chain import ChainResult, region_light
 from model.adjacency import with_surroundings
 from model.effects.acting import acting
 from model.effects.names import Effect

@@ -2,9 +2,9 @@ from itertools import product
 
 import pytest
 
-from model.accuracy.allotment import allot, expected_s
-from model.accuracy.knobs import KNOBS
-from model.accuracy.outlook import outlook
+from model.accuracy.planning.allotment import allot, expected_s
+from model.accuracy.planning.knobs import KNOBS
+from model.accuracy.planning.outlook import outlook
 from tests.model.accuracy.random_scenes import random_scene
 
 EVEN = dict.fromkeys(KNOBS, 1.0)

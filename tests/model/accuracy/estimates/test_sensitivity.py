@@ -4,10 +4,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.accuracy.chain import evaluate
-from model.accuracy.knobs import KNOBS, settings_at
-from model.accuracy.quantities import readings, signed_differences
-from model.accuracy.sensitivity import changes, grown, steps
+from model.accuracy.estimates.sensitivity import changes, grown, steps
+from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.evaluation.quantities import readings, signed_differences
+from model.accuracy.planning.knobs import KNOBS, settings_at
 from model.performance import pair_detection
 from model.prediction import predict
 from tests.model.accuracy.random_scenes import random_scene

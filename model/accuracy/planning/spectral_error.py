@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.molecules import rayleigh_optical_depth
 from model.atmosphere.ozone import ozone_optical_depth
 from model.atmosphere.profile import kinks_m, optical_depth

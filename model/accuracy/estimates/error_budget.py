@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.accuracy.chain import ChainResult
-from model.accuracy.knobs import DOLP, ROC, TILES
-from model.accuracy.light_error import LightError
-from model.accuracy.more_tiles import on_more_tiles
-from model.accuracy.quantities import Reading, readings
-from model.accuracy.sensitivity import Changes, changes, grown, over_field, steps
+from model.accuracy.estimates.light_error import LightError
+from model.accuracy.estimates.more_tiles import on_more_tiles
+from model.accuracy.estimates.sensitivity import Changes, changes, grown, over_field, steps
+from model.accuracy.evaluation.chain import ChainResult
+from model.accuracy.evaluation.quantities import Reading, readings
+from model.accuracy.planning.knobs import DOLP, ROC, TILES
 from model.lit_scene import LitScene
 from model.scenario import RegionLight
 

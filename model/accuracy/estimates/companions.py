@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.accuracy.knobs import KNOBS, LAYERS, STREAMS, Plan, at_level
-from model.accuracy.light_store import LightStore
-from model.accuracy.settings import Settings
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.settings import Settings
+from model.accuracy.planning.knobs import KNOBS, LAYERS, STREAMS, Plan, at_level
 from model.atmosphere.lighting.analytic_sky import AnalyticLighting
 from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.compute_lighting import analytic_lighting

@@ -6,13 +6,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.accuracy.chain import ChainResult
-from model.accuracy.companions import Pair, companions, longest_wavelength
-from model.accuracy.knobs import HEMISPHERE, KNOBS, SKY_GRID, WAVELENGTHS, Plan
-from model.accuracy.light_store import LightStore
-from model.accuracy.lines_of_sight import LinesOfSight, lines_of_sight
-from model.accuracy.settings import Settings
-from model.accuracy.spectral_error import SpectralError, spectral_error
+from model.accuracy.estimates.companions import Pair, companions, longest_wavelength
+from model.accuracy.estimates.lines_of_sight import LinesOfSight, lines_of_sight
+from model.accuracy.evaluation.chain import ChainResult
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.settings import Settings
+from model.accuracy.planning.knobs import HEMISPHERE, KNOBS, SKY_GRID, WAVELENGTHS, Plan
+from model.accuracy.planning.spectral_error import SpectralError, spectral_error
 from model.field_light import FieldLight, Source
 from model.illumination import Illumination
 from model.lit_scene import Air, LitScene

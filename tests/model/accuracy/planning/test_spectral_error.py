@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.knobs import KNOBS, WAVELENGTHS, at_level, settings_at
-from model.accuracy.light_store import LightStore
-from model.accuracy.spectral_error import spectral_error
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.planning.knobs import KNOBS, WAVELENGTHS, at_level, settings_at
+from model.accuracy.planning.spectral_error import spectral_error
 from model.atmosphere.profile import AtmosphereState
 from rigctl.skies.solar_band import response_band
 from tests.model.accuracy.random_scenes import random_scene
