@@ -1,15 +1,22 @@
 """Random scenes over wide and hostile ranges, each by its seed."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.transfer.phase import AerosolKind
 from model.field_of_view import whole_field
+from model.geometry import angle_between_rad, direction
+from model.imperfections import Imperfections
 from model.lit_scene import Air, LitRegion, LitScene
 from model.scenario import Readout
 from model.sensor import Sensor, SensorNoise
+from model.surface.diffuse import DIFFUSE
 from model.surface.pbrdf import Surface
+from model.surface.shadowing import SHADOWING
 from model.surface.tilt import Tilt
 from model.view import View
 from rigctl.skies.solar_band import response_band
@@ -43,6 +50,56 @@ def random_scene(seed: int) -> LitScene:
     )
 
 
+def hostile_scene(seed: int) -> LitScene:
+    """A random scene with what that one leaves out: tilted panels, other tiers, laws, sources, airs, surroundings."""
+    scene, draw = random_scene(seed), np.random.default_rng((seed, 1))
+    view = replace(
+        scene.view, zenith_rad=np.radians(draw.uniform(0.0, 75.0)), height_m=draw.choice([0.0, 2.0, 500.0, 20e3])
+    )
+    return replace(
+        scene,
+        air=_hostile_air(draw, scene.air),
+        view=view,
+        regions=tuple(_hostile_region(draw, region, view) for region in scene.regions),
+        source=draw.choice(["total", "total", "total", "reflected", "reflected_sun", "reflected_sky"]),
+        pairs=(("target", "background"), ("background", "target")),
+        imperfections=Imperfections(
+            surround_albedo=_maybe(draw, draw.uniform(0.0, 1.0)), off_axis_falloff=bool(draw.integers(2))
+        ),
+    )
+
+
+def _hostile_air(draw: np.random.Generator, air: Air) -> Air:
+    state = AtmosphereState(
+        aerosol_optical_depth=draw.choice([0.0, draw.uniform(0.0, 1.5)]),
+        surface_pressure_pa=draw.uniform(5e4, 1.03e5),
+        ozone_m=draw.uniform(0.0, 5e-3),
+        angstrom_exponent=_maybe(draw, draw.uniform(-0.2, 2.0)),
+        boundary_aerosol=draw.choice([AerosolType.RURAL, AerosolType.SOOT, AerosolType.WATER_SOLUBLE]),
+    )
+    other = replace(
+        air,
+        tier=draw.choice([Tier.STANDARD, Tier.STANDARD, Tier.STANDARD, Tier.SINGLE, Tier.ANALYTIC]),
+        sun_zenith_rad=np.radians(draw.uniform(0.0, 82.0)),
+        state=state,
+    )
+    if draw.random() < 0.15:
+        opposite = {AerosolKind.POLARIZING: AerosolKind.DEPOLARIZING, AerosolKind.DEPOLARIZING: AerosolKind.POLARIZING}
+        return replace(other, alternative=replace(other, aerosol=opposite[air.aerosol]), share=draw.uniform(0.1, 0.9))
+    return other
+
+
+def _hostile_region(draw: np.random.Generator, region: LitRegion, view: View) -> LitRegion:
+    surface = replace(region.surface, shadowing=draw.choice(SHADOWING), diffuse=draw.choice(DIFFUSE))
+    camera = direction(zenith_rad=view.zenith_rad, azimuth_rad=view.azimuth_rad)
+    tilt = Tilt(tilt_rad=np.radians(draw.choice([0.0, draw.uniform(0.0, 75.0)])), azimuth_rad=draw.uniform(0.0, 6.28))
+    # The edge of a field is up to 21 deg from its middle.
+    seen = float(angle_between_rad(tilt.normal, camera)) < np.radians(65.0)
+    level = Tilt(tilt_rad=0.0, azimuth_rad=0.0)
+    part = region.part if view.zenith_rad < np.radians(60.0) else None
+    return replace(region, surface=surface, tilt=tilt if seen else level, part=part)
+
+
 def random_air(draw: np.random.Generator) -> Air:
     """A clear or hazy sky in a wide or narrow band."""
     short_nm = draw.uniform(400.0, 650.0)
@@ -58,7 +115,7 @@ def random_air(draw: np.random.Generator) -> Air:
 
 
 def random_region(draw: np.random.Generator, name: str, view: View) -> LitRegion:
-    """A glossy or rough material, level or tilted; level ones may fill a part of the field."""
+    """A glossy or rough material, level, as a point or over a part of the field."""
     metal = draw.random() < 0.3
     surface = Surface(
         n=draw.uniform(1.2, 2.5) if metal else draw.uniform(1.3, 1.7),

@@ -6,6 +6,7 @@ import pytest
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.planning.knobs import KNOBS, WAVELENGTHS, at_level, settings_at
 from model.accuracy.planning.spectral_error import spectral_error
+from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.profile import AtmosphereState
 from rigctl.skies.solar_band import response_band
 from tests.model.accuracy.random_scenes import random_scene
@@ -42,7 +43,16 @@ def sky_error(one, settings):
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 4])
-@pytest.mark.parametrize("changes", [{}, {"sun_zenith_rad": np.radians(75.0)}, {"band": band(450.0, 550.0)}])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"sun_zenith_rad": np.radians(75.0)},
+        {"band": band(450.0, 550.0)},
+        {"state": AtmosphereState(aerosol_optical_depth=0.5, angstrom_exponent=-0.2)},
+        {"state": AtmosphereState(aerosol_optical_depth=0.5, boundary_aerosol=AerosolType.SOOT)},
+    ],
+)
 def test_the_sky_is_off_by_no_more_and_not_by_far_less(level, changes):
     one, settings = air(**changes), at_level(COARSE, WAVELENGTHS, level)
     true, estimated = sky_error(one, settings), spectral_error(one, settings).scattered
