@@ -119,7 +119,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 name=WAVELENGTHS,
                 stage="sky",
                 law="geometric; below 1e-4 only between the entries of the aerosol's tables",
-                estimate="the same rule for functions of the optical depth, known at all wavelengths",
+                estimate="the same rule for functions of depth, albedo and asymmetry",
                 levels=_levels(
                     tuple(f"{n} split" if split else str(n) for n, split in _WAVELENGTHS),
                     (5e-2, 2e-3, 2e-4, 1e-4, 1e-5, 1e-6, 2e-7, 5e-8, 1e-8),

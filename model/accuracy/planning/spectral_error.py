@@ -1,4 +1,4 @@
-"""What the number of wavelengths costs: the rule tried on functions of the optical depth, known at all wavelengths."""
+"""What the number of wavelengths costs: the rule tried on functions that are known at all wavelengths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _COSINES = (-0.5, 0.3, 0.9)
 # Slant depths, in vertical ones, of the functions that stand for scattered light.
 _SLANTS = (0.5, 1.0, 3.0)
 # Beside the skies and paths of sixty random scenes, 18 directions each, by one or two wavelengths: with it their S0 is
-# off by half of the estimate in the middle, by a little more than the estimate in one scene of fifty.
+# off by less than half of the estimate in the middle, by a little more than the estimate in one scene of fifty.
 _BEYOND = 1.4
 # The same of S1 and S2 beside that, over what the functions are off among themselves: of 110 random scenes they are off
 # by a third of it in the middle, and by more in one of twenty.
