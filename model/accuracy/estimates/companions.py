@@ -73,24 +73,26 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
     return {knob: _next_level(air, plan, settings, band, knob, store) for knob in knobs}
 
 
-def longest_wavelength(lighting: Lighting) -> Lighting:
-    """Return the longest wavelength of computed light, standing for all of its band; a sky by formula as it is.
+def ends_of_band(lighting: Lighting) -> tuple[Lighting, ...]:
+    """Return the shortest and the longest wavelength of computed light, each standing for all of its band.
 
     Parameters
     ----------
     lighting
-        Of two mixed ones the first is taken.
+        Of two mixed ones the first is taken; a sky by formula, and one wavelength, are their only end.
 
     Notes
     -----
-    The air is thinnest there: its sky is brighter toward the horizon, and changes faster, than at any other.
+    At the longest the air is thinnest: its sky is brighter toward the horizon, and changes faster, than at any other.
 
     References
     ----------
     Definition.
     """
     one = lighting.first if isinstance(lighting, MixedLighting) else lighting
-    return _alone(one, slice(-1, None)) if isinstance(one, BandLighting) else one
+    if not isinstance(one, BandLighting) or len(one.columns) == 1:
+        return (one,)
+    return (_alone(one, slice(1)), _alone(one, slice(-1, None)))
 
 
 def _alone(band: BandLighting, at: slice) -> BandLighting:

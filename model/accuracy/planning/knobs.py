@@ -130,7 +130,7 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                 name=SKY_GRID,
                 stage="sky",
                 law="geometric, as fast as the aureole lets it",
-                estimate="the longest wavelength, as the panel reflects it, beside a finer grid",
+                estimate="both ends of the band, as the panel reflects them, beside a finer grid",
                 levels=_levels(
                     tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)
                 ),
