@@ -15,8 +15,8 @@ from model.accuracy.planning.knobs import DOLP, ROC, TILES
 from model.lit_scene import LitScene
 from model.scenario import RegionLight
 
-# What one more tile along each side changes is what the tiles miss: of the fields of 240 random scenes, by 3 to 6
-# tiles, the middle one by a hundredth more or less, one of twenty by 0.8 of it or less; of fields with a kink by half.
+# What one more tile along each side changes is what the tiles miss: of the fields of 240 random scenes, by 3 to 5
+# tiles, the middle one by a few hundredths more or less, one of twenty by 0.8 of it or less. A kink may hide from it.
 _OF_MORE_TILES = 2.0
 
 # Light of a region whose covariance over the field has grown by what errors differ there.

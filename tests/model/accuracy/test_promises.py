@@ -15,7 +15,9 @@ FINER = {STREAMS: 4, LAYERS: 3, WAVELENGTHS: 6, SKY_GRID: 2, HEMISPHERE: 2, TILE
 @pytest.mark.parametrize(
     ("make_scene", "seed"), [(random_scene, 0), (random_scene, 18), (hostile_scene, 0), (hostile_scene, 9)]
 )
-def test_every_number_that_is_promised_keeps_the_tolerance(make_scene, seed, tolerance):
+def test_every_number_that_is_promised_keeps_the_tolerance_and_the_estimate_is_above_the_error(
+    make_scene, seed, tolerance
+):
     scene = make_scene(seed)
     found = predict(scene, tolerance=tolerance)
     # With the tolerance of the law of DoLP, on which it depends whether there are moments.
@@ -25,4 +27,4 @@ def test_every_number_that_is_promised_keeps_the_tolerance(make_scene, seed, tol
     assert promised
     worst = max(promised, key=promised.get)
     assert promised[worst] <= tolerance, worst
-    assert found.budget.total[worst] <= tolerance
+    assert max(found.budget.total[key] for key in promised) > promised[worst]

@@ -1,38 +1,27 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.aerosol_spectrum import aerosol_spectra
-from model.atmosphere.profile import AtmosphereState, column, optical_depth
-
-ENDS = {"shortest_m": 400e-9, "longest_m": 900e-9}
-WAVELENGTHS_M = np.array([400e-9, 437e-9, 550e-9, 601e-9, 694.3e-9, 771e-9, 900e-9])
+from model.atmosphere.aerosol.spectrum import chebyshev_wavelengths_m, lagrange_basis
 
 
-@pytest.mark.parametrize("angstrom_exponent", [None, 1.3])
-@pytest.mark.parametrize("boundary", [AerosolType.RURAL, AerosolType.SOOT])
-def test_depth_albedo_and_asymmetry_are_those_of_the_column(angstrom_exponent, boundary):
-    state = AtmosphereState(aerosol_optical_depth=0.4, angstrom_exponent=angstrom_exponent, boundary_aerosol=boundary)
-    spectra = aerosol_spectra(state, **ENDS)
-    for k, wavelength_m in enumerate(WAVELENGTHS_M):
-        air = column(state, wavelength_m=wavelength_m)
-        total = sum(one.depth(WAVELENGTHS_M)[k] for one in spectra)
-        # Between the nodes spheres, and the albedo of a table, are not quite the straight lines they are taken for.
-        assert total == pytest.approx(air.tau_aerosol, rel=3e-3)
-        for one, own in zip(spectra, (air.lower, air.upper), strict=True):
-            assert one.ssa(WAVELENGTHS_M)[k] == pytest.approx(own.ssa, rel=3e-3)
-            assert one.asymmetry(WAVELENGTHS_M)[k] == pytest.approx(own.g, rel=3e-3)
+def test_chebyshev_wavelengths_of_the_visible():
+    nodes = chebyshev_wavelengths_m(shortest_m=400e-9, longest_m=700e-9, count=4)
+    np.testing.assert_allclose(nodes * 1e9, [411.4, 492.6, 607.4, 688.6], atol=0.05)
 
 
-def test_the_depth_of_a_table_is_exact():
-    state = AtmosphereState(aerosol_optical_depth=0.4)
-    clear = AtmosphereState(aerosol_optical_depth=0.0)
-    found = sum(one.depth(WAVELENGTHS_M) for one in aerosol_spectra(state, **ENDS))
-    expected = optical_depth(state, wavelength_m=WAVELENGTHS_M) - optical_depth(clear, wavelength_m=WAVELENGTHS_M)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+def test_basis_reproduces_a_cubic_in_inverse_wavelength():
+    nodes = chebyshev_wavelengths_m(shortest_m=400e-9, longest_m=700e-9, count=4)
+    target = np.linspace(400e-9, 700e-9, 50)
+
+    def cubic(wavelength_m):
+        x = 1e-6 / wavelength_m
+        return 1.0 - 2.0 * x + 0.3 * x**2 + 0.1 * x**3
+
+    read = cubic(nodes) @ lagrange_basis(nodes_m=nodes, wavelength_m=target)
+    np.testing.assert_allclose(read, cubic(target), rtol=1e-12)
 
 
-def test_one_wavelength_is_a_band_too():
-    state = AtmosphereState(aerosol_optical_depth=0.4)
-    lower, _ = aerosol_spectra(state, shortest_m=600e-9, longest_m=600e-9)
-    assert lower.ssa(np.array([600e-9]))[0] == pytest.approx(column(state, wavelength_m=600e-9).lower.ssa, rel=1e-12)
+@pytest.mark.parametrize(("shortest", "longest", "count"), [(7e-7, 4e-7, 3), (4e-7, 7e-7, 0)])
+def test_empty_bands_are_refused(shortest, longest, count):
+    with pytest.raises(ValueError, match=r"count|shortest"):
+        chebyshev_wavelengths_m(shortest_m=shortest, longest_m=longest, count=count)
