@@ -20,8 +20,8 @@ FloatArray = NDArray[np.float64]
 _COSINES = (-0.5, 0.3, 0.9)
 # Slant depths, in vertical ones, of the functions that stand for scattered light.
 _SLANTS = (0.5, 1.0, 3.0)
-# Beside the skies and paths of 160 random scenes, by one or two wavelengths, where over 1e-5 was missing: S0 is off by a
-# quarter of the estimate in the middle, by 0.75 of it at most. Aerosol of many kinks, as soot, needs the rest.
+# Beside the skies and paths of 160 random scenes, by one or two wavelengths, where over 1e-5 was missing: S0 is off
+# by a quarter of the estimate in the middle, by 0.75 of it at most. Aerosol of many kinks, as soot, needs the rest.
 _BEYOND = 1.4
 # The same of S1 and S2 beside that, over what the functions are off among themselves: off by a sixth to a half of it in
 # the middle, by more in one of ten; by more than both estimates together in less than one of a hundred.
