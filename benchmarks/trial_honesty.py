@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from scipy.special import bdtrc
 
+from rigctl.calibrations.noise.calibrate_files import calibrate_run
 from rigctl.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 from rigctl.files.rig_file import load_rig
-from rigctl.noise.calibrate_files import calibrate_run
 from rigctl.reports.compare_run import compare_run
 from rigctl.sessions.perturbation import PERTURBATIONS, Perturbation, perturbed
 

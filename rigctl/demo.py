@@ -5,10 +5,10 @@ from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from rigctl.calibrations.noise.calibrate_files import calibrate_run
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
-from rigctl.noise.calibrate_files import calibrate_run
 from rigctl.reports.compare_run import ComparedRun, compare_run
 from rigctl.sessions.perturbation import Perturbation, perturbed
 from rigctl.sessions.take_session import take_session

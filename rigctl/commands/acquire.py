@@ -9,13 +9,13 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from rigctl.calibrations.noise.noise_file import read_noise_file
+from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
 from rigctl.commands.acquire_calibrations import open_calibrated_rig
 from rigctl.commands.target_cycles import with_target
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.noise.noise_file import read_noise_file
-from rigctl.polarimeter.polarizer_file import read_polarizer_file
 from rigctl.sessions.drift_cost import grouping_cost, missing_axes
 from rigctl.sessions.mean_noise import noise_numbers
 from rigctl.sessions.plan import Need, Step, estimate, plan_steps

@@ -12,6 +12,11 @@ from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
 from drivers.cameras.raw_files import PLANES, Plane
 from rigctl.calibrations.content_file import write_content
+from rigctl.calibrations.noise.calibrate_files import FrameCalibration, calibrate_frames
+from rigctl.calibrations.noise.folder_frames import folder_frames
+from rigctl.calibrations.noise.frame_table import table_frames
+from rigctl.calibrations.noise.noise_file import QUANTITIES, flags_json
+from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
@@ -19,11 +24,6 @@ from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
-from rigctl.noise.calibrate_files import FrameCalibration, calibrate_frames
-from rigctl.noise.folder_frames import folder_frames
-from rigctl.noise.frame_table import table_frames
-from rigctl.noise.noise_file import QUANTITIES, flags_json
-from rigctl.noise.noise_frames import FrameSet, emva_frames, run_frames
 from rigctl.reports.calibration_table import calibration_rows
 from rigctl.terminal import print_json, progress, results
 

@@ -7,20 +7,25 @@ import numpy as np
 import typer
 
 from rigctl.calibrations.content_file import write_content
-from rigctl.config import Uncertain
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError, DataError
-from rigctl.files.regions import Region, load_regions
-from rigctl.polarimeter.generator_file import load_generator
-from rigctl.polarimeter.polarimeter_maps import PolarimeterMaps, polarimeter_maps
-from rigctl.polarimeter.polarizer_calibration import KnownLight, PolarizerCalibration, from_generator, from_references
-from rigctl.polarimeter.polarizer_file import (
+from rigctl.calibrations.polarizer.generator_file import load_generator
+from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
+from rigctl.calibrations.polarizer.polarizer_calibration import (
+    KnownLight,
+    PolarizerCalibration,
+    from_generator,
+    from_references,
+)
+from rigctl.calibrations.polarizer.polarizer_file import (
     HARMONIC_MEANING,
     polarizer_json,
     region_json,
     rig_lines,
 )
-from rigctl.polarimeter.scan_frames import analyzer_scan, generator_scan
+from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_scan
+from rigctl.config import Uncertain
+from rigctl.durable_file import write_durably
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Region, load_regions
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.terminal import print_json, results
 

@@ -8,8 +8,8 @@ import numpy as np
 import typer
 
 from calibration.sensor.doubling import doubling_temperature
+from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.errors import ConfigError, DataError
-from rigctl.noise.noise_file import read_noise_file
 from rigctl.terminal import print_json, results
 
 _LEAST_FILES = 2

@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from rigctl.calibrations.flat.flat_file import flat_facts, flat_npz
+from rigctl.calibrations.flat.run_flat import flat_of_run
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
-from rigctl.polarimeter.flat_file import flat_facts, flat_npz
-from rigctl.polarimeter.run_flat import flat_of_run
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, results, warn
 

@@ -7,9 +7,9 @@ import typer
 from rich.table import Table
 
 from rigctl.calibrations.content_file import write_content
+from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure
-from rigctl.noise.noise_file import read_fitting_noise
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results, warn
 
@@ -38,7 +38,7 @@ def radiometric(
     """
     # The model of light is loaded for this verb of `calibrate` only.
     from rigctl.comparison.panel_response import panel_response
-    from rigctl.comparison.radiometric_file import radiometric_json
+    from rigctl.comparison.radiometric_json import radiometric_json
 
     scene_file, folder = load_scene(scene), read_run(run)
     calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
+from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.comparison.effect_choice import with_choices
 from rigctl.comparison.effect_plan import plan_effects, verify_effects
 from rigctl.files.scene_file import load_scene
-from rigctl.noise.noise_file import read_noise_file
 from rigctl.reports.effects_table import effects_json, effects_table, saved_line
 from rigctl.terminal import print_json, progress, results
 

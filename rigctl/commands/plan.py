@@ -6,13 +6,13 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.commands.acquire import time_option
 from rigctl.commands.plan_scene import predict_rounds
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import load_session
-from rigctl.noise.noise_file import read_noise_file
 from rigctl.sessions.session_clock import SessionClock
 from rigctl.sessions.session_plan import plan_session
 from rigctl.terminal import print_json, progress, results

@@ -10,10 +10,11 @@ import typer
 
 from model.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
+from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
 from rigctl.comparison.effect_choice import with_choices
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.comparison.propagated_rows import only_uncertain
-from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
 from rigctl.comparison.remarks import model_warnings
 from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
@@ -21,7 +22,6 @@ from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.reports.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
 from rigctl.reports.effects_table import effects_json, left_out_line
 from rigctl.reports.number_table import quantity_tables

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.commands.tradeoff_acquisition import show_acquisition_tradeoff
 from rigctl.comparison.accuracy_curves import Curves, accuracy_curves, steps
 from rigctl.comparison.scene_light import SceneLight
@@ -14,7 +15,6 @@ from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.noise.noise_file import read_noise_file
 from rigctl.reports.tradeoff_curves import (
     choice_table,
     curve_csv,

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from model.moments import Moments
+from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.comparison.comparison import predict_run
 from rigctl.detection.rx_run import RxOnRun, detect
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure, signal_of_cycle
-from rigctl.noise.noise_file import read_fitting_noise
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import warn
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.calibrations.flat.flat_file import Flats
 from rigctl.files.regions import Region, masks
 from rigctl.measurement.frame_grid import FrameGrid
-from rigctl.polarimeter.flat_file import Flats
 
 FloatArray = NDArray[np.float64]
 

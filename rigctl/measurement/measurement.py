@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.reconstruction import Design, design
+from rigctl.calibrations.flat.flat_file import Flats
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.corrections import NOTHING, Corrections
@@ -17,7 +18,6 @@ from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
 from rigctl.measurement.throughput import throughput_of
 from rigctl.measurement.walk_back import WalkBack, walk_back
-from rigctl.polarimeter.flat_file import Flats
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]

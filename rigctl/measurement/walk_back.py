@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.registration import moved_back
+from rigctl.calibrations.registration.registration_file import shift_pixels
+from rigctl.calibrations.registration.run_registration import angle_deg
 from rigctl.measurement.frame_grid import FrameGrid
-from rigctl.polarimeter.registration_file import shift_pixels
-from rigctl.polarimeter.run_registration import angle_deg
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]

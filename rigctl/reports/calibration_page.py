@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
-from rigctl.noise.calibrate_files import FrameCalibration
+from rigctl.calibrations.noise.calibrate_files import FrameCalibration
 from rigctl.reports.calibration_figures import dark_png, linearity_png, snr_png
 from rigctl.reports.calibration_pictures import histograms_png, maps_png, spectrograms_png
 from rigctl.reports.calibration_table import calibration_rows

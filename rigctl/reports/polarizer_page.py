@@ -8,9 +8,9 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
-from rigctl.polarimeter.polarimeter_maps import PolarimeterMaps
-from rigctl.polarimeter.polarizer_calibration import PolarizerCalibration
-from rigctl.polarimeter.polarizer_file import HARMONIC_MEANING, rig_lines
+from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
+from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
+from rigctl.calibrations.polarizer.polarizer_file import HARMONIC_MEANING, rig_lines
 from rigctl.reports.polarizer_figures import channels_png, curves_png, harmonics_png, maps_png
 
 

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from rigctl.calibrations.flat.flat_file import Flats, read_fitting_flats
 from rigctl.calibrations.made_for import made_for
-from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.calibrations.noise.noise_file import read_fitting_noise
+from rigctl.calibrations.polarizer.polarizer_file import read_fitting_polarizer
+from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.calibrations.registration.registration_file import read_fitting_registration
 from rigctl.files.regions import Region
 from rigctl.measurement.flat_division import flat_remarks
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.measurement.throughput import Throughput
-from rigctl.noise.noise_file import read_fitting_noise
-from rigctl.polarimeter.flat_file import Flats, read_fitting_flats
-from rigctl.polarimeter.polarizer_file import read_fitting_polarizer
-from rigctl.polarimeter.registration_file import read_fitting_registration
 from rigctl.runs.run_folder import Run
 
 _MOVED = (

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
 from rigctl.cli import EXIT_USAGE, main
 from rigctl.comparison.panel_response import PanelResponse, panel_response
-from rigctl.comparison.radiometric_file import read_radiometric_file, require_radiometric_fits
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure

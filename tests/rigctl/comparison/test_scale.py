@@ -11,7 +11,7 @@ from calibration.free_scale import fit_free_scale
 from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
 from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.panel_response import panel_response
-from rigctl.comparison.radiometric_file import radiometric_json
+from rigctl.comparison.radiometric_json import radiometric_json
 from rigctl.comparison.rows import Row
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError, DataError

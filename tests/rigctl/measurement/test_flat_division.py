@@ -14,12 +14,12 @@ from calibration.polarimeter.flat_field import flat_field
 from model.channels import ChannelMoments
 from model.prediction import as_processed
 from model.scenario import Readout
+from rigctl.calibrations.flat.flat_file import read_fitting_flats
 from rigctl.cli import EXIT_DATA, main
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.flat_division import flat_remarks
 from rigctl.measurement.measurement import Measurement, measure
-from rigctl.polarimeter.flat_file import read_fitting_flats
 from rigctl.runs.run_folder import Run
 from tests.rigctl.made_runs import at, make_run
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.calibrations.polarizer.polarizer_file import read_fitting_polarizer
 from rigctl.cli import main
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import measure
 from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
-from rigctl.polarimeter.polarizer_file import read_fitting_polarizer
 from rigctl.runs.run_folder import Run
 from tests.rigctl.made_runs import at, make_run
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl.calibrations.registration.registration_file import registration_json, shift_pixels
+from rigctl.calibrations.registration.run_registration import register_run
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
-from rigctl.polarimeter.registration_file import registration_json, shift_pixels
-from rigctl.polarimeter.run_registration import register_run
 from rigctl.runs.run_folder import Run
 from tests.rigctl.made_runs import at, make_run
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.cli import main
-from rigctl.noise.noise_file import read_noise_file
 from rigctl.reports.calibration_table import calibration_rows
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
 

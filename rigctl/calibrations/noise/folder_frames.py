@@ -1,0 +1,192 @@
+"""Dark and flat frames out of a folder of images: kind and exposure from names and headers."""
+
+import hashlib
+import re
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import refused
+from calibration.sensor.frame_statistics import LevelKind
+from drivers.cameras.raw_files import RAW_SUFFIXES, Plane
+from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, files_digest
+from rigctl.errors import ConfigError, DataError
+from rigctl.imports.image_file import read_image
+
+_FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})
+_PLAIN_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
+_LOSSY_SUFFIXES = frozenset({".jpg", ".jpeg", ".webp"})
+_KIND_WORDS: dict[LevelKind, frozenset[str]] = {
+    "dark": frozenset({"dark", "darks", "bias"}),
+    "flat": frozenset({"flat", "flats", "bright", "light"}),
+}
+_SECONDS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0}
+# 10ms, 0.5s, 2p5ms; not the s of a word.
+_EXPOSURE = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:[.p]\d+)?)(ns|us|µs|ms|s)(?![A-Za-z0-9])", re.IGNORECASE)
+_EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
+_KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedImage:
+    """An image and what is known of it.
+
+    Attributes
+    ----------
+    path : Path
+        File.
+    kind : {"dark", "flat"}
+        Without light, or with even light.
+    exposure_s : float or None
+        Exposure time [s].
+    photons : float or None
+        Mean photons a pixel, where somebody measured them.
+    level : str
+        Frames of one kind and exposure with another level are of another light.
+    """
+
+    path: Path
+    kind: LevelKind
+    exposure_s: float | None
+    photons: float | None
+    level: str
+
+
+def folder_frames(folder: Path, *, bit_depth: int, plane: Plane | None = None) -> FrameSet:
+    """Return the dark and flat frames of a folder of images, subfolders included.
+
+    Parameters
+    ----------
+    folder : Path
+        PNG, TIFF, FITS or RAW files. Whether one is dark or flat is a word of its path (dark, bias, flat, bright,
+        light) or, in FITS, ``IMAGETYP``. Its exposure stands in its path as a number with ns, us, ms or s, or in the
+        header as ``EXPTIME``. Flats of one exposure in different subfolders are of different light.
+    bit_depth : int
+        Bits per sample of the camera.
+    plane : str or None
+        Which colour of RAW files.
+
+    Raises
+    ------
+    ConfigError
+        There are none, or it cannot be told what some are: every problem at once.
+    RefusedFramesError
+        Some are compressed with loss.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: there is no such folder")
+    # Names that begin with a point are what other systems leave behind beside an image.
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    _refuse_lossy([path for path in paths if path.suffix.lower() in _LOSSY_SUFFIXES])
+    images, problems = [], []
+    for path in paths:
+        if path.suffix.lower() in _FITS_SUFFIXES | _PLAIN_SUFFIXES | RAW_SUFFIXES:
+            try:
+                images.append(_listed(path, path.relative_to(folder), plane))
+            except ConfigError as error:
+                problems.append(str(error))
+    if not images and not problems:
+        problems.append("it holds no PNG, TIFF, FITS or RAW files")
+    if problems:
+        raise ConfigError("\n  ".join([f"{folder}:", *problems]))
+    digest = hashlib.sha256("\n".join(str(image.path.relative_to(folder)) for image in images).encode()).hexdigest()
+    source = partial(FrameSource, kind="folder", path=str(folder), sha256=digest)
+    return frame_set(images, bit_depth=bit_depth, plane=plane, source=source)
+
+
+def frame_set(
+    images: Sequence[ListedImage], *, bit_depth: int, plane: Plane | None, source: Callable[..., FrameSource]
+) -> FrameSet:
+    """Return a set of frames from images of which all is known.
+
+    Parameters
+    ----------
+    images : sequence of ListedImage
+        In the order in which they were taken, within a level.
+    bit_depth : int
+        Bits per sample of the camera.
+    plane : str or None
+        Which colour of RAW files.
+    source : callable
+        Makes the source, given ``frames_sha256``.
+    """
+    groups: dict[tuple[LevelKind, float | None, str], list[ListedImage]] = defaultdict(list)
+    for image in images:
+        groups[image.kind, image.exposure_s, image.level].append(image)
+    return FrameSet(
+        groups=tuple(
+            FrameGroup(
+                kind=kind,
+                exposure_s=exposure_s,
+                loaders=tuple(partial(_counts, image.path, plane) for image in group),
+                photons=group[0].photons,
+            )
+            for (kind, exposure_s, _), group in groups.items()
+        ),
+        camera=CameraSetting(model=None, serial=None, gain_db=None, bit_depth=bit_depth),
+        made_for=MadeFor(bit_depth=bit_depth),
+        source=source(frames_sha256=files_digest([image.path for group in groups.values() for image in group])),
+    )
+
+
+def _counts(path: Path, plane: Plane | None) -> NDArray[np.uint16]:
+    try:
+        return read_image(path, plane=plane).counts
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def _refuse_lossy(paths: Sequence[Path]) -> None:
+    if not paths:
+        return
+    raise refused(
+        "lossy_compression",
+        f"{len(paths)} files such as {paths[0]} are compressed with loss: noise is what such a format takes away, and "
+        f"their values went through a tone curve; save raw frames as PNG, TIFF or FITS",
+    )
+
+
+def _listed(path: Path, inside: Path, plane: Plane | None) -> ListedImage:
+    name = inside.as_posix()
+    kind, exposure_s = _kind_of_name(name), _exposure_of_name(name)
+    if (kind is None or exposure_s is None) and path.suffix.lower() in _FITS_SUFFIXES | RAW_SUFFIXES:
+        header = read_image(path, plane=plane).header
+        kind, exposure_s = kind or _kind_of_header(header), exposure_s or _exposure_of_header(header)
+    if kind is None:
+        words = ", ".join(sorted(word for words in _KIND_WORDS.values() for word in words))
+        raise ConfigError(f"{name}: is it dark or flat? One word of its path has to say so: {words}; or give --table")
+    level = "" if kind == "dark" else inside.parent.as_posix()
+    return ListedImage(path=path, kind=kind, exposure_s=exposure_s, photons=None, level=level)
+
+
+def _kind_of_name(name: str) -> LevelKind | None:
+    words = set(re.split(r"[^a-z]+", name.lower()))
+    found = [kind for kind, known in _KIND_WORDS.items() if words & known]
+    return found[0] if len(found) == 1 else None
+
+
+def _exposure_of_name(name: str) -> float | None:
+    # An underscore ends a number's word, as a blank does.
+    found = _EXPOSURE.findall(name.replace("_", " "))
+    if not found:
+        return None
+    number, unit = found[-1]
+    return float(f"{float(number.replace('p', '.')) * _SECONDS[unit.lower()]:.9g}")
+
+
+def _kind_of_header(header: Mapping[str, Any]) -> LevelKind | None:
+    return _kind_of_name(" ".join(str(header.get(key, "")) for key in _KIND_KEYS))
+
+
+def _exposure_of_header(header: Mapping[str, Any]) -> float | None:
+    for key in _EXPOSURE_KEYS:
+        if isinstance(header.get(key), int | float):
+            return float(header[key])
+    return None

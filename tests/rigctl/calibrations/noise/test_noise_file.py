@@ -1,0 +1,153 @@
+"""The file of a noise calibration: written whole, read back as it was, refused when it is wrong."""
+
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.sensor.emva1288 import EMVA_SYMBOLS
+from calibration.sensor.frame_statistics import level_statistics
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise
+from rigctl.calibrations.content_file import write_content
+from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.noise.noise_file import QUANTITIES, noise_json, read_noise_file, require_noise_fits
+from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameSet, FrameSource
+from rigctl.errors import ConfigError, DataError
+from tests.rigctl.noise_sessions import frames
+
+FRAMES = FrameSet(
+    groups=(),
+    camera=CameraSetting(model="synthetic", serial="42", gain_db=0.0, bit_depth=12),
+    made_for=MadeFor(camera_model="synthetic", camera_serial="42", gain_db=0.0, bit_depth=12),
+    source=FrameSource(kind="run", path="runs/noise", sha256="0" * 64, frames_sha256="1" * 64),
+)
+
+
+@cache
+def calibration() -> NoiseCalibration:
+    groups: dict[tuple[Any, float], list[Any]] = {}
+    for kind, exposure_s, counts in frames():
+        groups.setdefault((kind, exposure_s), []).append(counts)
+    levels = [level_statistics(group, kind=kind, exposure_s=time_s) for (kind, time_s), group in groups.items()]
+    return calibrate_noise(levels, bit_depth=12)
+
+
+def content() -> dict[str, Any]:
+    return noise_json(calibration(), FRAMES, utc_ns=lambda: 1_700_000_000_000_000_000)
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "noise.json"
+    write_content(path, content())
+    assert read_noise_file(path) == content()
+
+
+@pytest.mark.parametrize("name", QUANTITIES)
+def test_each_quantity_has_value_error_and_frames(name: str) -> None:
+    found = getattr(calibration(), name)
+    assert content()[name] == {"value": found.value, "std_error": found.std_error, "n": found.n}
+
+
+def test_the_standards_own_numbers_stand_beside() -> None:
+    made = content()["emva1288"]
+    assert set(made) == set(EMVA_SYMBOLS)
+    assert made["gain_dn_per_e"]["symbol"] == "K"
+    assert made["gain_dn_per_e"]["value"] == pytest.approx(content()["gain_dn_per_e"]["value"], rel=0.2)
+    # Nobody states photons in a run folder.
+    assert made["quantum_efficiency"] is None
+
+
+def test_the_response_is_kept_where_there_are_levels_for_it() -> None:
+    made = content()["linearity"]
+    assert made["light"] == "exposure"
+    assert np.shape(made["covariance"]) == (2, 2)
+    assert made["brighter_fatter"]["std_error"] > 0.0
+
+
+def test_the_covariance_is_kept_to_the_last_digit(tmp_path: Path) -> None:
+    path = tmp_path / "noise.json"
+    write_content(path, content())
+    joint = read_noise_file(path)["covariance"]
+    assert tuple(joint["names"]) == calibration().covariance.names
+    np.testing.assert_array_equal(joint["matrix"], calibration().covariance.matrix)
+
+
+def test_the_file_says_what_it_was_made_from_and_when() -> None:
+    made = content()
+    assert made["source"]["sha256"] == "0" * 64
+    assert made["made_for"]["camera_serial"] == "42"
+    assert made["created_utc"] == "2023-11-14T22:13:20.000000000Z"
+    assert made["created_by"].startswith("rigctl ")
+
+
+def test_flags_have_name_message_and_refusal() -> None:
+    assert [set(flag) for flag in content()["flags"]] == [{"name", "message", "refuses"}] * len(calibration().flags)
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_content(tmp_path / "gone" / "noise.json", content())
+
+
+def spoilt(change: Callable[[dict[str, Any]], object]) -> bytes:
+    made = content()
+    change(made)
+    return json.dumps(made).encode()
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (b"{", "invalid JSON"),
+        (spoilt(lambda c: c.pop("gain_dn_per_e")), "gain_dn_per_e: is missing"),
+        (spoilt(lambda c: c.update(gain_dn_per_e=None)), "gain_dn_per_e"),
+        (spoilt(lambda c: c["gain_dn_per_e"].update(value=0.0)), "gain_dn_per_e.value"),
+        (spoilt(lambda c: c["read_noise_e"].update(std_error=-1.0)), "read_noise_e.std_error"),
+        (spoilt(lambda c: c.update(schema_version=3)), "schema_version"),
+        (spoilt(lambda c: c["made_for"].update(bit_depth="many")), "made_for.bit_depth"),
+        (spoilt(lambda c: c["covariance"]["names"].append("prnu")), "7 rows and columns"),
+        (spoilt(lambda c: c["covariance"]["names"].__setitem__(0, "gain")), "names"),
+        (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(1, 1.0)), "not symmetric"),
+        (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(0, -1.0)), "negative eigenvalue"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_problem(tmp_path: Path, data: bytes, problem: str) -> None:
+    path = tmp_path / "noise.json"
+    path.write_bytes(data)
+    with pytest.raises(DataError, match="(?s)" + problem):
+        read_noise_file(path)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="cannot be read"):
+        read_noise_file(tmp_path / "noise.json")
+
+
+def test_quantities_that_are_not_known_are_allowed(tmp_path: Path) -> None:
+    path = tmp_path / "noise.json"
+    path.write_bytes(spoilt(lambda c: c.update(saturation_e=None, dsnu_e=None, covariance=None)))
+    assert read_noise_file(path)["dsnu_e"] is None
+
+
+def version_1(made: dict[str, Any]) -> None:
+    made.pop("made_for")
+    made.update(schema_version=1, camera={"model": "synthetic", "serial": "42", "gain_db": 0.0, "bit_depth": 12})
+
+
+def test_a_file_of_version_1_is_read_and_says_of_which_camera_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "noise.json"
+    path.write_bytes(spoilt(version_1))
+    noise = read_noise_file(path)
+    assert require_noise_fits(noise, MadeFor(camera_serial="42", gain_db=0.0)) == ()
+    with pytest.raises(DataError, match="calibrated 42, used 43"):
+        require_noise_fits(noise, MadeFor(camera_serial="43"))
+
+
+def test_it_is_too_old_after_a_year() -> None:
+    young, old = (MadeFor(taken_utc=f"{day}T00:00:00.000000000Z") for day in ("2024-11-13", "2024-11-15"))
+    assert require_noise_fits(content(), young) == ()
+    assert "holds for 365" in require_noise_fits(content(), old)[0]
