@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.comparison.effect_choice import with_choices
-from rigctl.comparison.effect_plan import plan_effects, verify_effects
 from rigctl.files.scene_file import load_scene
 from rigctl.reports.effects_table import effects_json, effects_table, saved_line
+from rigctl.scene.effect_choice import with_choices
+from rigctl.scene.effect_plan import plan_effects, verify_effects
 from rigctl.terminal import print_json, progress, results
 
 # A bound that does not hold is a fault of the program's own.

@@ -4,13 +4,13 @@ from datetime import UTC, datetime
 from typing import Any
 
 from model.prediction import RegionPrediction
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import EXPOSURE, ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import MeteringSection
+from rigctl.scene.scene_light import SceneLight
 from rigctl.sessions.session_plan import SessionPlan
 from rigctl.utc_time import NS_PER_S
 

@@ -12,11 +12,9 @@ from model.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
-from rigctl.comparison.effect_choice import with_choices
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.comparison.propagated_rows import only_uncertain
 from rigctl.comparison.remarks import model_warnings
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.durable_file import write_durably
@@ -29,7 +27,9 @@ from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
 from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.reports.tables_json import prediction_json
 from rigctl.reports.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
-from rigctl.skies.engine import Engine, require_engine
+from rigctl.scene.effect_choice import with_choices
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.skies.engine import Engine, require_engine
 from rigctl.terminal import print_json, progress, results, warn
 from rigctl.utc_time import utc_text
 

@@ -10,7 +10,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.commands.tradeoff_acquisition import show_acquisition_tradeoff
 from rigctl.comparison.accuracy_curves import Curves, accuracy_curves, steps
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
@@ -23,6 +22,7 @@ from rigctl.reports.tradeoff_curves import (
     curve_table,
     floor_lines,
 )
+from rigctl.scene.scene_light import SceneLight
 from rigctl.terminal import print_json, progress, results
 
 _TOLERANCES = "0.1,0.03,0.01,0.003,0.001"

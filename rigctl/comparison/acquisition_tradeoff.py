@@ -11,10 +11,10 @@ from model.acquisition_design import Disturbances, DolpBudget, Session, dolp_bud
 from model.acquisition_search import SATURATED, Reached, Wanted, fewest_cycles, shortest
 from model.frame_order import PATTERNS, Pattern, least_drifting_order
 from model.processing.angle_design import equispaced_rad
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
+from rigctl.scene.scene_light import SceneLight
 
 # Turning the polarizer and storing the frame: what `rigctl plan` assumes [s].
 OVERHEAD_S = 0.42

@@ -23,13 +23,13 @@ from rigctl.comparison.rows import Row, decide, pair, scored
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.run_readout import one_exposure_s, run_readout
 from rigctl.comparison.scale import Scale, ScaleKind, scale_inputs
-from rigctl.comparison.scene_inputs import Inputs, build_scenario, gather
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.trends import Trend, trends_of
 from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.scene_inputs import Inputs, build_scenario, gather
+from rigctl.scene.scene_light import SceneLight
 
 FloatArray = NDArray[np.float64]
 

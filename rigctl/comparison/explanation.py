@@ -11,8 +11,8 @@ from model.processing.input_inference import chi_square_tail
 from model.processing.input_propagation import Propagation
 from rigctl.comparison.evidence import gather_evidence
 from rigctl.comparison.rows import Row, off_prediction
-from rigctl.comparison.scene_inputs import Inputs
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 

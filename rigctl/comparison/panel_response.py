@@ -12,13 +12,13 @@ from model.prediction import predict
 from model.processing.agreement import input_jacobian
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.run_readout import one_exposure_s, run_readout
-from rigctl.comparison.scene_inputs import Inputs, build_scenario, gather
-from rigctl.comparison.scene_light import SceneLight
-from rigctl.comparison.scene_numbers import assumed_materials
 from rigctl.comparison.throughput import modelled_response, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.scene_inputs import Inputs, build_scenario, gather
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_numbers import assumed_materials
 
 FloatArray = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from model.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation, propagate
-from rigctl.comparison.input_limits import largest, smallest
 from rigctl.comparison.rows import Row, off_prediction
-from rigctl.comparison.scene_inputs import Inputs
 from rigctl.errors import ConfigError, DataError
+from rigctl.scene.input_limits import largest, smallest
+from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from model.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
 from rigctl.comparison.scale import Scale
-from rigctl.comparison.scene_inputs import Inputs
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 

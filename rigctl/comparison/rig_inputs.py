@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rig_errors import RigErrors, drifting_light
-from rigctl.comparison.scene_inputs import Inputs, file_readout
 from rigctl.files.scene_file import RigSection, SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.scene_inputs import Inputs, file_readout
 
 OFFSET, EXPOSURE, DRIFT = "rig.polarizer_offset_deg", "rig.exposure_ratio", "rig.light_drift"
 # Of a rig that is as recorded.

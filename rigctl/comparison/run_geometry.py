@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import ValidationError
 
 from model.atmosphere.sun import distance_factor
-from rigctl.comparison.scene_numbers import SUN_AZIMUTH, SUN_ZENITH, light_numbers, sun_covariance_deg2
 from rigctl.config import Section, Uncertain, describe
 from rigctl.errors import DataError
 from rigctl.files.light_sections import SunSection
@@ -17,7 +16,8 @@ from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_folder import FrameRecord, Run
-from rigctl.skies.sun_position import sun_position
+from rigctl.scene.scene_numbers import SUN_AZIMUTH, SUN_ZENITH, light_numbers, sun_covariance_deg2
+from rigctl.scene.skies.sun_position import sun_position
 
 Place = TypeVar("Place", bound=Section)
 

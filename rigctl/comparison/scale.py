@@ -11,11 +11,11 @@ from calibration.free_scale import FreeScale, fit_free_scale
 from model.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from rigctl.comparison.run_readout import one_exposure_s
-from rigctl.comparison.scene_inputs import Inputs
 from rigctl.comparison.throughput import GAIN, modelled_response, rescaled, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 ScaleKind = Literal["absolute", "panel", "free"]

@@ -15,16 +15,16 @@ from model.field_light import FieldLight, Source
 from model.lit_scene import LitScene
 from model.prediction import RegionPrediction, predict
 from model.rig_errors import RigErrors, predict_with_errors
-from rigctl.comparison.effect_choice import acting_effects, forced_effects
-from rigctl.comparison.effect_plan import SHARE
-from rigctl.comparison.lit_scene import lit_scene
 from rigctl.comparison.rig_inputs import IDEAL_RIG, cycle_of_file, rig_errors, with_rig
 from rigctl.comparison.scale import panel_scaled
-from rigctl.comparison.scene_inputs import Inputs, build_scenario, build_sensor, file_readout, gather
-from rigctl.comparison.scene_light import SceneLight
-from rigctl.comparison.scene_records import camera_view
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
+from rigctl.scene.effect_choice import acting_effects, forced_effects
+from rigctl.scene.effect_plan import SHARE
+from rigctl.scene.lit_scene import lit_scene
+from rigctl.scene.scene_inputs import Inputs, build_scenario, build_sensor, file_readout, gather
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_records import camera_view
 
 _MS_PER_S = 1000.0
 EXPOSURE = "acquisition.exposure_ms"

@@ -8,10 +8,10 @@ from model.acquisition_search import Scheme
 from model.moments import Moments
 from model.processing.angle_design import equispaced_rad
 from model.sensor import Sensor
-from rigctl.comparison.scene_inputs import build_scenario, file_readout, gather
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
+from rigctl.scene.scene_inputs import build_scenario, file_readout, gather
+from rigctl.scene.scene_light import SceneLight
 
 # The brightest counts go up to this share of the largest that the sensor gives.
 _FILLING = 0.8

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from model.electrons import counts_per_radiance
 from model.sensor import Sensor
-from rigctl.comparison.scene_inputs import Inputs, build_sensor
 from rigctl.errors import DataError
 from rigctl.files.scene_file import SceneFile
+from rigctl.scene.scene_inputs import Inputs, build_sensor
 
 FloatArray = NDArray[np.float64]
 

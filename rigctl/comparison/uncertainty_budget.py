@@ -12,9 +12,9 @@ from model.processing.input_propagation import Propagation
 from model.uncertainty_budget import budget, noise_causes
 from rigctl.comparison.rig_inputs import ANGLE, DRIFT, OFFSET
 from rigctl.comparison.rows import Row
-from rigctl.comparison.scene_inputs import Inputs
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 

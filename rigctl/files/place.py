@@ -35,7 +35,7 @@ class SiteSection(Section):
 
     @property
     def place(self) -> dict[str, float]:
-        """The place alone, as `rigctl.skies.sun_position.sun_position` takes it."""
+        """The place alone, as `rigctl.scene.skies.sun_position.sun_position` takes it."""
         return {
             "latitude_deg": self.latitude_deg,
             "longitude_deg": self.longitude_deg,

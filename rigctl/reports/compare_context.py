@@ -8,9 +8,9 @@ from typing import Any
 
 from model.effects.names import Effect
 from model.effects.planner import Decision, EffectPlan
-from rigctl.comparison.scene_inputs import NOISE_NAMES
 from rigctl.reports.blocks import NOTHING, Table
 from rigctl.reports.number_text import to_digits
+from rigctl.scene.scene_inputs import NOISE_NAMES
 
 # Of these figures in the last digit, and single pixels of figures, depend.
 _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")

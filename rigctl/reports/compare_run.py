@@ -8,8 +8,6 @@ from typing import Any
 from rigctl.comparison.checks import require_sound, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.comparison.effect_choice import acting_effects
-from rigctl.comparison.effect_plan import plan_effects
 from rigctl.comparison.run_registration import registration_of, with_registration
 from rigctl.comparison.scale import ScaleKind
 from rigctl.config import sha256_of
@@ -27,6 +25,8 @@ from rigctl.reports.rows_csv import rows_csv
 from rigctl.reports.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
 from rigctl.runs.run_folder import MANIFEST_FILE, Run, read_run
+from rigctl.scene.effect_choice import acting_effects
+from rigctl.scene.effect_plan import plan_effects
 from rigctl.version import VERSION
 
 # Of a prediction: at this an effect is said to be called for or not. A comparison takes all of them all the same.

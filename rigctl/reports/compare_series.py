@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.comparison.run_geometry import scene_of_run
-from rigctl.comparison.scene_numbers import light_numbers
 from rigctl.comparison.series import (
     QUANTITIES,
     SeriesDrift,
@@ -34,6 +33,7 @@ from rigctl.reports.report import render
 from rigctl.reports.rows_csv import rows_csv
 from rigctl.reports.tables_json import SCHEMA_VERSION
 from rigctl.runs.run_folder import read_run
+from rigctl.scene.scene_numbers import light_numbers
 
 # Of a drift that is worth a word, in standard errors.
 _DRIFTS = 4.0

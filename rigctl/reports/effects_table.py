@@ -10,7 +10,7 @@ from model.effects.bound import Bound
 from model.effects.facts import FACTS
 from model.effects.names import Effect
 from model.effects.planner import Decision, EffectPlan
-from rigctl.comparison.effect_plan import Verification
+from rigctl.scene.effect_plan import Verification
 
 _KINDS = ("radiance", "ratios", "deviations", "detection")
 

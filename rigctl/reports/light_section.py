@@ -20,7 +20,7 @@ def light_section(lights: Mapping[str, FieldLight]) -> Section:
     Parameters
     ----------
     lights : mapping
-        Region to its light, as `rigctl.comparison.scene_light.SceneLight.region` gives it; one or more.
+        Region to its light, as `rigctl.scene.scene_light.SceneLight.region` gives it; one or more.
     """
     text = (
         "Radiance at the aperture in W m-2 sr-1 in band, as the model has it: S1 = horizontal - vertical, S2 = (+45) - "

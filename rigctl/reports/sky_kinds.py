@@ -14,7 +14,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.reports.sky_sheet import SkySheet, sky_sheet
-from rigctl.skies.engine import Engine
+from rigctl.scene.skies.engine import Engine
 
 SCHEMA_VERSION = 1
 

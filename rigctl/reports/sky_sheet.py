@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from model.illumination import Illumination
 from model.stokes import dolp
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
-from rigctl.skies.engine import Engine, require_engine
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.skies.engine import Engine, require_engine
 
 FloatArray = NDArray[np.float64]
 

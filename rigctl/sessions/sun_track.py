@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 
 from rigctl.files.place import SiteSection
-from rigctl.skies.sun_position import sun_position
+from rigctl.scene.skies.sun_position import sun_position
 from rigctl.utc_time import NS_PER_S
 
 Vector = tuple[float, float, float]

@@ -15,11 +15,11 @@ import pytest
 
 from model.atmosphere.lighting.tiers import Tier
 from model.processing.detection import rx_p_detection
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.config import Uncertain
 from rigctl.files.scene_file import load_scene
-from rigctl.skies.sky_store import SkyStore
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 
 LIBRARY: dict[str, float] = {}

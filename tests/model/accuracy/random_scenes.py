@@ -19,7 +19,7 @@ from model.surface.pbrdf import Surface
 from model.surface.shadowing import SHADOWING
 from model.surface.tilt import Tilt
 from model.view import View
-from rigctl.skies.solar_band import response_band
+from rigctl.scene.skies.solar_band import response_band
 
 _LARGEST_FIELD_RAD = np.radians(30.0)
 

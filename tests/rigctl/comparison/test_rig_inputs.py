@@ -12,10 +12,10 @@ from rigctl.comparison.rig_inputs import (
     rig_errors,
     with_rig,
 )
-from rigctl.comparison.scene_inputs import Inputs, gather
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import RigSection, SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement, measure
+from rigctl.scene.scene_inputs import Inputs, gather
 
 
 @pytest.fixture(scope="module")

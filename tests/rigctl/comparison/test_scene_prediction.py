@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from model.performance import pair_detections
-from rigctl.comparison.scene_inputs import gather
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.reports.scene_tables import light_json, phi_text
 from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_tables
-from rigctl.skies.sky_store import SkyStore
+from rigctl.scene.scene_inputs import gather
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

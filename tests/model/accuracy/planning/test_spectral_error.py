@@ -8,7 +8,7 @@ from model.accuracy.planning.knobs import KNOBS, WAVELENGTHS, at_level, settings
 from model.accuracy.planning.spectral_error import spectral_error
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.profile import AtmosphereState
-from rigctl.skies.solar_band import response_band
+from rigctl.scene.skies.solar_band import response_band
 from tests.model.accuracy.random_scenes import random_scene
 
 COARSE = settings_at(dict.fromkeys(KNOBS, 0), 1e-4)

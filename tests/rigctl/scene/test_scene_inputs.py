@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from rigctl.comparison.scene_inputs import build_scenario, file_readout, gather
 from rigctl.files.scene_file import load_scene
+from rigctl.scene.scene_inputs import build_scenario, file_readout, gather
 from tests.rigctl.example_files import EXAMPLES
 
 NOISE = {

@@ -9,15 +9,15 @@ from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.transfer.phase import AerosolKind
 from model.field_light import FieldLight
 from model.illumination import Illumination
-from rigctl.comparison.effect_choice import acting_effects
-from rigctl.comparison.lit_scene import file_settings, lit_region
-from rigctl.comparison.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
-from rigctl.skies.engine import Engine, require_engine
-from rigctl.skies.lit_scene import SkyRequest, air_of
-from rigctl.skies.sky_store import SkyStore, user_cache_folder
+from rigctl.scene.effect_choice import acting_effects
+from rigctl.scene.lit_scene import file_settings, lit_region
+from rigctl.scene.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
+from rigctl.scene.skies.engine import Engine, require_engine
+from rigctl.scene.skies.sky_request import SkyRequest, air_of
+from rigctl.scene.skies.sky_store import SkyStore, user_cache_folder
 
 _REFERENCE_M = 550e-9
 _BY_SASKTRAN2 = (

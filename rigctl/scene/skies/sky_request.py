@@ -12,9 +12,9 @@ from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
 from model.lit_scene import Air
 from rigctl.errors import ConfigError
-from rigctl.skies.alternative_air import AlternativeAir
-from rigctl.skies.sky_table import read_sky_table
-from rigctl.skies.solar_band import response_band
+from rigctl.scene.skies.alternative_air import AlternativeAir
+from rigctl.scene.skies.sky_table import read_sky_table
+from rigctl.scene.skies.solar_band import response_band
 
 
 @dataclass(frozen=True, kw_only=True)

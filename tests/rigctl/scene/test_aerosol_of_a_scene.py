@@ -5,12 +5,12 @@ import pytest
 
 from model.processing.agreement import propagate_inputs
 from rigctl.cli import main
-from rigctl.comparison.scene_inputs import gather
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.skies.sky_store import SkyStore
+from rigctl.scene.scene_inputs import gather
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.scene_texts import SCENE, written
 
 AIR = 'tier = "fast"\nvisibility_km = 23.0\nwavelengths = 2\n'

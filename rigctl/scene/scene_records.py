@@ -15,10 +15,10 @@ from model.view import View
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection, FieldSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
-from rigctl.skies.alternative_air import AlternativeAir
-from rigctl.skies.lit_scene import SkyRequest
+from rigctl.scene.skies.alternative_air import AlternativeAir
+from rigctl.scene.skies.sky_request import SkyRequest
 
-# Name, as `rigctl.comparison.scene_inputs.gather` has it, to number.
+# Name, as `rigctl.scene.scene_inputs.gather` has it, to number.
 Values = Mapping[str, float]
 
 # South: the sun's azimuth where the scene file states phi alone, and nothing depends on it.

@@ -13,14 +13,14 @@ from model.atmosphere.sun import distance_factor
 from model.spectral_response import effective_wavelength_m
 from model.surface.lobe import SLOPE_RMS_MIN
 from model.surface.materials import Material, assumed_properties, properties
-from rigctl.comparison.scene_records import band_points
 from rigctl.config import Uncertain
 from rigctl.errors import ConfigError
 from rigctl.files.material_file import find_material
 from rigctl.files.place import SiteSection
 from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneFile, SceneRegion, SensorSection
-from rigctl.skies.solar_band import response_band
-from rigctl.skies.sun_position import sun_moved_by_place, sun_position
+from rigctl.scene.scene_records import band_points
+from rigctl.scene.skies.solar_band import response_band
+from rigctl.scene.skies.sun_position import sun_moved_by_place, sun_position
 
 FloatArray = NDArray[np.float64]
 

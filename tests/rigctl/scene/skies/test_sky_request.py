@@ -8,7 +8,7 @@ from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind
-from rigctl.skies.lit_scene import SkyRequest, air_of
+from rigctl.scene.skies.sky_request import SkyRequest, air_of
 
 STATE = AtmosphereState(visibility_m=23e3)
 # By the NREL algorithm on day 145.

@@ -14,7 +14,7 @@ from model.atmosphere.solver import solve
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
 from model.atmosphere.transfer.solution import ModeBlock, Solution
-from rigctl.skies.record_codec import NotStorableError, decode, encode, fingerprint
+from rigctl.scene.skies.record_codec import NotStorableError, decode, encode, fingerprint
 
 _MAGIC = b"rigctl sky 1 sha256 "
 _KINDS: dict[str, type] = {kind.__name__: kind for kind in (Solution, ModeBlock, Layer, ScatteringMatrix)}

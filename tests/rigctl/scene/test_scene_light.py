@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from model.stokes import aolp_rad
-from rigctl.comparison.scene_inputs import gather
-from rigctl.comparison.scene_light import SceneLight
-from rigctl.comparison.scene_records import camera_view
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.skies.sky_store import SkyStore
+from rigctl.scene.scene_inputs import gather
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_records import camera_view
+from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.comparison.scene_inputs import Inputs
 from rigctl.files.light_sections import FIELD_MOST_DEG, HUMIDITY_MOST
+from rigctl.scene.scene_inputs import Inputs
 
 # Of a share, whatever it is a share of, there is no more than all.
 _SHARES = (

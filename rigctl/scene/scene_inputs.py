@@ -11,10 +11,12 @@ from model.accuracy.evaluation.chain import scenario_of
 from model.field_light import Source
 from model.scenario import Readout, Scenario
 from model.sensor import Sensor, SensorNoise
-from rigctl.comparison.effect_choice import acting_effects, choice_remarks
-from rigctl.comparison.lit_scene import file_settings, lit_scene
-from rigctl.comparison.scene_light import SceneLight
-from rigctl.comparison.scene_numbers import (
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import NoiseSection, SceneFile
+from rigctl.scene.effect_choice import acting_effects, choice_remarks
+from rigctl.scene.lit_scene import file_settings, lit_scene
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_numbers import (
     SUN_AZIMUTH,
     SUN_ZENITH,
     Stated,
@@ -25,8 +27,6 @@ from rigctl.comparison.scene_numbers import (
     sensor_numbers,
     sun_covariance_deg2,
 )
-from rigctl.errors import ConfigError
-from rigctl.files.scene_file import NoiseSection, SceneFile
 
 FloatArray = NDArray[np.float64]
 

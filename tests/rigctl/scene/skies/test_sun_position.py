@@ -3,7 +3,7 @@ from datetime import UTC, datetime, timedelta, timezone
 import numpy as np
 import pytest
 
-from rigctl.skies.sun_position import sun_position
+from rigctl.scene.skies.sun_position import sun_position
 
 EDT = timezone(timedelta(hours=-4))
 ROCHESTER = {"latitude_deg": 43.085, "longitude_deg": -77.68, "elevation_m": 168.0}

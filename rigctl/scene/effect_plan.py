@@ -11,12 +11,12 @@ from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, plan
 from model.lit_scene import LitScene
 from model.scenario import RegionLight
-from rigctl.comparison.effect_choice import forced_effects
-from rigctl.comparison.lit_scene import file_settings, lit_scene
-from rigctl.comparison.scene_inputs import build_sensor, file_readout, gather
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
+from rigctl.scene.effect_choice import forced_effects
+from rigctl.scene.lit_scene import file_settings, lit_scene
+from rigctl.scene.scene_inputs import build_sensor, file_readout, gather
+from rigctl.scene.scene_light import SceneLight
 
 _MS_PER_S = 1000.0
 # Share of a tolerance that may go to effects that are left out; numerical settings have the rest.

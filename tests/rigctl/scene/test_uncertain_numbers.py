@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from rigctl.comparison.input_limits import largest
-from rigctl.comparison.scene_inputs import gather
-from rigctl.comparison.scene_light import SceneLight
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.config import with_std_apart
 from rigctl.errors import ConfigError
 from rigctl.files.place import SiteSection
 from rigctl.files.scene_file import load_scene
-from rigctl.skies.sky_store import SkyStore
+from rigctl.scene.input_limits import largest
+from rigctl.scene.scene_inputs import gather
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

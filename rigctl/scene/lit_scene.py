@@ -13,7 +13,9 @@ from model.imperfections import Imperfections
 from model.lit_scene import LitRegion, LitScene
 from model.scenario import Readout
 from model.sensor import Sensor
-from rigctl.comparison.scene_records import (
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneFile, SceneRegion
+from rigctl.scene.scene_records import (
     Values,
     camera_view,
     field_part,
@@ -22,9 +24,7 @@ from rigctl.comparison.scene_records import (
     sky_request,
     sun_azimuth_rad,
 )
-from rigctl.errors import ConfigError
-from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneFile, SceneRegion
-from rigctl.skies.lit_scene import air_of
+from rigctl.scene.skies.sky_request import air_of
 
 
 def lit_scene(
@@ -37,7 +37,7 @@ def lit_scene(
     scene : SceneFile
         Which regions there are.
     values : mapping
-        Every name that `rigctl.comparison.scene_inputs.gather` returns, to its number in the units of the file.
+        Every name that `rigctl.scene.scene_inputs.gather` returns, to its number in the units of the file.
     sensor, readout
         Sensor and readout with those numbers.
     source : str
