@@ -14,9 +14,9 @@ from pathlib import Path
 
 from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.knobs import KNOBS, Plan, settings_at
-from model.accuracy.predict import predict
-from model.lit_scene import LitScene
+from model.accuracy.planning.numerical_settings import KNOBS, Plan, settings_at
+from model.accuracy.predict_to_tolerance import predict
+from model.scene.lit_scene import LitScene
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.files.scene_file import load_scene
 

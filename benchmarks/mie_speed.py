@@ -12,7 +12,7 @@ from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
 from model.atmosphere.aerosol.mie_sphere import efficiencies, sphere_coefficients
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.aerosol.presets import preset_aerosol
-from model.atmosphere.lighting.tiers import TIERS, Tier
+from model.atmosphere.lighting.fidelity import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind

@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from model.atmosphere.lighting.tiers import TIERS, Tier
+from model.atmosphere.lighting.fidelity import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.sasktran2_engine import Sasktran2Solution, sasktran2_solution
 from model.atmosphere.solver import Layer, Solution, solve

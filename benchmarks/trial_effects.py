@@ -25,7 +25,7 @@ from model.accuracy.evaluation.settings import Settings
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, in_words, plan
-from model.lit_scene import LitScene
+from model.scene.lit_scene import LitScene
 
 _TOLERANCES = (1e-4, 1e-3, 1e-2, 0.1, 0.3)
 

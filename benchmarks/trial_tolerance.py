@@ -20,10 +20,10 @@ import numpy as np
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
 from model.accuracy.evaluation.settings import Settings
-from model.accuracy.predict import AccuratePrediction, predict
-from model.atmosphere.lighting.tiers import SolverSettings
-from model.lit_scene import LitScene
-from model.prediction import predict as predict_scenario
+from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
+from model.atmosphere.lighting.fidelity import SolverSettings
+from model.prediction.prediction import predict as predict_scenario
+from model.scene.lit_scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
 # Finer in every knob than a plan for the smallest of the tolerances, and with other layers than any plan has; the law

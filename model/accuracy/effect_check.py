@@ -11,7 +11,7 @@ from model.accuracy.evaluation.quantities import Reading, Readings, differences,
 from model.accuracy.evaluation.settings import Settings
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
-from model.lit_scene import LitScene
+from model.scene.lit_scene import LitScene
 
 _DOLP_TOLERANCE = 1e-11
 # The least of so many times is taken: another program's turn on the processor is not counted.

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.atmosphere.lighting.irradiance import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.solver import check_scene
+from model.atmosphere.transfer.delta_m_truncation import peak_irradiance, with_truncated_matrix
 from model.atmosphere.transfer.depth import element_edges
-from model.atmosphere.transfer.forward_peak import peak_irradiance, with_truncated_matrix
 from model.atmosphere.transfer.layers import Layer, merge_alike
 from model.atmosphere.transfer.phase import AerosolKind, expansion_coefficients, layers_of_kind
 

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.transfer.blocks import estimate_error, solve_blocks
+from model.atmosphere.transfer.delta_m_truncation import without_forward_peak
 from model.atmosphere.transfer.depth import element_edges
 from model.atmosphere.transfer.expansion_length import degree_max, mode_blocks, truncation_error
-from model.atmosphere.transfer.forward_peak import without_forward_peak
 from model.atmosphere.transfer.layers import Layer, merge_alike
-from model.atmosphere.transfer.orders import Setting, direct_irradiance
 from model.atmosphere.transfer.phase import AerosolKind, expansion_coefficients, layers_of_kind
 from model.atmosphere.transfer.scattering import element_expansion
 from model.atmosphere.transfer.solution import ModeBlock, Solution
+from model.atmosphere.transfer.successive_orders import Setting, direct_irradiance
 from model.atmosphere.transfer.transport import Grid, gauss_nodes, transport_of
 
 __all__ = ["Layer", "Solution", "solve"]
@@ -65,7 +65,7 @@ def solve(
     Light scattered once is exact. Error against published tables for molecules: 2e-5 of the radiance from the zenith
     to 89 degrees, optical depth 0.005 to 2; Henyey-Greenstein g = 0.65: 2e-5, g = 0.76: 2e-4. The forward
     peak of a scattering matrix that the directions cannot resolve counts as not scattered, except in light scattered
-    once (delta-M with TMS, see `model.atmosphere.transfer.forward_peak`). The number of orders
+    once (delta-M with TMS, see `model.atmosphere.transfer.delta_m_truncation`). The number of orders
     grows with the depth (70 at 2, conservative), so does the time. Refraction and curvature are left out.
 
     References

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from model.effects.names import Effect
-from model.imperfections import Imperfections
-from model.lit_scene import LitRegion, LitScene
-from model.sensor import Sensor
+from model.scene.lit_scene import LitRegion, LitScene
+from model.sensor.imperfections import Imperfections
+from model.sensor.sensor import Sensor
 
 
 def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expn
 
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.profile import Column, column
-from model.lit_scene import Air
+from model.scene.lit_scene import Air
 
 # Of what is scattered more than once, directions are known to nobody: its phase function is taken as this, and a beam
 # that was scattered once before as turned by up to that angle.

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.bound import Bound, Disturbance
-from model.effects.bracket import RegionBracket, share_of
+from model.effects.radiance_bounds import RegionBracket, share_of
 
 FloatArray = NDArray[np.float64]
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from model.effects.air_bounds import depth
 from model.effects.bound import NOTHING, UNKNOWN, Disturbance
-from model.effects.bracket import RegionBracket
+from model.effects.radiance_bounds import RegionBracket
 from model.effects.sun_light import SunLight
-from model.falloff import cosine_fourth
-from model.lit_scene import LitScene
+from model.scene.falloff import cosine_fourth
+from model.scene.lit_scene import LitScene
 
 # Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
 _POWER = 4.2

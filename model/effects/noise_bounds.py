@@ -3,9 +3,9 @@
 import numpy as np
 
 from model.effects.bound import NOTHING, Disturbance
-from model.effects.bracket import RegionBracket
-from model.lit_scene import LitScene
-from model.saturation import saturation_probability
+from model.effects.radiance_bounds import RegionBracket
+from model.scene.lit_scene import LitScene
+from model.sensor.saturation import saturation_probability
 
 
 def dark_current(scene: LitScene, region: RegionBracket) -> Disturbance:

@@ -9,12 +9,12 @@ from scipy.special import chdtri
 from model.effects import light_bounds, noise_bounds, session_bounds
 from model.effects.air_bounds import bound_air
 from model.effects.bound import Bound, Disturbance
-from model.effects.bracket import RegionBracket, bracket
 from model.effects.consequences import bound_of, detection_bound
 from model.effects.names import ALL, Effect
+from model.effects.radiance_bounds import RegionBracket, bracket
 from model.effects.sun_light import SunLight, beam_lighting, known_light, sun_light
-from model.lit_scene import LitRegion, LitScene
-from model.scenario import RegionLight
+from model.scene.lit_scene import LitRegion, LitScene
+from model.scene.scenario import RegionLight
 
 # Light of the regions where only these effects act.
 KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]

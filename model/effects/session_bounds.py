@@ -3,8 +3,8 @@
 import numpy as np
 
 from model.effects.bound import NOTHING, UNKNOWN, Disturbance
-from model.effects.bracket import RegionBracket, share_of
-from model.lit_scene import LitScene
+from model.effects.radiance_bounds import RegionBracket, share_of
+from model.scene.lit_scene import LitScene
 
 
 def leakage(scene: LitScene, region: RegionBracket) -> Disturbance:

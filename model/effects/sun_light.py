@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import geometry
-from model.adjacency import BACKSCATTER
 from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.effects.air_bounds import AirBounds, depth_below, path_bound
-from model.field_of_view import FieldPart, off_axis
-from model.illumination import illuminate
-from model.lit_scene import Air, LitRegion, LitScene
-from model.scenario import RegionLight
-from model.scene import aperture_lights
+from model.scene.adjacency import BACKSCATTER
+from model.scene.aperture_radiance import aperture_lights
+from model.scene.field_of_view import FieldPart, off_axis
+from model.scene.illumination import illuminate
+from model.scene.lit_scene import Air, LitRegion, LitScene
+from model.scene.scenario import RegionLight
+from model.scene.view import View
 from model.surface.pbrdf import Surface, mueller
-from model.view import View
 
 FloatArray = NDArray[np.float64]
 

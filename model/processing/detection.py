@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.processing.detection_law import DetectionLaw, condition_warnings, detection_law
+from model.processing.detection_distribution import DetectionLaw, condition_warnings, detection_law
 from model.processing.quadratic_forms import chi_square
 from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
 

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.moments import covariance_factor
 from model.processing.detection import rx_threshold
-from model.processing.detection_law import background_condition
+from model.processing.detection_distribution import background_condition
 
 FloatArray = NDArray[np.float64]
 

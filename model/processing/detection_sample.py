@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc, betaincc, betainccinv, betaincinv
 
-from model.processing.detection_law import condition_warnings, detection_law
+from model.processing.detection_distribution import condition_warnings, detection_law
 from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
 
 FloatArray = NDArray[np.float64]

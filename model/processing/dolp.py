@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.moments import checked_pair
-from model.processing.dolp_law.exact import exact_moments
-from model.processing.dolp_law.existence import Ambiguity, always_existing, ambiguity
-from model.processing.dolp_law.frame import DolpFrame, dolp_frame
-from model.processing.dolp_law.law import cdf, law_tails, pdf, probability_above
-from model.processing.dolp_law.orders import Expansion, first_order, second_order
-from model.processing.dolp_law.quantile import quantile
+from model.processing.dolp_distribution.distribution import cdf, law_tails, pdf, probability_above
+from model.processing.dolp_distribution.existence import Ambiguity, always_existing, ambiguity
+from model.processing.dolp_distribution.frame import DolpFrame, dolp_frame
+from model.processing.dolp_distribution.moment_expansion import Expansion, first_order, second_order
+from model.processing.dolp_distribution.moment_quadrature import exact_moments
+from model.processing.dolp_distribution.quantile import quantile
 
 __all__ = [
     "DolpMoments",

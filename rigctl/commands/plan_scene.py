@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from typing import Any
 
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from rigctl.comparison.scene_prediction import EXPOSURE, ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from model.field_light import Source
+from model.scene.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits

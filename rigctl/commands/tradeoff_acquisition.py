@@ -5,8 +5,8 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
-from model.acquisition_design import Disturbances, Session
-from model.acquisition_search import Reached, Wanted, fewest_cycles
+from model.acquisition.session_design import Disturbances, Session
+from model.acquisition.session_search import Reached, Wanted, fewest_cycles
 from rigctl.comparison.acquisition_tradeoff import (
     MORNING,
     OVERHEAD_S,

@@ -12,10 +12,10 @@ from model.accuracy.estimates.light_error import light_errors
 from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
-from model.accuracy.planning.knobs import KNOBS, WAVELENGTHS, Plan, settings_at
-from model.accuracy.predict import AccuratePrediction, predict
-from model.lit_scene import LitScene
-from model.rig_errors import predict_with_errors
+from model.accuracy.planning.numerical_settings import KNOBS, WAVELENGTHS, Plan, settings_at
+from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
+from model.prediction.rig_errors import predict_with_errors
+from model.scene.lit_scene import LitScene
 from rigctl.comparison.scene_prediction import ScenePredictor
 
 FloatArray = NDArray[np.float64]

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from model.acquisition_design import Disturbances, DolpBudget, Session, dolp_budget
-from model.acquisition_search import SATURATED, Reached, Wanted, fewest_cycles, shortest
-from model.frame_order import PATTERNS, Pattern, least_drifting_order
-from model.processing.angle_design import equispaced_rad
+from model.acquisition.angle_design import equispaced_rad
+from model.acquisition.frame_order import PATTERNS, Pattern, least_drifting_order
+from model.acquisition.session_design import Disturbances, DolpBudget, Session, dolp_budget
+from model.acquisition.session_search import SATURATED, Reached, Wanted, fewest_cycles, shortest
 from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.moments import Moments
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from model.processing.channel_ratios import channel_ratios
 from model.processing.sample_moments import Sample
 from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.channels import ChannelMoments
-from model.prediction import RegionPrediction, predict_region
+from model.prediction.prediction import RegionPrediction, predict_region
 from model.processing.agreement import propagate_inputs
-from model.processing.law_check import check_dolp_law
+from model.processing.distribution_check import check_dolp_law
 from model.processing.sample_moments import Sample, deviation
+from model.sensor.channels import ChannelMoments
 from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.field_light import FieldLight
-from model.prediction import RegionPrediction, predict
+from model.prediction.prediction import RegionPrediction, predict
+from model.prediction.rig_errors import predict_with_errors
 from model.processing.input_propagation import Propagation
-from model.rig_errors import predict_with_errors
+from model.scene.field_light import FieldLight
 from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.input_inference import deviations_cov
+from model.processing.bayesian_update import deviations_cov
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from rigctl.comparison.propagated_rows import only_uncertain, propagate_rows
 from rigctl.comparison.remarks import curved_inputs
 from rigctl.comparison.rows import Row

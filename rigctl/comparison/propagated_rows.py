@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation, propagate
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.errors import ConfigError, DataError

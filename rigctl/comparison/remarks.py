@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
 from rigctl.comparison.scale import Scale
 from rigctl.files.scene_file import SceneFile

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.rig_errors import RigErrors, drifting_light
+from model.prediction.rig_errors import RigErrors, drifting_light
 from rigctl.files.scene_file import RigSection, SceneFile
 from rigctl.measurement.measurement import Measurement
 from rigctl.scene.scene_inputs import Inputs, file_readout

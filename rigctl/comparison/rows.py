@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.prediction import Quantities
+from model.prediction.prediction import Quantities
 from model.processing.agreement import holm_rejections, two_sided_p_value
 from rigctl.measurement.region_numbers import MeasuredQuantities
 

@@ -1,6 +1,6 @@
 """How a run was read out, as the model takes it."""
 
-from model.scenario import Readout
+from model.scene.scenario import Readout
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.polarimeter.registration import Registration, register
-from model.uncertainty_budget import budget, shift_cause
+from model.prediction.uncertainty_budget import budget, shift_cause
 from rigctl.comparison.uncertainty_budget import RegionBudget
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.measurement import Measurement

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.free_scale import FreeScale, fit_free_scale
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from rigctl.comparison.run_readout import one_exposure_s
 from rigctl.comparison.throughput import GAIN, modelled_response, rescaled, without_throughput

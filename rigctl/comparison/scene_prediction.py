@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from model.accuracy.evaluation.chain import Clock
-from model.accuracy.predict import SMALLEST, AccuratePrediction
-from model.accuracy.predict import predict as predict_to
+from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction
+from model.accuracy.predict_to_tolerance import predict as predict_to
 from model.effects.planner import EffectPlan, plan
-from model.field_light import FieldLight, Source
-from model.lit_scene import LitScene
-from model.prediction import RegionPrediction, predict
-from model.rig_errors import RigErrors, predict_with_errors
+from model.prediction.prediction import RegionPrediction, predict
+from model.prediction.rig_errors import RigErrors, predict_with_errors
+from model.scene.field_light import FieldLight, Source
+from model.scene.lit_scene import LitScene
 from rigctl.comparison.rig_inputs import IDEAL_RIG, cycle_of_file, rig_errors, with_rig
 from rigctl.comparison.scale import panel_scaled
 from rigctl.errors import ConfigError

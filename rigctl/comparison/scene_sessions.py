@@ -3,11 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
-from model.acquisition_design import CycleLight, Session, cycle_light
-from model.acquisition_search import Scheme
+from model.acquisition.angle_design import equispaced_rad
+from model.acquisition.session_design import CycleLight, Session, cycle_light
+from model.acquisition.session_search import Scheme
 from model.moments import Moments
-from model.processing.angle_design import equispaced_rad
-from model.sensor import Sensor
+from model.sensor.sensor import Sensor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.scene_inputs import build_scenario, file_readout, gather

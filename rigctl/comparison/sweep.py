@@ -7,8 +7,8 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
-from model.performance import PairDetection, pair_detections
-from model.prediction import Quantities
+from model.prediction.performance import PairDetection, pair_detections
+from model.prediction.prediction import Quantities
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 

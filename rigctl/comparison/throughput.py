@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.electrons import counts_per_radiance
-from model.sensor import Sensor
+from model.sensor.electrons import counts_per_radiance
+from model.sensor.sensor import Sensor
 from rigctl.errors import DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.scene_inputs import Inputs, build_sensor

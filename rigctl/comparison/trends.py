@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.rank_order import RankOrder, rank_order
+from model.processing.rank_correlation import RankOrder, rank_order
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 

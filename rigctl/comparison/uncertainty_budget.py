@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.channels import ChannelMoments
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
+from model.prediction.uncertainty_budget import budget, noise_causes
 from model.processing.input_propagation import Propagation
-from model.uncertainty_budget import budget, noise_causes
+from model.sensor.channels import ChannelMoments
 from rigctl.comparison.rig_inputs import ANGLE, DRIFT, OFFSET
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement

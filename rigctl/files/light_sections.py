@@ -7,9 +7,9 @@ from pydantic import AfterValidator, AwareDatetime, Field, model_validator
 
 from model.atmosphere.aerosol.choice import AerosolChoice
 from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.transfer.phase import AerosolKind
-from model.field_of_view import TileRule
+from model.scene.field_of_view import TileRule
 from rigctl.config import NotNegative, Positive, Section, Uncertain
 from rigctl.files.aerosol_section import OwnAerosolSection
 

@@ -22,7 +22,7 @@ from rigctl.errors import DataError
 
 FloatArray = NDArray[np.float64]
 
-# quantity -> statistic -> sample; the same names as in `model.prediction.Quantities`.
+# quantity -> statistic -> sample; the same names as in `model.prediction.prediction.Quantities`.
 MeasuredQuantities = dict[str, dict[str, Sample]]
 
 # Fewer pixels than this give no fourth moment worth the name.

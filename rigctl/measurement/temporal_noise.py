@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.sensor import SensorNoise
-from model.temporal_noise import temporal_variance_dn2
+from model.sensor.sensor import SensorNoise
+from model.sensor.temporal_noise import temporal_variance_dn2
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion

@@ -4,8 +4,8 @@ from typing import Any
 
 from rich.table import Table
 
-from model.accuracy.planning.knobs import KNOBS, STATISTICS
-from model.accuracy.predict import AccuratePrediction
+from model.accuracy.planning.numerical_settings import KNOBS, STATISTICS
+from model.accuracy.predict_to_tolerance import AccuratePrediction
 
 _PERCENT = 100.0
 _MOST_LISTED = 6

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from model.frame_order import degrees_text
+from model.acquisition.frame_order import degrees_text
 from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.reports.figure_style import png, subplots
 

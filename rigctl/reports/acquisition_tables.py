@@ -8,9 +8,9 @@ from typing import Any
 
 from rich.table import Table
 
-from model.acquisition_design import DolpBudget, Session
-from model.acquisition_search import Reached
-from model.frame_order import degrees_text
+from model.acquisition.frame_order import degrees_text
+from model.acquisition.session_design import DolpBudget, Session
+from model.acquisition.session_search import Reached
 from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 
 SCHEMA_VERSION = 1

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from model.performance import pair_detections, polarization_strength
-from model.prediction import RegionPrediction
+from model.prediction.performance import pair_detections, polarization_strength
+from model.prediction.prediction import RegionPrediction
 from rigctl.comparison.checks import Check
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.explanation import Explanation, InputMove

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.moments import Moments
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from model.processing import dolp, normalized_stokes
 from model.processing.reconstruction import reconstruct
 from model.stokes import aolp_rad

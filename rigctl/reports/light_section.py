@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from model.field_light import FieldLight, Source
+from model.scene.field_light import FieldLight, Source
 from rigctl.reports.blocks import Paragraph, Picture, Section, Table
 from rigctl.reports.figure_style import png, subplots
 from rigctl.reports.scene_tables import PARTS, stokes_cells

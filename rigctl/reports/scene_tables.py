@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from model.field_light import FieldLight, Source
+from model.scene.field_light import FieldLight, Source
 from model.stokes import aolp_rad, dolp
 from rigctl.comparison.scene_prediction import ScenePrediction
 

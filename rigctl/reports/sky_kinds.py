@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.transfer.phase import AerosolKind
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.illumination import Illumination
+from model.scene.illumination import Illumination
 from model.stokes import dolp
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from model.performance import PairDetection, pair_detections, polarization_strength
-from model.prediction import RegionPrediction
+from model.prediction.performance import PairDetection, pair_detections, polarization_strength
+from model.prediction.prediction import RegionPrediction
 from model.processing.texture import Texture
 from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.comparison import Comparison

@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.planning.knobs import KNOBS
+from model.accuracy.planning.numerical_settings import KNOBS
 from rigctl.comparison.accuracy_curves import WHOLE_CHAIN, CurvePoint, Curves
 from rigctl.reports.accuracy_tables import accuracy_json
 from rigctl.reports.figure_style import png, subplots

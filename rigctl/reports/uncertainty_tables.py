@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.table import Table
 
-from model.prediction import RegionPrediction
+from model.prediction.prediction import RegionPrediction
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty
 
 _RANKED = ("s0", "s1n", "s2n", "dolp")

@@ -9,8 +9,8 @@ from model.accuracy.evaluation.chain import scenario_of
 from model.accuracy.evaluation.settings import Settings
 from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, plan
-from model.lit_scene import LitScene
-from model.scenario import RegionLight
+from model.scene.lit_scene import LitScene
+from model.scene.scenario import RegionLight
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.effect_choice import forced_effects

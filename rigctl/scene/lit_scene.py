@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.evaluation.settings import Settings, settings_of_tier
-from model.atmosphere.lighting.tiers import Tier
-from model.field_light import Source
-from model.imperfections import Imperfections
-from model.lit_scene import LitRegion, LitScene
-from model.scenario import Readout
-from model.sensor import Sensor
+from model.atmosphere.lighting.fidelity import Tier
+from model.scene.field_light import Source
+from model.scene.lit_scene import LitRegion, LitScene
+from model.scene.scenario import Readout
+from model.sensor.imperfections import Imperfections
+from model.sensor.sensor import Sensor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneFile, SceneRegion
 from rigctl.scene.scene_records import (

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import scenario_of
-from model.field_light import Source
-from model.scenario import Readout, Scenario
-from model.sensor import Sensor, SensorNoise
+from model.scene.field_light import Source
+from model.scene.scenario import Readout, Scenario
+from model.sensor.sensor import Sensor, SensorNoise
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import NoiseSection, SceneFile
 from rigctl.scene.effect_choice import acting_effects, choice_remarks

@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 
 from model.accuracy.evaluation.light_store import LightStore
-from model.atmosphere.lighting.tiers import TIERS
+from model.atmosphere.lighting.fidelity import TIERS
 from model.atmosphere.profile import column
 from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.transfer.phase import AerosolKind
-from model.field_light import FieldLight
-from model.illumination import Illumination
+from model.scene.field_light import FieldLight
+from model.scene.illumination import Illumination
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile, SceneRegion

@@ -6,12 +6,12 @@ import numpy as np
 
 from model.atmosphere.aerosol.angstrom import angstrom_law
 from model.atmosphere.aerosol.choice import AerosolChoice
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.profile import AtmosphereState
-from model.field_of_view import FieldPart, part_of_picture, whole_field
+from model.scene.field_of_view import FieldPart, part_of_picture, whole_field
+from model.scene.view import View
 from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt
-from model.view import View
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection, FieldSection
 from rigctl.files.scene_file import SceneFile, SceneRegion

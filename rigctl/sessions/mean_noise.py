@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from model.sensor import SensorNoise
-from model.temporal_noise import temporal_variance_dn2
+from model.sensor.sensor import SensorNoise
+from model.sensor.temporal_noise import temporal_variance_dn2
 from rigctl.errors import ConfigError
 
 _NEEDED = ("gain_dn_per_e", "read_noise_e", "black_level_dn")

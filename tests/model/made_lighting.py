@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.atmosphere.lighting.analytic_sky import analytic_sky
-from model.skylight import Skylight
+from model.scene.diffuse_radiance import Skylight
 
 SUN_AZIMUTH_RAD = np.radians(200.0)
 

@@ -13,7 +13,7 @@ The optical properties in the paper stand in a table that is not at hand. Two se
 import numpy as np
 import pytest
 
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.processing.detection import rx_p_detection
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.config import Uncertain

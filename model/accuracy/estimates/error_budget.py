@@ -11,9 +11,9 @@ from model.accuracy.estimates.more_tiles import on_more_tiles
 from model.accuracy.estimates.sensitivity import Changes, changes, grown, over_field, steps
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading, readings
-from model.accuracy.planning.knobs import DOLP, ROC, TILES
-from model.lit_scene import LitScene
-from model.scenario import RegionLight
+from model.accuracy.planning.numerical_settings import DOLP, ROC, TILES
+from model.scene.lit_scene import LitScene
+from model.scene.scenario import RegionLight
 
 # What one more tile along each side changes is what the tiles miss: of the fields of 240 random scenes, by 3 to 5
 # tiles, the middle one by a few hundredths more or less, one of twenty by 0.8 of it or less. A kink may hide from it.

@@ -6,19 +6,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.accuracy.estimates.companions import Pair, companions, ends_of_band
 from model.accuracy.estimates.lines_of_sight import LinesOfSight, lines_of_sight
+from model.accuracy.estimates.refined_reference import Pair, companions, ends_of_band
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import Settings
-from model.accuracy.planning.knobs import HEMISPHERE, KNOBS, SKY_GRID, WAVELENGTHS, Plan
+from model.accuracy.planning.numerical_settings import HEMISPHERE, KNOBS, SKY_GRID, WAVELENGTHS, Plan
 from model.accuracy.planning.spectral_error import SpectralError, spectral_error
-from model.field_light import FieldLight, Source
-from model.illumination import Illumination
-from model.lit_scene import Air, LitScene
-from model.sampled_sky import SampledSky, sample_sky, sample_smooth
-from model.scene import ApertureLight
-from model.sky import Sky
+from model.scene.aperture_radiance import ApertureLight
+from model.scene.field_light import FieldLight, Source
+from model.scene.illumination import Illumination
+from model.scene.lit_scene import Air, LitScene
+from model.scene.sampled_sky import SampledSky, sample_sky, sample_smooth
+from model.scene.sky import Sky
 
 FloatArray = NDArray[np.float64]
 

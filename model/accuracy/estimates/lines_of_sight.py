@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.lighting.lighting import Lighting
-from model.field_light import FieldLight
-from model.hemisphere import reflected_by_rules
-from model.lit_scene import LitRegion, LitScene
-from model.panel_light import PanelLight
-from model.scene import ApertureLight
-from model.sky import Sky
-from model.skylight import Skylight
+from model.scene.aperture_radiance import ApertureLight
+from model.scene.diffuse_radiance import Skylight
+from model.scene.field_light import FieldLight
+from model.scene.hemisphere import reflected_by_rules
+from model.scene.lit_scene import LitRegion, LitScene
+from model.scene.panel_light import PanelLight
+from model.scene.sky import Sky
+from model.scene.view import View
 from model.stokes import rotate_frame
-from model.view import View
 
 FloatArray = NDArray[np.float64]
 

@@ -3,14 +3,14 @@
 from math import isqrt
 
 from model.accuracy.evaluation.chain import ChainResult, region_light
-from model.adjacency import with_surroundings
 from model.effects.acting import acting
 from model.effects.names import Effect
-from model.field_light import FieldLight
-from model.field_of_view import tiles
-from model.lit_scene import LitScene
-from model.scenario import RegionLight
-from model.scene import aperture_lights
+from model.scene.adjacency import with_surroundings
+from model.scene.aperture_radiance import aperture_lights
+from model.scene.field_light import FieldLight
+from model.scene.field_of_view import tiles
+from model.scene.lit_scene import LitScene
+from model.scene.scenario import RegionLight
 
 
 def on_more_tiles(scene: LitScene, result: ChainResult, name: str) -> RegionLight | None:

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
-from model.lit_scene import LitScene
-from model.performance import PairDetection, detections_of_pair, pair_detection
-from model.prediction import RegionPrediction, predict
-from model.scenario import RegionLight
+from model.prediction.performance import PairDetection, detections_of_pair, pair_detection
+from model.prediction.prediction import RegionPrediction, predict
+from model.scene.lit_scene import LitScene
+from model.scene.scenario import RegionLight
 
 FloatArray = NDArray[np.float64]
 Changes = Mapping[Reading, float]

@@ -9,16 +9,16 @@ import numpy as np
 
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import Settings
-from model.adjacency import with_surroundings
 from model.effects.acting import acting
 from model.effects.names import ALL, Effect
-from model.falloff import cosine_fourth
-from model.field_light import FieldLight
-from model.illumination import Illumination
-from model.lit_scene import LitRegion, LitScene
-from model.performance import PairDetection, pair_detection
-from model.prediction import RegionPrediction, predict
-from model.scenario import RegionLight, Scenario
+from model.prediction.performance import PairDetection, pair_detection
+from model.prediction.prediction import RegionPrediction, predict
+from model.scene.adjacency import with_surroundings
+from model.scene.falloff import cosine_fourth
+from model.scene.field_light import FieldLight
+from model.scene.illumination import Illumination
+from model.scene.lit_scene import LitRegion, LitScene
+from model.scene.scenario import RegionLight, Scenario
 
 Clock = Callable[[], float]
 

@@ -16,15 +16,15 @@ from model.atmosphere.lighting.solve_column import LightSolver
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
-from model.field_light import FieldLight, light_over_field, light_over_tiles
-from model.field_of_view import FieldPart
-from model.hemisphere import Rules
-from model.illumination import Illumination, illuminate, require_sun_zenith
-from model.lit_scene import Air, LitRegion
-from model.sampled_sky import MixedSky, sample_sky
-from model.scene import ApertureLight, aperture_lights
-from model.sky import Sky
-from model.view import View
+from model.scene.aperture_radiance import ApertureLight, aperture_lights
+from model.scene.field_light import FieldLight, light_over_field, light_over_tiles
+from model.scene.field_of_view import FieldPart
+from model.scene.hemisphere import Rules
+from model.scene.illumination import Illumination, illuminate, require_sun_zenith
+from model.scene.lit_scene import Air, LitRegion
+from model.scene.sampled_sky import MixedSky, sample_sky
+from model.scene.sky import Sky
+from model.scene.view import View
 
 # A sky is asked for again by the next region, the next geometry, or not at all; lights by a sweep or a derivative.
 _SKIES, _LIGHTS = 16, 512

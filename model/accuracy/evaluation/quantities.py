@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.performance import PairDetection
-from model.prediction import RegionPrediction
-from model.scenario import Scenario
+from model.prediction.performance import PairDetection
+from model.prediction.prediction import RegionPrediction
+from model.scene.scenario import Scenario
 
 # Means of these are shares or degrees: the tolerance is absolute. That of all else is relative.
 _ABSOLUTE_MEANS = frozenset({"dolp", "dolp_pixels", "s1n", "s2n"})
@@ -25,7 +25,7 @@ class Reading(NamedTuple):
     place
         A region, or "target on background".
     quantity, statistic
-        As in `model.prediction.Quantities`; "radiance" and "p_detection" beside them.
+        As in `model.prediction.prediction.Quantities`; "radiance" and "p_detection" beside them.
     """
 
     place: str

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from model.atmosphere.lighting.tiers import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
-from model.field_of_view import TileRule
+from model.atmosphere.lighting.fidelity import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
+from model.scene.field_of_view import TileRule
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,8 +18,8 @@ class Settings:
     solver
         Streams, layers, element depth and orders of scattering of a solution.
     sky_zeniths, sky_azimuths
-        Steps of the grid on which the sky is kept, as in `model.sampled_sky.sample_sky`; 0 zeniths for none, the sky
-        itself is then asked in every direction.
+        Steps of the grid on which the sky is kept, as in `model.scene.sampled_sky.sample_sky`; 0 zeniths for none, the
+        sky itself is then asked in every direction.
     hemisphere_tolerance
         Of the integral of pBRDF times sky, share of its S0.
     tiles_per_side, tile_rule

@@ -12,7 +12,7 @@ from model.atmosphere.molecules import rayleigh_optical_depth
 from model.atmosphere.ozone import ozone_optical_depth
 from model.atmosphere.profile import AtmosphereState, kinks_m
 from model.atmosphere.spectral_rule import SpectralRule, spectral_rule
-from model.lit_scene import Air
+from model.scene.lit_scene import Air
 
 FloatArray = NDArray[np.float64]
 

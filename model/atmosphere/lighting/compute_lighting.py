@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from model.atmosphere.lighting.analytic_sky import AnalyticLighting
 from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
-from model.atmosphere.lighting.single import single_solution
+from model.atmosphere.lighting.fidelity import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
+from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.lighting.solve_column import LightSolver, solve_column
-from model.atmosphere.lighting.tiers import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
 from model.atmosphere.ozone import ozone_optical_depth
 from model.atmosphere.profile import AtmosphereState, Column, column, kinks_m, optical_depth
 from model.atmosphere.solver import solve

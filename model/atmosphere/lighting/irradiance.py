@@ -17,7 +17,7 @@ def sky_irradiance(light: DiffuseLight) -> float:
     Parameters
     ----------
     light
-        A sky without a sharp aureole (see `model.atmosphere.transfer.forward_peak.with_truncated_matrix`).
+        A sky without a sharp aureole (see `model.atmosphere.transfer.delta_m_truncation.with_truncated_matrix`).
 
     References
     ----------

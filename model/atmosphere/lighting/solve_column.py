@@ -5,7 +5,7 @@ from typing import Protocol, TypedDict, TypeVar, Unpack
 
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
 from model.atmosphere.lighting.extrapolated_light import ExtrapolatedLight
-from model.atmosphere.lighting.tiers import SolverSettings
+from model.atmosphere.lighting.fidelity import SolverSettings
 from model.atmosphere.profile import Column
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.transfer.orders import OrderSum, Setting, mean_radiance_of, sum_orders
 from model.atmosphere.transfer.residual import refined, residual
 from model.atmosphere.transfer.scattering import scattering_of
+from model.atmosphere.transfer.successive_orders import OrderSum, Setting, mean_radiance_of, sum_orders
 from model.atmosphere.transfer.transport import transport_of
 
 _LARGEST_RATIO = 0.99  # of successive orders, where an error is taken to grow a hundredfold

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from model.atmosphere.transfer.forward_peak import forward_share
+from model.atmosphere.transfer.delta_m_truncation import forward_share
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
 from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix

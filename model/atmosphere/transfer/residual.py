@@ -6,8 +6,8 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.transfer.orders import OrderSum, Setting, direct_irradiance, ground_light
 from model.atmosphere.transfer.scattering import beam_source, project, scattered_source, scattering_of
+from model.atmosphere.transfer.successive_orders import OrderSum, Setting, direct_irradiance, ground_light
 from model.atmosphere.transfer.transport import Grid, carry, carry_beam, gauss_nodes
 
 # A parabola through the points of an element, read at the points 0, 1/4, 1/2 and 3/4 of it.

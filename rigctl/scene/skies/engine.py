@@ -3,7 +3,7 @@
 import importlib.util
 from typing import Literal
 
-from model.atmosphere.lighting.tiers import TIERS, Tier
+from model.atmosphere.lighting.fidelity import TIERS, Tier
 from rigctl.errors import ConfigError
 
 # The project's own solver, or an independent one beside it as a check.

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.lighting.lighting import Lighting
-from model.atmosphere.lighting.tiers import Tier
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
-from model.lit_scene import Air
+from model.scene.lit_scene import Air
 from rigctl.errors import ConfigError
 from rigctl.scene.skies.alternative_air import AlternativeAir
 from rigctl.scene.skies.sky_table import read_sky_table

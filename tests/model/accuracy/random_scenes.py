@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 
 from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.transfer.phase import AerosolKind
-from model.field_of_view import whole_field
 from model.geometry import angle_between_rad, direction
-from model.imperfections import Imperfections
-from model.lit_scene import Air, LitRegion, LitScene
-from model.scenario import Readout
-from model.sensor import Sensor, SensorNoise
+from model.scene.field_of_view import whole_field
+from model.scene.lit_scene import Air, LitRegion, LitScene
+from model.scene.scenario import Readout
+from model.scene.view import View
+from model.sensor.imperfections import Imperfections
+from model.sensor.sensor import Sensor, SensorNoise
 from model.surface.diffuse import DIFFUSE
 from model.surface.pbrdf import Surface
 from model.surface.shadowing import SHADOWING
 from model.surface.tilt import Tilt
-from model.view import View
 from rigctl.scene.skies.solar_band import response_band
 
 _LARGEST_FIELD_RAD = np.radians(30.0)

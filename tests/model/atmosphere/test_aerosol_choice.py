@@ -8,7 +8,7 @@ from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
 from model.atmosphere.aerosol.refractive_index import RefractiveIndex
 from model.atmosphere.aerosol.size_distribution import LogNormal
 from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.tiers import TIERS, Tier
+from model.atmosphere.lighting.fidelity import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column, optical_depth
 from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand

@@ -3,10 +3,10 @@ import pytest
 
 from model.atmosphere.lighting.analytic_sky import AnalyticLighting, analytic_sky
 from model.atmosphere.lighting.compute_lighting import compute_lighting
+from model.atmosphere.lighting.fidelity import TIERS, Tier
 from model.atmosphere.lighting.path import path_radiance, path_transmittance
-from model.atmosphere.lighting.single import single_solution
+from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.lighting.table_lighting import TableLighting
-from model.atmosphere.lighting.tiers import TIERS, Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand

@@ -5,7 +5,7 @@ import pytest
 
 from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
 from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.solver import solve

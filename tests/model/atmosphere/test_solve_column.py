@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.atmosphere.lighting.single import single_solution
+from model.atmosphere.lighting.fidelity import SolverSettings
+from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.lighting.solve_column import solve_column
-from model.atmosphere.lighting.tiers import SolverSettings
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind

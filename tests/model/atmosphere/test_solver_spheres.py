@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 
 from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
 from model.atmosphere.lighting.path import path_radiance
-from model.atmosphere.lighting.single import single_solution
+from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.solver import solve
-from model.atmosphere.transfer.forward_peak import peak_irradiance, with_truncated_matrix
+from model.atmosphere.transfer.delta_m_truncation import peak_irradiance, with_truncated_matrix
 from model.atmosphere.transfer.layers import Layer
 from model.atmosphere.transfer.phase import AerosolKind
 from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix

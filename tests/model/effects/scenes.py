@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from model.accuracy.evaluation.settings import Settings
-from model.atmosphere.lighting.tiers import SolverSettings, Tier
+from model.atmosphere.lighting.fidelity import SolverSettings, Tier
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
-from model.field_of_view import FieldPart
-from model.imperfections import PERFECT
-from model.lit_scene import Air, LitRegion, LitScene
-from model.scenario import Readout
-from model.sensor import Sensor, SensorNoise
+from model.scene.field_of_view import FieldPart
+from model.scene.lit_scene import Air, LitRegion, LitScene
+from model.scene.scenario import Readout
+from model.scene.view import View
+from model.sensor.imperfections import PERFECT
+from model.sensor.sensor import Sensor, SensorNoise
 from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt
-from model.view import View
 
 COARSE = Settings(
     wavelengths=2,

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.effect_scenes import SETTINGS, random_materials
 from model.accuracy.evaluation.chain import evaluate
 from model.effects.planner import light_limits
-from model.imperfections import Imperfections
+from model.sensor.imperfections import Imperfections
 
 # The limits take four wavelengths; what the polynomial through as many misses of a band is the same on both sides.
 LIGHT_SETTINGS = replace(SETTINGS, wavelengths=4, sky_zeniths=16, sky_azimuths=14)

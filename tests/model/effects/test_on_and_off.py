@@ -10,7 +10,7 @@ from model.accuracy.evaluation.chain import evaluate, scenario_of
 from model.accuracy.evaluation.light_store import LightStore
 from model.effects.names import ALL, Effect
 from model.effects.planner import plan
-from model.lit_scene import LitScene
+from model.scene.lit_scene import LitScene
 from tests.model.effects.scenes import COARSE, THIN, panel_scene, radiance_scene
 
 TOLERANCE = 5e-3

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from model.processing import dolp
-from model.processing.dolp_law.joint import aolp_pdf, aolp_statistics, joint_pdf
+from model.processing.dolp_distribution.joint import aolp_pdf, aolp_statistics, joint_pdf
 from tests.model.oracles import covariance
 
 MEAN = np.array([1.0, 0.3, 0.1])

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from model.acquisition_design import Disturbances
-from model.acquisition_search import Wanted
+from model.acquisition.session_design import Disturbances
+from model.acquisition.session_search import Wanted
 from rigctl.commands.tradeoff_acquisition import show_acquisition_tradeoff, with_cycles_for
 from rigctl.comparison.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
 from rigctl.comparison.scene_prediction import ScenePredictor

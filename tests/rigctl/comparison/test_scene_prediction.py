@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from model.performance import pair_detections
+from model.prediction.performance import pair_detections
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.polarimeter.flat_field import flat_field
-from model.channels import ChannelMoments
-from model.prediction import as_processed
-from model.scenario import Readout
+from model.prediction.prediction import as_processed
+from model.scene.scenario import Readout
+from model.sensor.channels import ChannelMoments
 from rigctl.calibrations.flat.flat_file import read_fitting_flats
 from rigctl.cli import EXIT_DATA, main
 from rigctl.errors import DataError

@@ -9,8 +9,17 @@ from model.accuracy.estimates.light_error import light_errors
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.knobs import HEMISPHERE, KNOBS, LAYERS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, settings_at
-from model.atmosphere.lighting.tiers import Tier
+from model.accuracy.planning.numerical_settings import (
+    HEMISPHERE,
+    KNOBS,
+    LAYERS,
+    SKY_GRID,
+    STREAMS,
+    TILES,
+    WAVELENGTHS,
+    settings_at,
+)
+from model.atmosphere.lighting.fidelity import Tier
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-4  # so small that nothing is passed over

@@ -5,7 +5,7 @@ import pytest
 
 from model.accuracy.estimates.more_tiles import on_more_tiles
 from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.planning.knobs import HEMISPHERE, KNOBS, settings_at
+from model.accuracy.planning.numerical_settings import HEMISPHERE, KNOBS, settings_at
 from tests.model.accuracy.random_scenes import random_scene
 
 # A target before a background that fills 20 by 16 deg of the field; two points.

@@ -7,9 +7,9 @@ import pytest
 from model.accuracy.estimates.sensitivity import changes, grown, steps
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.quantities import readings, signed_differences
-from model.accuracy.planning.knobs import KNOBS, settings_at
-from model.performance import pair_detection
-from model.prediction import predict
+from model.accuracy.planning.numerical_settings import KNOBS, settings_at
+from model.prediction.performance import pair_detection
+from model.prediction.prediction import predict
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-3

@@ -5,7 +5,7 @@ import pytest
 
 from model.accuracy.evaluation.chain import evaluate, scenario_of
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.planning.knobs import KNOBS, settings_at
+from model.accuracy.planning.numerical_settings import KNOBS, settings_at
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
 from tests.model.accuracy.random_scenes import random_scene

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.planning.knobs import KNOBS, WAVELENGTHS, at_level, settings_at
+from model.accuracy.planning.numerical_settings import KNOBS, WAVELENGTHS, at_level, settings_at
 from model.accuracy.planning.spectral_error import spectral_error
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.profile import AtmosphereState

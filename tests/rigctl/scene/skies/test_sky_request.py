@@ -4,7 +4,7 @@ from pvlib import spectrum
 
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import settings_of_tier
-from model.atmosphere.lighting.tiers import Tier
+from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind

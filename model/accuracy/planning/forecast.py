@@ -1,0 +1,125 @@
+"""What each level of each knob is likely to leave out and to cost in a scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from model.accuracy.evaluation.chain import ChainResult
+from model.accuracy.planning.field_decay import decay
+from model.accuracy.planning.numerical_settings import (
+    KNOBS,
+    STREAMS,
+    TILES,
+    WAVELENGTHS,
+    Plan,
+    at_level,
+    settings_at,
+    streams,
+    tiles_per_side,
+)
+from model.accuracy.planning.spectral_error import spectral_errors
+from model.atmosphere.profile import column
+from model.scene.lit_scene import Air, LitScene
+
+# The law of the tiles is taken to be no steeper, for few tiles do not show a kink, and no flatter.
+_FASTEST, _SLOWEST = 0.05, 0.7
+# What streams miss, over the first term of the scattering function that they do not resolve; molecules have as much
+# of it as an aerosol of this asymmetry.
+_OF_TERM, _LEAST_ASYMMETRY = 0.5, 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outlook:
+    """Likely errors and efforts of a scene.
+
+    Attributes
+    ----------
+    errors
+        Knob to the likely relative error of the light at each of its levels, falling.
+    efforts
+        Knob to by what the time of its stage is multiplied at each of its levels, over the lowest.
+    """
+
+    errors: Mapping[str, tuple[float, ...]]
+    efforts: Mapping[str, tuple[float, ...]]
+
+    def error(self, plan: Plan, scales: Mapping[str, float]) -> float:
+        """Return the sum of the errors that are to be expected, each multiplied by a scale of its knob."""
+        return sum(scales[name] * self.errors[name][level] for name, level in plan.items())
+
+
+def outlook(scene: LitScene) -> Outlook:
+    """Return the likely errors and efforts of all levels of all knobs.
+
+    Parameters
+    ----------
+    scene
+        To be predicted.
+
+    Notes
+    -----
+    The wavelengths are looked at for the scene itself: a narrow band needs one where a wide one needs four. So are the
+    streams: the terms of a Henyey-Greenstein function fall as powers of its asymmetry.
+
+    References
+    ----------
+    Definition.
+    """
+    errors = {name: tuple(level.error for level in knob.levels) for name, knob in KNOBS.items()}
+    efforts = {name: tuple(level.effort for level in knob.levels) for name, knob in KNOBS.items()}
+    found = [_of_wavelengths(air) for air in _computed(scene)]
+    if found:
+        errors[WAVELENGTHS] = tuple(max(each) for each in zip(*(error for error, _ in found), strict=True))
+        efforts[WAVELENGTHS] = tuple(max(each) for each in zip(*(effort for _, effort in found), strict=True))
+        errors[STREAMS] = _of_streams(max(_asymmetry(air) for air in _computed(scene)))
+    return Outlook(errors=errors, efforts=efforts)
+
+
+def seen(ahead: Outlook, scene: LitScene, result: ChainResult) -> Outlook:
+    """Return an outlook with the law of the tiles as a field shows it that was seen already.
+
+    Parameters
+    ----------
+    ahead
+        Before.
+    scene, result
+        What was evaluated, and what was found.
+
+    References
+    ----------
+    Definition: an error of tiles falls with each more as the degrees of the field do.
+    """
+    fields = [np.stack([getattr(one, scene.source) for one in light.lights]) for light in result.lights.values()]
+    found = [ratio for ratio in map(decay, fields) if ratio is not None]
+    if not found:
+        return ahead
+    ratio = min(max(*found, _FASTEST), _SLOWEST)
+    sides = np.array([tiles_per_side(level) for level in range(len(KNOBS[TILES].levels))])
+    return replace(ahead, errors={**ahead.errors, TILES: tuple((ratio**sides).tolist())})
+
+
+def _computed(scene: LitScene) -> list[Air]:
+    airs = [] if scene.air is None else [scene.air, scene.air.alternative]
+    return [air for air in airs if air is not None and air.state is not None]
+
+
+def _asymmetry(air: Air) -> float:
+    """Return the largest of the aerosol in the middle of the band."""
+    if air.state is None:
+        raise ValueError("outlook: a table has no aerosol")
+    spectrum = air.band.shares
+    middle = column(air.state, wavelength_m=float(spectrum @ air.band.wavelength_m / np.sum(spectrum)))
+    return max(middle.lower.g, middle.upper.g)
+
+
+def _of_streams(asymmetry: float) -> tuple[float, ...]:
+    counts = np.array([streams(level) for level in range(len(KNOBS[STREAMS].levels))])
+    return tuple((_OF_TERM * max(asymmetry, _LEAST_ASYMMETRY) ** (2.0 * counts)).tolist())
+
+
+def _of_wavelengths(air: Air) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    lowest = settings_at(dict.fromkeys(KNOBS, 0), 1e-2)
+    levels = range(len(KNOBS[WAVELENGTHS].levels))
+    found = spectral_errors(air, [at_level(lowest, WAVELENGTHS, level) for level in levels])
+    return tuple(one.scattered for one in found), tuple(float(one.rule.wavelength_m.size) for one in found)

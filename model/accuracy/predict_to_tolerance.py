@@ -1,0 +1,171 @@
+"""A prediction to a stated tolerance: knobs set at least cost, errors estimated, and knobs raised until they fit."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from model.accuracy.estimates.error_budget import Budget, error_budget
+from model.accuracy.estimates.light_error import light_errors
+from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import Reading
+from model.accuracy.planning.budget_allocation import allot
+from model.accuracy.planning.forecast import Outlook, outlook, seen
+from model.accuracy.planning.numerical_settings import KNOBS, Plan, settings_at
+from model.atmosphere.transfer.phase import AerosolKind
+from model.effects.names import ALL, Effect
+from model.scene.lit_scene import LitScene
+
+ESTIMATES = "error estimates"
+# Tolerances that the levels are made for.
+SMALLEST, LARGEST = 1e-6, 0.1
+# Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
+# times as much, then with errors as they were estimated for each number.
+_FIRST_AIM, _AIM = 0.6, 0.75
+# A first plan is no coarser, for that would save nothing. Where it would have to be finer it is the coarsest: it costs
+# little beside the one that follows, and tells it what counts.
+_FIRST_COARSEST, _FIRST_FINEST = 1e-2, 7e-4
+_ROUNDS = 6
+_SPHERES = (
+    "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "
+    "the estimate is given, and no promise"
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AccuratePrediction:
+    """A prediction with its estimated numerical errors.
+
+    Attributes
+    ----------
+    result
+        What was found.
+    tolerance
+        That was asked for.
+    plan
+        Level of each knob.
+    budget
+        Estimated errors by knob and in sum, in the units of the tolerance.
+    not_promised
+        Reading to the reason why its error may exceed the tolerance; all others keep it.
+    stage_s
+        Time of each stage over all rounds, that of the error estimates beside them [s].
+    rounds
+        How often the chain was evaluated.
+    """
+
+    result: ChainResult
+    tolerance: float
+    plan: Plan
+    budget: Budget
+    not_promised: Mapping[Reading, str]
+    stage_s: Mapping[str, float]
+    rounds: int
+
+
+def predict(
+    scene: LitScene,
+    *,
+    tolerance: float,
+    effects: frozenset[Effect] = ALL,
+    store: LightStore | None = None,
+    clock: Clock = time.perf_counter,
+) -> AccuratePrediction:
+    """Return a prediction whose numerical error is no more than a tolerance, in about the least time.
+
+    Parameters
+    ----------
+    scene
+        To be predicted.
+    tolerance
+        1e-6 to 0.1: absolute in DoLP, s1, s2, P_D and the area under its curve; relative in radiance, counts,
+        deviations and SNR (S1 and S2 as shares of S0).
+    effects
+        That act; what leaving one out costs is not counted here.
+    store
+        Keeps skies and lights between calls; None for a new one.
+    clock
+        Seconds, rising.
+
+    Raises
+    ------
+    ValueError
+        The tolerance, or a number of the scene, is outside its range.
+
+    Notes
+    -----
+    Where a reading would need finer settings than there are, or the law of its error is not known, the result says so
+    in `not_promised`.
+
+    References
+    ----------
+    Definition.
+    """
+    if not SMALLEST <= tolerance <= LARGEST:
+        raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
+    lights = LightStore() if store is None else store
+    taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
+    ahead = outlook(scene)
+    plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), _first_aim(tolerance))
+    for rounds in range(1, _ROUNDS + 1):
+        settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
+        result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)
+        start = clock()
+        errors = light_errors(scene, plan, result, lights, tolerance=tolerance)
+        budget = error_budget(scene, result, errors, tolerance=tolerance)
+        taken[ESTIMATES] += clock() - start
+        for stage, seconds in result.stage_s.items():
+            taken[stage] += seconds
+        finer = _finer(scene, seen(ahead, scene, result), plan, budget, tolerance)
+        if finer == plan or rounds == _ROUNDS:
+            break
+        plan = finer
+    return AccuratePrediction(
+        result=result,
+        tolerance=tolerance,
+        plan=plan,
+        budget=budget,
+        not_promised=_not_promised(scene, budget, tolerance),
+        stage_s=taken,
+        rounds=rounds,
+    )
+
+
+def _first_aim(tolerance: float) -> float:
+    aim = _FIRST_AIM * tolerance
+    return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, _FIRST_COARSEST)
+
+
+def _finer(scene: LitScene, ahead: Outlook, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:
+    """Return a finer plan for the readings that can be brought within the tolerance; the same one if there are none."""
+    allowed, finer = _AIM * tolerance, plan
+    for key in (key for key, error in budget.total.items() if error > tolerance):
+        scales = _scales(ahead, plan, budget, key)
+        raised = allot(scene, ahead, scales, allowed, start=finer)
+        if ahead.error(raised, scales) <= allowed:
+            finer = raised
+    return finer
+
+
+def _scales(ahead: Outlook, plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:
+    """By what the likely errors of the knobs are to be multiplied for those that were estimated of a reading."""
+    return {name: budget.by_knob[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
+
+
+def _not_promised(scene: LitScene, budget: Budget, tolerance: float) -> dict[Reading, str]:
+    if _has_spheres(scene):
+        return dict.fromkeys(budget.total, _SPHERES)
+    return {
+        key: f"estimated error {error:.2g}, the most of it by {_most(budget, key)}"
+        for key, error in budget.total.items()
+        if not error <= tolerance
+    }
+
+
+def _most(budget: Budget, key: Reading) -> str:
+    return max(budget.by_knob, key=lambda knob: budget.by_knob[knob].get(key, 0.0))
+
+
+def _has_spheres(scene: LitScene) -> bool:
+    airs = [] if scene.air is None else [scene.air, scene.air.alternative]
+    return any(air is not None and air.aerosol is AerosolKind.SPHERES and air.state is not None for air in airs)

@@ -1,0 +1,216 @@
+"""What a prediction is worth for finding things: the law of DoLP, its noise floor, and detection between regions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.prediction.prediction import RegionPrediction
+from model.processing import dolp
+from model.processing.detection import rx_roc
+from model.processing.detection_distribution import condition_warnings
+from model.processing.nedolp import noise_equivalent
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarizationStrength:
+    """How strong and how certain the polarization of a region is, of one cycle.
+
+    Parameters
+    ----------
+    probabilities, quantiles
+        Quantiles of the pixels' DoLP given S0 > 0; they exist whether or not moments do.
+    nedolp
+        First-order noise-equivalent DoLP from temporal noise: the deviation of DoLP that unpolarised light of this
+        intensity would show.
+    unpolarised_mean
+        Mean DoLP that unpolarised light of this intensity shows by noise alone; not a number where it does not exist.
+    """
+
+    probabilities: FloatArray
+    quantiles: FloatArray
+    nedolp: float
+    unpolarised_mean: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairDetection:
+    """RX detection of one region on another, by the exact law.
+
+    Parameters
+    ----------
+    target, background
+        Names.
+    p_false_alarm, p_detection
+        Shape (K,).
+    auc
+        Area under the whole curve.
+    p_detection_error, auc_error
+        Absolute errors of both, as the integral estimates them itself; shape (K,) and a number.
+    warnings
+        What limits the result.
+    """
+
+    target: str
+    background: str
+    p_false_alarm: FloatArray
+    p_detection: FloatArray
+    auc: float
+    p_detection_error: FloatArray
+    auc_error: float
+    warnings: tuple[str, ...]
+
+
+def polarization_strength(
+    prediction: RegionPrediction, *, probabilities: Sequence[float] = (0.025, 0.5, 0.975)
+) -> PolarizationStrength:
+    """Return the law of a region's DoLP in a few numbers, and its noise floor.
+
+    Parameters
+    ----------
+    prediction
+        Of the region.
+    probabilities
+        For which to give quantiles, each in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        The mean of S0 is not above 0.
+
+    References
+    ----------
+    [MK14] section IV-A; definition.
+    """
+    stokes = prediction.stokes_dn
+    floor = noise_equivalent(stokes.mean, prediction.stokes_noise_dn2, tolerance=1e-6)
+    levels = np.asarray(probabilities, dtype=np.float64)
+    return PolarizationStrength(
+        probabilities=levels,
+        quantiles=np.asarray(dolp.quantile(levels, stokes.mean, stokes.cov)),
+        nedolp=float(floor.first_order),
+        unpolarised_mean=float(floor.mean),
+    )
+
+
+def pair_detections(
+    predictions: Mapping[str, RegionPrediction], p_false_alarm: Sequence[float]
+) -> tuple[PairDetection, ...]:
+    """Return what the RX detector does for every ordered pair of regions, on Stokes parameters of one cycle.
+
+    Parameters
+    ----------
+    predictions
+        Region to prediction.
+    p_false_alarm
+        Shape (K,), each in (0, 1).
+
+    Returns
+    -------
+    tuple of PairDetection
+        Not a number, with the reason among its warnings, where a background's covariance is singular.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    return tuple(
+        pair_detection(target, background, predictions, p_false_alarm)
+        for target, background in permutations(predictions, 2)
+    )
+
+
+def pair_detection(
+    target: str,
+    background: str,
+    predictions: Mapping[str, RegionPrediction],
+    p_false_alarm: Sequence[float],
+    *,
+    tolerance: float = 1e-10,
+) -> PairDetection:
+    """Return what the RX detector does for one region on another, on Stokes parameters of one cycle.
+
+    Parameters
+    ----------
+    target, background
+        Names of regions.
+    predictions
+        Region to prediction.
+    p_false_alarm
+        Shape (K,), each in (0, 1).
+    tolerance
+        Relative, of the tail that is integrated, 1e-12 to 0.01.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    try:
+        return detections_of_pair(target, background, (predictions,), p_false_alarm, tolerance=tolerance)[0]
+    except ValueError as error:
+        rates = np.asarray(p_false_alarm, dtype=np.float64)
+        nothing = np.full(rates.shape, np.nan)
+        return PairDetection(
+            target=target,
+            background=background,
+            p_false_alarm=rates,
+            p_detection=nothing,
+            auc=np.nan,
+            p_detection_error=nothing,
+            auc_error=np.nan,
+            warnings=(f"{background} cannot be a background: {error}",),
+        )
+
+
+def detections_of_pair(
+    target: str,
+    background: str,
+    alternatives: Sequence[Mapping[str, RegionPrediction]],
+    p_false_alarm: Sequence[float],
+    *,
+    tolerance: float = 1e-10,
+) -> tuple[PairDetection, ...]:
+    """Return what `pair_detection` does for each of several sets of predictions, in about the time of one.
+
+    Parameters
+    ----------
+    alternatives
+        Each from region to prediction.
+    target, background, p_false_alarm, tolerance
+        As in `pair_detection`.
+
+    Raises
+    ------
+    ValueError
+        In one of them the background's covariance is singular.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    rates = np.asarray(p_false_alarm, dtype=np.float64)
+    moments = (
+        np.stack([getattr(one[name].stokes_dn, moment) for one in alternatives])
+        for name in (target, background)
+        for moment in ("mean", "cov")
+    )
+    curves = rx_roc(rates[:, np.newaxis], *moments, tolerance=tolerance)
+    p_detection_error = curves.error * np.maximum(curves.p_detection, curves.p_miss)
+    auc_error = curves.auc_error * np.minimum(curves.auc, 1.0 - curves.auc)
+    return tuple(
+        PairDetection(
+            target=target,
+            background=background,
+            p_false_alarm=rates,
+            p_detection=curves.p_detection[:, k],
+            auc=float(curves.auc[k]),
+            p_detection_error=p_detection_error[:, k],
+            auc_error=float(auc_error[k]),
+            warnings=condition_warnings(curves.background_condition[k]),
+        )
+        for k in range(len(alternatives))
+    )

@@ -1,0 +1,251 @@
+"""What a scenario gives: counts, Stokes parameters, DoLP and their deviations, per region."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.moments import Moments
+from model.processing import dolp
+from model.processing.reconstruction import Design, design
+from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
+from model.scene.scenario import Readout, RegionLight, Scenario
+from model.sensor.channels import ChannelMoments, channel_moments
+
+FloatArray = NDArray[np.float64]
+
+# Less polarised light than this share of S0 is the rounding of none, and has no direction.
+_ROUNDING = 1e-12
+
+# quantity -> statistic -> number. Quantities: dn_ANGLE, s0, s1, s2, s1n, s2n, dolp, dolp_pixels, aolp_deg, dolp_snr.
+# Statistics: "mean"; "std" over the pixels of one frame or cycle; "std_temporal" of one pixel from repeat to repeat;
+# "std_spatial_mean" over the pixels of the mean of all repeats.
+Quantities = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionPrediction:
+    """What the model says of one region.
+
+    Parameters
+    ----------
+    channels
+        Moments of the counts behind each polarizer angle.
+    stokes_dn
+        Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level taken off.
+    stokes_noise_dn2
+        Covariance that temporal noise alone gives the Stokes parameters of one cycle, shape (3, 3) [DN^2].
+    dolp_method
+        How mean and deviation of the pixels' DoLP were found.
+    dolp_mean_error, dolp_std_error
+        Their absolute errors as that method estimates them itself; not a number where they do not exist.
+    quantities
+        Everything a measurement is set beside. Where moments of DoLP do not exist they are left out.
+    warnings
+        Where the model is void or poor, in words.
+    """
+
+    channels: ChannelMoments
+    stokes_dn: Moments
+    stokes_noise_dn2: FloatArray
+    dolp_method: str
+    dolp_mean_error: float
+    dolp_std_error: float
+    quantities: Quantities
+    warnings: tuple[str, ...]
+
+    @property
+    def dolp_error(self) -> float:
+        """The larger of the two errors."""
+        return max(self.dolp_mean_error, self.dolp_std_error)
+
+
+def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionPrediction]:
+    """Return what the model predicts for each region of a scenario.
+
+    Parameters
+    ----------
+    scenario
+        Light, sensor and readout.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    Returns
+    -------
+    dict
+        Region name to prediction, in the order of the scenario.
+
+    References
+    ----------
+    [MK14] eq. (10)-(29).
+    """
+    plan = design(scenario.readout.angles_rad, scenario.readout.extinction_ratio)
+    return {
+        region.name: predict_region(
+            _channels(region, scenario),
+            plan=plan,
+            channel_names=scenario.readout.channel_names,
+            cycles=scenario.readout.cycles,
+            tolerance=tolerance,
+        )
+        for region in scenario.regions
+    }
+
+
+def predict_region(
+    channels: ChannelMoments, *, plan: Design, channel_names: tuple[str, ...], cycles: int, tolerance: float = 1e-6
+) -> RegionPrediction:
+    """Return what follows from the moments of a region's channels.
+
+    Parameters
+    ----------
+    channels
+        From the sensor model, or with mean and scene covariance as they were measured.
+    plan
+        Polarizer angles and the inverse in use, N channels.
+    channel_names
+        N names, used as keys of the counts.
+    cycles
+        Number of repeats that a mean is taken over, >= 1.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    References
+    ----------
+    [MK14] eq. (19)-(29).
+    """
+    temporal = channels.temporal_var_dn2[:, None] * np.eye(channels.mean_dn.size)
+    spatial = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2
+    covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
+    stokes_mean = plan.inverse @ channels.mean_dn
+    stokes_covs = {name: plan.inverse @ cov @ plan.inverse.T for name, cov in covs.items()}
+    stokes = Moments(mean=stokes_mean, cov=stokes_covs["std"])
+    quantities = _linear(channel_names, channels.mean_dn, covs)
+    quantities |= _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
+    law = _law(stokes, tolerance)
+    if stokes.mean[0] > 0.0:
+        quantities |= _ratios(stokes)
+    if law.exists:
+        quantities["dolp_pixels"] = {"mean": law.mean, "std": law.std}
+        if law.std > 0.0:
+            quantities["dolp_snr"] = {"mean": law.mean / law.std} | quantities.get("dolp_snr", {})
+    missing = () if law.exists else (f"mean and deviation of the pixels' DoLP do not exist: {law.reason}",)
+    return RegionPrediction(
+        channels=channels,
+        stokes_dn=stokes,
+        stokes_noise_dn2=stokes_covs["std_temporal"],
+        dolp_method=law.method,
+        dolp_mean_error=law.mean_error,
+        dolp_std_error=law.std_error,
+        quantities=quantities,
+        warnings=(*channels.warnings, *plan.warnings, *missing),
+    )
+
+
+def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
+    """Return moments of channels with what flat fields and interpolation do to them.
+
+    Parameters
+    ----------
+    channels
+        As frames have them; without the response of pixels where a flat field takes it away.
+    readout
+        Its `noise_factor` and `flat_error`.
+
+    Notes
+    -----
+    The error of a flat field is a pattern of each angle by itself: unlike the response that it takes away, it shows in
+    DoLP.
+
+    References
+    ----------
+    Definition.
+    """
+    if readout.noise_factor is not None:
+        channels = replace(channels, temporal_var_dn2=channels.temporal_var_dn2 * readout.noise_factor)
+    if readout.flat_error is None:
+        return channels
+    added = np.square(channels.mean_dn * readout.flat_error)[:, None] * np.eye(channels.mean_dn.size)
+    return replace(channels, fixed_pattern_cov_dn2=channels.fixed_pattern_cov_dn2 + added)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Law:
+    """Mean and deviation of the pixels' DoLP, or why there are none."""
+
+    mean: float
+    std: float
+    mean_error: float
+    std_error: float
+    method: str
+    exists: bool
+    reason: str
+
+
+def _law(stokes: Moments, tolerance: float) -> _Law:
+    if not stokes.mean[0] > 0.0:
+        reason = f"the mean of S0 is {stokes.mean[0]:.3g} DN, not above 0"
+        return _Law(
+            mean=np.nan,
+            std=np.nan,
+            mean_error=np.nan,
+            std_error=np.nan,
+            method="none",
+            exists=False,
+            reason=reason,
+        )
+    found = dolp.moments(stokes.mean, stokes.cov, tolerance=tolerance)
+    return _Law(
+        mean=float(found.mean),
+        std=float(found.std),
+        mean_error=float(found.mean_error),
+        std_error=float(found.std_error),
+        method=str(found.method),
+        exists=bool(found.exists),
+        reason=str(found.reason),
+    )
+
+
+def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
+    readout = scenario.readout
+    found = channel_moments(
+        region.aperture_moments(),
+        angles_rad=readout.angles_rad,
+        sensor=scenario.sensor,
+        flat_fielded=readout.flat_error is not None,
+        imperfections=scenario.imperfections,
+        smooth_cov=region.smooth_cov(),
+    )
+    return as_processed(found, readout)
+
+
+def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:
+    return {
+        name: {"mean": float(mean[k])} | {kind: float(np.sqrt(cov[k, k])) for kind, cov in covs.items()}
+        for k, name in enumerate(names)
+    }
+
+
+def _ratios(stokes: Moments) -> Quantities:
+    """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel."""
+    normalized = normalized_moments(stokes)
+    deviations = np.sqrt(np.diag(normalized.cov))
+    found = {
+        "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
+        "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},
+    }
+    is_polarised = float(np.hypot(stokes.mean[1], stokes.mean[2])) > _ROUNDING * float(stokes.mean[0])
+    return found | (_polarised_ratios(stokes) if is_polarised else {"dolp": {"mean": 0.0}})
+
+
+def _polarised_ratios(stokes: Moments) -> Quantities:
+    aolp = aolp_moments_rad(stokes)
+    first = dolp.first_order(stokes.mean, stokes.cov)
+    first_std = float(np.sqrt(first.variance))
+    return {
+        "dolp": {"mean": float(first.mean), "std": first_std},
+        "aolp_deg": {
+            "mean": float(np.rad2deg(aolp.mean[0])),
+            "std": float(np.rad2deg(np.sqrt(aolp.cov[0, 0]))),
+        },
+    } | ({"dolp_snr": {"first_order": float(first.mean) / first_std}} if first_std > 0.0 else {})

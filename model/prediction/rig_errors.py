@@ -1,0 +1,124 @@
+"""What a rig that is not quite as recorded does to a prediction: axes turned, exposure off, light that drifts."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.prediction.prediction import RegionPrediction, as_processed, predict_region
+from model.processing.reconstruction import design
+from model.scene.scenario import RegionLight, Scenario
+from model.sensor.channels import ChannelMoments, channel_moments
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RigErrors:
+    """How far a rig is from what was recorded of it.
+
+    Parameters
+    ----------
+    turned_rad
+        True angle of the polarizer's axis less the recorded one, by frame of a cycle, shape (N,) [rad].
+    exposure_ratio
+        True exposure over the recorded one, > 0.
+    light_ratio
+        Light during each frame over the mean of the cycle, shape (N,), > 0.
+    """
+
+    turned_rad: FloatArray
+    exposure_ratio: float
+    light_ratio: FloatArray
+
+
+def predict_with_errors(
+    scenario: Scenario, errors: RigErrors, *, tolerance: float = 1e-6
+) -> dict[str, RegionPrediction]:
+    """Return what the model predicts where the light goes through the true rig and the processing takes the recorded.
+
+    Parameters
+    ----------
+    scenario
+        With the recorded angles and exposure.
+    errors
+        Of the rig.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    Raises
+    ------
+    ValueError
+        Errors do not fit the angles, or leave no light.
+
+    Notes
+    -----
+    Without errors it is `model.prediction.prediction.predict`; what the session adds acts as there. The frames of
+    every cycle have the same errors.
+
+    References
+    ----------
+    [MK14] eq. (11)-(29).
+    """
+    angles_rad = scenario.readout.angles_rad
+    if errors.turned_rad.shape != angles_rad.shape or errors.light_ratio.shape != angles_rad.shape:
+        raise ValueError(
+            f"turned_rad {errors.turned_rad.shape} and light_ratio {errors.light_ratio.shape} do not fit "
+            f"{angles_rad.size} angles; allowed is one of each for each angle"
+        )
+    if not (errors.exposure_ratio > 0.0 and np.all(errors.light_ratio > 0.0)):
+        raise ValueError("exposure_ratio and light_ratio have to be above 0")
+    plan = design(angles_rad, scenario.readout.extinction_ratio)
+    return {
+        region.name: predict_region(
+            _channels(region, scenario, errors),
+            plan=plan,
+            channel_names=scenario.readout.channel_names,
+            cycles=scenario.readout.cycles,
+            tolerance=tolerance,
+        )
+        for region in scenario.regions
+    }
+
+
+def drifting_light(drift: float, order: NDArray[np.intp]) -> FloatArray:
+    """Return the light of each frame over its mean, where it drifts evenly through a cycle.
+
+    Parameters
+    ----------
+    drift
+        Relative change from the first frame of a cycle to the last, above -2 and below 2.
+    order
+        Place of each angle's frame in the cycle, from 0, shape (N,), N >= 2.
+
+    References
+    ----------
+    Definition.
+    """
+    places = np.asarray(order, dtype=np.float64)
+    return np.asarray(1.0 + drift * (places / (places.size - 1) - 0.5))
+
+
+def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> ChannelMoments:
+    sensor = replace(scenario.sensor, exposure_s=scenario.sensor.exposure_s * errors.exposure_ratio)
+    angles_rad = scenario.readout.angles_rad + errors.turned_rad
+    steady = channel_moments(
+        region.aperture_moments(),
+        angles_rad=angles_rad,
+        sensor=sensor,
+        flat_fielded=scenario.readout.flat_error is not None,
+        imperfections=scenario.imperfections,
+        smooth_cov=region.smooth_cov(),
+    )
+    factor = errors.light_ratio
+    both = np.outer(factor, factor)
+    # Shot noise goes with the light; read noise does not.
+    shot = sensor.noise.noise_factor**2 * sensor.noise.gain_dn_per_e * steady.mean_dn
+    seen = replace(
+        steady,
+        mean_dn=steady.mean_dn * factor,
+        scene_cov_dn2=steady.scene_cov_dn2 * both,
+        temporal_var_dn2=steady.temporal_var_dn2 + shot * (factor - 1.0),
+        fixed_pattern_cov_dn2=steady.fixed_pattern_cov_dn2 * both,
+    )
+    return as_processed(seen, scenario.readout)

@@ -1,0 +1,207 @@
+"""Field of view: tiles of the focal plane, each with its own view of level ground."""
+
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model import geometry
+from model.quadrature import gauss_legendre
+from model.scene.view import View
+
+FloatArray = NDArray[np.float64]
+TileRule = Literal["gauss-legendre", "midpoint"]
+TILE_RULES: tuple[TileRule, ...] = get_args(TileRule)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldPart:
+    """A rectangle of the focal plane by the angles of its edges from the camera's axis.
+
+    Attributes
+    ----------
+    left_rad, right_rad
+        To the right as the camera sees it [rad], left below right.
+    bottom_rad, top_rad
+        Upward [rad], bottom below top.
+
+    Raises
+    ------
+    ValueError
+        The edges are in the wrong order, or a right angle or more from the axis.
+    """
+
+    left_rad: float
+    right_rad: float
+    bottom_rad: float
+    top_rad: float
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("left and right", self.left_rad, self.right_rad),
+            ("bottom and top", self.bottom_rad, self.top_rad),
+        ):
+            if not -0.5 * np.pi < low < high < 0.5 * np.pi:
+                raise ValueError(
+                    f"field of view: {name} are {np.degrees(low):.6g} and {np.degrees(high):.6g} deg, but they must "
+                    "rise and lie within 90 deg of the axis"
+                )
+
+
+def whole_field(*, width_rad: float, height_rad: float) -> FieldPart:
+    """Return the part that is the whole field, even about the axis.
+
+    Parameters
+    ----------
+    width_rad, height_rad
+        Full angles, above 0 and below pi [rad].
+
+    Raises
+    ------
+    ValueError
+        An angle is outside its range.
+
+    References
+    ----------
+    Definition.
+    """
+    return FieldPart(
+        left_rad=-0.5 * width_rad, right_rad=0.5 * width_rad, bottom_rad=-0.5 * height_rad, top_rad=0.5 * height_rad
+    )
+
+
+def part_of_picture(
+    *,
+    left_pixel: float,
+    right_pixel: float,
+    top_pixel: float,
+    bottom_pixel: float,
+    picture: tuple[int, int],
+    pixel_pitch_m: float,
+    focal_length_m: float,
+) -> FieldPart:
+    """Return the part of the field that a rectangle of the picture shows, through a lens without distortion.
+
+    Parameters
+    ----------
+    left_pixel, right_pixel, top_pixel, bottom_pixel
+        Outer edges of the rectangle: x runs right, y down, (0, 0) is the centre of the top left pixel.
+    picture
+        Columns and rows; the axis meets the middle.
+    pixel_pitch_m
+        Side of a pixel [m].
+    focal_length_m
+        Of the lens [m].
+
+    Raises
+    ------
+    ValueError
+        The edges are in the wrong order.
+
+    References
+    ----------
+    Definition.
+    """
+    columns, rows = picture
+    scale = pixel_pitch_m / focal_length_m
+    left, right = (np.arctan((x - 0.5 * (columns - 1)) * scale) for x in (left_pixel, right_pixel))
+    bottom, top = (np.arctan((0.5 * (rows - 1) - y) * scale) for y in (bottom_pixel, top_pixel))
+    return FieldPart(left_rad=float(left), right_rad=float(right), bottom_rad=float(bottom), top_rad=float(top))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tile:
+    """One tile: how its ground sees the camera, and its share of the field."""
+
+    view: View
+    weight: float
+
+
+def tiles(part: FieldPart, view: View, *, per_side: int, rule: TileRule = "gauss-legendre") -> tuple[Tile, ...]:
+    """Return the tiles of a part of the focal plane, each with the view of the level ground behind it.
+
+    Parameters
+    ----------
+    part
+        The part.
+    view
+        Of the camera's axis.
+    per_side
+        Tiles along each side, 1 or more.
+    rule
+        "gauss-legendre", or "midpoint" as the paper has it.
+
+    Raises
+    ------
+    ValueError
+        A tile looks above the horizon, or an argument is outside its range.
+
+    Notes
+    -----
+    Tiles are even in the focal plane, that is in the tangent of the angle from the axis. The ground is level and the
+    sun so far that it is in the same place for all tiles. Each tile's roll makes its frame that of the camera,
+    whose polarizer stands in one place for all of them.
+
+    References
+    ----------
+    [MK14] Fig. 3, eq. (8).
+    """
+    if per_side < 1:
+        raise ValueError(f"field of view: {per_side} tiles per side, allowed is 1 or more")
+    nodes, weights = _nodes(per_side, rule)
+    right = np.tan(part.left_rad) + nodes * (np.tan(part.right_rad) - np.tan(part.left_rad))
+    up = np.tan(part.bottom_rad) + nodes * (np.tan(part.top_rad) - np.tan(part.bottom_rad))
+    return tuple(
+        Tile(view=off_axis(view, right=float(x), up=float(y)), weight=float(wx * wy))
+        for y, wy in zip(up, weights, strict=True)
+        for x, wx in zip(right, weights, strict=True)
+    )
+
+
+def off_axis(view: View, *, right: float, up: float) -> View:
+    """Return the view of the ground that a camera sees beside its axis.
+
+    Parameters
+    ----------
+    view
+        Of the axis.
+    right, up
+        Tangents of the angles from the axis, as the camera sees them.
+
+    Raises
+    ------
+    ValueError
+        That line of sight does not meet the ground.
+
+    References
+    ----------
+    Definition.
+    """
+    toward = geometry.direction(zenith_rad=view.zenith_rad, azimuth_rad=view.azimuth_rad)
+    level = geometry.horizontal_axis(view.azimuth_rad, travels_to_target=False)
+    upright = np.cross(toward, level)
+    camera_right = np.cos(view.roll_rad) * level + np.sin(view.roll_rad) * upright
+    camera_up = np.cross(toward, camera_right)
+    back = toward - right * camera_right - up * camera_up
+    back = back / np.linalg.norm(back)
+    if back[2] <= 0.0:
+        raise ValueError(
+            f"field of view: it reaches above the horizon ({np.degrees(np.arctan(up)):.4g} deg above the axis, which "
+            f"is {np.degrees(view.zenith_rad):.4g} deg from straight down)"
+        )
+    azimuth = float(np.arctan2(back[0], back[1])) if np.hypot(back[0], back[1]) > 0.0 else view.azimuth_rad
+    seen_right = camera_right - (camera_right @ back) * back
+    own_level = geometry.horizontal_axis(azimuth, travels_to_target=False)
+    roll = geometry.axis_rotation_rad(own_level, seen_right / np.linalg.norm(seen_right), travel=back)
+    zenith = float(geometry.angle_between_rad(back, np.array([0.0, 0.0, 1.0])))
+    return replace(view, zenith_rad=zenith, azimuth_rad=azimuth, roll_rad=float(roll))
+
+
+def _nodes(per_side: int, rule: TileRule) -> tuple[FloatArray, FloatArray]:
+    """Nodes in (0, 1) and weights that sum to 1."""
+    if rule == "gauss-legendre":
+        return gauss_legendre(per_side)
+    if rule != "midpoint":
+        raise ValueError(f"field of view: rule = {rule!r}; allowed are {', '.join(map(repr, TILE_RULES))}")
+    return (np.arange(per_side) + 0.5) / per_side, np.full(per_side, 1.0 / per_side)

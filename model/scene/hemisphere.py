@@ -1,0 +1,162 @@
+"""Skylight reflected to the camera: the integral of pBRDF times sky over the hemisphere, with its error."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.scene.diffuse_radiance import Skylight
+from model.scene.panel_light import PanelLight
+
+FloatArray = NDArray[np.float64]
+
+TOLERANCE = 1e-4
+# What the far tail of a lobe sees of the ground below the horizon, share of S0: too little for a rule to notice.
+_TAIL = 3e-5
+# Each rule is set beside the one before it.
+_ORDERS = (6, 9, 14, 21, 32, 48, 72)
+# A step that is no more than this share of the one before falls regularly.
+_REGULAR = 0.25
+# What regular steps leave, over the last of them.
+_MARGIN = 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """Orders of the quadrature for lobe and diffuse term, as `model.scene.panel_light.PanelLight` takes them.
+
+    Attributes
+    ----------
+    lobe, diffuse
+        The orders.
+    error
+        Estimated error of what they give, over its S0.
+    """
+
+    lobe: int
+    diffuse: int
+    error: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReflectedSkylight:
+    """Skylight that a panel sends to V cameras.
+
+    Attributes
+    ----------
+    stokes
+        S0, S1, S2 in the horizontal frame of each camera, before the path to it, shape (V, 3) [W m-2 sr-1].
+    error
+        Estimated error of each of them, shape (V,) [W m-2 sr-1]: of the quadrature, and of the sky.
+    rules
+        The least that keep the tolerance for all cameras, if any do.
+    """
+
+    stokes: FloatArray
+    error: FloatArray
+    rules: Rules
+
+
+def reflected_skylight(panel: PanelLight, light: Skylight, *, tolerance: float = TOLERANCE) -> ReflectedSkylight:
+    """Return the skylight that a panel reflects to cameras, and its estimated error.
+
+    Parameters
+    ----------
+    panel
+        The panel before its cameras.
+    light
+        The sky.
+    tolerance
+        Rules are refined until two differ by this share of S0, for every camera; above 0.
+
+    Raises
+    ------
+    ValueError
+        The tolerance is outside its range.
+
+    Notes
+    -----
+    The error comes from the difference of the last two rules, and from the sky's own. If the last rule does not reach
+    the tolerance the error says so: that happens where a tilted glossy panel mirrors the horizon.
+
+    References
+    ----------
+    [MK14] eq. (3). Differs from [MK14]: F is taken at the direction of the sky, (theta_d, theta_r, phi_d - phi_r).
+    """
+    if not tolerance > 0.0:
+        raise ValueError(f"reflected_skylight: tolerance = {tolerance!r}, but it must be above 0")
+    lobe = _refined(lambda order: panel.lobe(light, order), tolerance)
+    diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance)
+    stokes = lobe.value + diffuse.value
+    s0 = stokes[:, 0]
+    of_rules = np.divide(lobe.order_error + diffuse.order_error, s0, out=np.zeros_like(s0), where=s0 > 0.0)
+    beside = light.relative_error + (0.0 if panel.is_level else _TAIL)
+    return ReflectedSkylight(
+        stokes=stokes,
+        error=lobe.error + diffuse.error + beside * s0,
+        rules=Rules(lobe=lobe.order, diffuse=diffuse.order, error=float(np.max(of_rules)) + beside),
+    )
+
+
+def reflected_by_rules(panel: PanelLight, light: Skylight, rules: Rules) -> FloatArray:
+    """Return the skylight that a panel reflects to cameras, by given rules: no refinement, no error.
+
+    Parameters
+    ----------
+    panel, light
+        As in `reflected_skylight`.
+    rules
+        As a `ReflectedSkylight` of a similar view names them.
+
+    Returns
+    -------
+    ndarray, shape (V, 3)
+        S0, S1, S2 [W m-2 sr-1].
+
+    References
+    ----------
+    [MK14] eq. (3).
+    """
+    return panel.lobe(light, rules.lobe) + panel.diffuse(light, rules.diffuse)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Refined:
+    """Result of the last rule, and the coarsest rule that keeps the tolerance too, with the errors of both."""
+
+    value: FloatArray
+    error: FloatArray
+    order: int
+    order_error: FloatArray
+
+
+def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
+    """Rules of growing order until the estimated error of the last one is below the tolerance for every camera."""
+    values = [rule(_ORDERS[0])]
+    steps = [np.full(len(values[0]), np.inf)]
+    for order in _ORDERS[1:]:
+        values.append(rule(order))
+        steps.append(np.max(np.abs(values[-1] - values[-2]), axis=-1))
+        if np.all(_error(steps) <= tolerance * values[-1][:, 0]):
+            break
+    value, error = values[-1], _error(steps)
+    errors = [np.max(np.abs(coarser - value), axis=-1) + error for coarser in values]
+    kept = (k for k, one in enumerate(errors) if np.all(one <= tolerance * value[:, 0]))
+    enough = next(kept, len(values) - 1)
+    return _Refined(value=value, error=error, order=_ORDERS[enough], order_error=errors[enough])
+
+
+def _error(steps: list[FloatArray]) -> FloatArray:
+    """Error of the last of a row of rules for each camera, from the steps between them.
+
+    Where the last two steps are each a quarter of the one before or less, what is missing is of the size of the last.
+    Else steps are of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe,
+    or at the kink of the shadowing.
+    """
+    before, last = steps[-2:]
+    careful = 3.0 * np.maximum(last, 0.5 * before)
+    if len(steps) > 2:
+        regular = (last <= _REGULAR * before) & (before <= _REGULAR * steps[-3])
+        careful = np.where(regular, _MARGIN * last, careful)
+    return np.asarray(np.where(last == 0.0, 0.0, careful))

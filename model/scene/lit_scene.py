@@ -1,0 +1,169 @@
+"""All that a scene is, in one record: air, sun, camera, what stands before it, sensor, and what is asked of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.lighting import Lighting
+from model.atmosphere.profile import AtmosphereState
+from model.atmosphere.sun import SolarBand
+from model.atmosphere.transfer.phase import AerosolKind
+from model.scene.field_light import Source
+from model.scene.field_of_view import FieldPart
+from model.scene.scenario import Readout
+from model.scene.view import View
+from model.sensor.imperfections import PERFECT, Imperfections
+from model.sensor.sensor import Sensor
+from model.surface.pbrdf import Surface
+from model.surface.tilt import Tilt
+
+FloatArray = NDArray[np.float64]
+
+# False alarm probabilities at which detection is predicted.
+P_FALSE_ALARM = (1e-4, 1e-3, 1e-2, 1e-1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Air:
+    """What the light of sun and sky depends on, but for the sun's azimuth and for numerical settings.
+
+    Attributes
+    ----------
+    sun_zenith_rad
+        0 to 85 deg [rad].
+    band
+        Spectrum of the sun at its actual distance, with the sensor's response.
+    tier
+        ANALYTIC, SINGLE and TABLE are models of their own; FAST and STANDARD are one, to different accuracy, and the
+        numerical settings alone say to which.
+    aerosol
+        What aerosol does to polarization.
+    state
+        The atmosphere; None for a table.
+    ground_albedo
+        Of the ground around, 0 to 1.
+    dolp_max
+        Largest degree of polarization of the sky; tier ANALYTIC alone uses it.
+    table
+        The light of a table; None for all other tiers.
+    alternative, share
+        Another air that it might as well be, and how much of its light is taken
+        (`model.atmosphere.lighting.mixed_lighting`); None for none.
+    """
+
+    sun_zenith_rad: float
+    band: SolarBand
+    tier: Tier
+    aerosol: AerosolKind
+    state: AtmosphereState | None
+    ground_albedo: float
+    dolp_max: float = 0.2
+    table: Lighting | None = None
+    alternative: "Air | None" = None
+    share: float = 0.0
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether light scattered more than once is computed."""
+        return self.tier in (Tier.FAST, Tier.STANDARD)
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Equal for two airs of the same light; hashable."""
+        band = (self.band.wavelength_m, self.band.irradiance_w_per_m3, self.band.response)
+        model = "solved" if self.is_solved else self.tier
+        same = (self.sun_zenith_rad, model, self.aerosol, self.state, self.ground_albedo, self.dolp_max)
+        other = None if self.alternative is None else (self.alternative.key, self.share)
+        return (*same, *(array.tobytes() for array in band), None if self.table is None else id(self.table), other)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LitRegion:
+    """One region of the picture: a material under the light of the scene, or a radiance as given.
+
+    Attributes
+    ----------
+    name
+        Of the region.
+    surface, tilt, part
+        What it is made of, how it stands, and the part of the field that it fills (None for a point on the axis);
+        surface and tilt are None where the radiance is given.
+    radiance
+        Mean Stokes radiance at the aperture, shape (3,) [W m-2 sr-1, in band]; None for a material.
+    texture_rms, texture_diagonal, texture_cov
+        As `model.scene.field_light.FieldLight.moments` takes them.
+
+    Raises
+    ------
+    ValueError
+        Neither a surface with its tilt, nor a radiance; or both.
+    """
+
+    name: str
+    surface: Surface | None = None
+    tilt: Tilt | None = None
+    part: FieldPart | None = None
+    radiance: FloatArray | None = None
+    texture_rms: float = 0.0
+    texture_diagonal: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    texture_cov: FloatArray
+
+    def __post_init__(self) -> None:
+        is_material = self.surface is not None and self.tilt is not None
+        if is_material == (self.radiance is not None):
+            raise ValueError(f"region {self.name}: needs either surface and tilt, or radiance")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LitScene:
+    """All that a scene is.
+
+    Attributes
+    ----------
+    air, view, sun_azimuth_rad
+        Light and camera; None, None and any number where every region's radiance is given.
+    regions
+        One or more, in the order of the file.
+    sensor, readout
+        What the light falls on, and how it is read out.
+    source
+        Which light of materials counts.
+    pairs
+        Target and background by their names, for detection.
+    p_false_alarm
+        At which detection is predicted, each in (0, 1).
+    imperfections
+        Of the session.
+
+    Raises
+    ------
+    ValueError
+        A material without air or view, or a name that no region has.
+    """
+
+    air: Air | None = None
+    view: View | None = None
+    sun_azimuth_rad: float = 0.0
+    regions: tuple[LitRegion, ...]
+    sensor: Sensor
+    readout: Readout
+    source: Source = "total"
+    pairs: tuple[tuple[str, str], ...] = ()
+    p_false_alarm: tuple[float, ...] = P_FALSE_ALARM
+    imperfections: Imperfections = PERFECT
+
+    def __post_init__(self) -> None:
+        names = [region.name for region in self.regions]
+        unlit = [region.name for region in self.regions if region.surface is not None]
+        if unlit and (self.air is None or self.view is None):
+            raise ValueError(f"regions {', '.join(unlit)} are given by material: the scene needs air and view")
+        unknown = sorted({name for pair in self.pairs for name in pair} - set(names))
+        if unknown:
+            raise ValueError(f"pairs name {', '.join(unknown)}; the regions are {', '.join(names)}")
+
+    @property
+    def sensor_height_m(self) -> float:
+        """Over the ground [m]; 0 where no light of the air is asked for."""
+        return 0.0 if self.view is None else self.view.height_m

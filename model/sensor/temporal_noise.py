@@ -1,0 +1,54 @@
+"""Variance of a pixel's counts from frame to frame of a constant scene."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.sensor.sensor import SensorNoise
+
+FloatArray = NDArray[np.float64]
+
+# Variance of a rounding error, uniform over one count.
+_QUANTISATION_VAR_DN2 = 1.0 / 12.0
+
+
+def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
+    """Return the variance of a pixel's counts from frame to frame of a constant scene.
+
+    Parameters
+    ----------
+    signal_dn
+        Mean signal, black level and dark signal taken off, any shape [DN].
+    noise
+        Noise figures.
+    exposure_s
+        Exposure time, broadcast against the signal [s].
+
+    Returns
+    -------
+    ndarray
+        Kn^2 (shot noise of light and dark electrons + read noise + 1/12) [DN^2].
+
+    Notes
+    -----
+    Differs from [MK14]: the signal in eq. (19) is taken with the black level off and dark electrons in.
+
+    References
+    ----------
+    [MK14] eq. (19), (32).
+    """
+    variance = unquantised_variance_dn2(signal_dn, noise=noise, exposure_s=exposure_s)
+    rounding = _QUANTISATION_VAR_DN2 if noise.quantisation else 0.0
+    return np.asarray(noise.noise_factor**2 * (variance + rounding))
+
+
+def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
+    """Return what `temporal_variance_dn2` does before rounding, and without the noise factor [DN^2].
+
+    References
+    ----------
+    [MK14] eq. (19).
+    """
+    gain = noise.gain_dn_per_e
+    dark_dn = gain * noise.dark_current_e_per_s * np.asarray(exposure_s, dtype=np.float64)
+    light_dn = np.asarray(signal_dn, dtype=np.float64) * (1.0 if noise.shot_noise else 0.0)
+    return np.asarray(gain * (light_dn + dark_dn) + (gain * noise.read_noise_e) ** 2)

@@ -1,0 +1,106 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from model.accuracy.evaluation.chain import STAGES, evaluate
+from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.quantities import differences, readings
+from model.accuracy.planning.numerical_settings import KNOBS, settings_at
+from model.accuracy.predict_to_tolerance import ESTIMATES, predict
+from model.atmosphere.transfer.phase import AerosolKind
+from model.scene.lit_scene import LitRegion
+from tests.model.accuracy.random_scenes import random_scene
+
+FINER = dict.fromkeys(KNOBS, 2) | {"wavelengths": 3}
+
+
+def ticking(step_s=1.0):
+    """A clock that goes on by so much whenever it is read."""
+    now = -step_s
+
+    def clock():
+        nonlocal now
+        now += step_s
+        return now
+
+    return clock
+
+
+def given(**changes):
+    """Two regions whose radiance is given, before the sensor of a random scene."""
+    scene = random_scene(1)
+    regions = tuple(
+        LitRegion(name=name, radiance=np.array(radiance), texture_rms=0.02, texture_cov=np.zeros((3, 3)))
+        for name, radiance in (("target", [40.0, 10.0, 2.0]), ("background", [30.0, 3.0, 0.0]))
+    )
+    return replace(scene, air=None, view=None, regions=regions, **changes)
+
+
+@pytest.fixture(scope="module")
+def lit():
+    """A scene of points under a sky, predicted to 3 %, and the same with finer settings of every knob."""
+    scene = random_scene(4)
+    points = tuple(replace(region, part=None) for region in scene.regions)
+    scene = replace(scene, regions=points)
+    store = LightStore()
+    found = predict(scene, tolerance=0.03, store=store)
+    finer = evaluate(scene, settings_at(FINER, 1e-4), store=store)
+    return scene, found, readings(finer.scenario, finer.predictions, finer.detections)
+
+
+def test_what_is_promised_keeps_the_tolerance(lit):
+    _, found, finer = lit
+    own = readings(found.result.scenario, found.result.predictions, found.result.detections)
+    errors = differences(own, finer)
+    assert len(found.not_promised) < len(errors)
+    assert max(error for key, error in errors.items() if key not in found.not_promised) <= found.tolerance
+
+
+def test_the_largest_estimate_is_above_the_largest_true_error(lit):
+    _, found, finer = lit
+    own = readings(found.result.scenario, found.result.predictions, found.result.detections)
+    errors = differences(own, finer)
+    promised = [key for key in errors if key not in found.not_promised]
+    assert max(found.budget.total[key] for key in promised) > max(errors[key] for key in promised)
+
+
+def test_errors_of_the_knobs_sum_to_the_total(lit):
+    _, found, _ = lit
+    for key, total in found.budget.total.items():
+        assert total == pytest.approx(sum(errors.get(key, 0.0) for errors in found.budget.by_knob.values()))
+
+
+def test_spheres_are_not_promised():
+    scene = given()
+    air = replace(random_scene(1).air, aerosol=AerosolKind.SPHERES)
+    found = predict(replace(scene, air=air), tolerance=0.01)
+    assert set(found.not_promised) == set(found.budget.total)
+    assert "spheres" in next(iter(found.not_promised.values()))
+
+
+def test_given_radiance_has_no_error_but_that_of_the_statistics():
+    found = predict(given(), tolerance=1e-5)
+    assert found.rounds == 1
+    assert not found.not_promised
+    assert all(found.budget.worst(knob) == 0.0 for knob in KNOBS)
+
+
+def test_given_radiance_keeps_the_tolerance_in_every_reading():
+    found = predict(given(), tolerance=1e-3)
+    finest = predict(given(), tolerance=1e-6)
+    own, finer = (
+        readings(one.result.scenario, one.result.predictions, one.result.detections) for one in (found, finest)
+    )
+    assert max(differences(own, finer).values()) <= 1e-3
+
+
+def test_stages_are_timed_by_the_clock_that_is_given():
+    found = predict(given(), tolerance=0.01, clock=ticking())
+    assert found.stage_s == dict.fromkeys((*STAGES, ESTIMATES), 1.0)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-7, 0.2, float("nan")])
+def test_a_tolerance_outside_its_range_is_refused(tolerance):
+    with pytest.raises(ValueError, match=r"allowed is 1e-06 to 0\.1"):
+        predict(given(), tolerance=tolerance)

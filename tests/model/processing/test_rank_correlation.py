@@ -1,0 +1,59 @@
+import math
+
+import numpy as np
+import pytest
+
+from model.processing.rank_correlation import rank_order
+
+
+def _order(predicted, measured, *, predicted_error=0.0, measured_error=0.0):
+    n = len(predicted)
+    return rank_order(
+        predicted,
+        measured,
+        predicted_cov=predicted_error**2 * np.eye(n),
+        measured_cov=measured_error**2 * np.eye(n),
+    )
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 6])
+def test_numbers_in_order_have_the_chance_of_one_order_of_all(n):
+    found = _order(np.arange(n), np.arange(n) ** 2)
+    assert found.tau == 1.0
+    assert found.p_value == pytest.approx(1 / math.factorial(n))
+    assert found.share_concordant == 1.0
+
+
+def test_the_other_way_round_is_minus_one():
+    found = _order([1, 2, 3, 4], [4, 3, 2, 1])
+    assert found.tau == -1.0
+    assert found.p_value == 1.0
+
+
+def test_many_numbers_agree_with_the_exact_law_of_eight():
+    # One neighbouring pair swapped of 8 in order: tau = 26/28, and 8 of 8! orders are that good or better.
+    found = _order(np.arange(8), [0, 1, 2, 3, 4, 5, 7, 6])
+    assert found.tau == pytest.approx(26 / 28)
+    # The normal law is good to a factor of a few in so deep a tail: 8/40320 = 2.0e-4 beside 6.4e-4.
+    assert 8 / 40320 / 4 < found.p_value < 4 * 8 / 40320
+
+
+def test_pairs_within_their_error_are_not_known():
+    found = _order([1.0, 1.1, 5.0], [1.1, 1.0, 5.0], measured_error=0.1)
+    # The first two differ by 0.1; two errors of a difference are 0.28.
+    assert (found.pairs, found.known_pairs, found.concordant) == (3, 2, 2)
+
+
+def test_what_two_numbers_have_in_common_does_not_blur_their_order():
+    common = np.full((3, 3), 4.0) + 1e-4 * np.eye(3)
+    found = rank_order([1, 2, 3], [1, 2, 3], predicted_cov=common, measured_cov=np.zeros((3, 3)))
+    assert found.known_pairs == 3
+
+
+def test_nothing_known_has_no_share():
+    assert _order([1, 2], [1, 2], measured_error=10.0).share_concordant is None
+
+
+def test_one_number_is_refused():
+    with pytest.raises(ValueError, match="2 or more"):
+        _order([1], [1])
