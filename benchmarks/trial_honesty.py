@@ -13,9 +13,10 @@ import numpy as np
 from scipy.special import bdtrc
 
 from rigctl.calibrations.noise.calibrate_files import calibrate_run
+from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 from rigctl.files.rig_file import load_rig
-from rigctl.reports.compare_run import compare_run
+from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.sessions.perturbation import PERTURBATIONS, Perturbation, perturbed
 
 ALPHA = 1e-3
@@ -54,13 +55,10 @@ def one_seed(seed: int, perturbations: tuple[Perturbation, ...]) -> Outcome:
         for what in (None, *perturbations):
             name = f"run-{what}"
             take(rig if what is None else perturbed(rig, what), out, session="session.toml", run=name)
-            found[what] = compare_run(
-                out / name,
-                scene_path=out / "scene-panels.toml",
-                regions_path=None,
-                noise_path=out / NOISE,
-                alpha=ALPHA,
-            ).comparison
+            request = CompareRequest(
+                scene=out / "scene-panels.toml", calibrations=CalibrationPaths(noise=out / NOISE), alpha=ALPHA
+            )
+            found[what] = compare_run(out / name, request).comparison
         plain = found.pop(None)
         return Outcome(
             seed=seed,

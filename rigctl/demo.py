@@ -6,10 +6,12 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from rigctl.calibrations.noise.calibrate_files import calibrate_run
+from rigctl.comparison.compared_run import ComparedRun
+from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
-from rigctl.reports.compare_run import ComparedRun, compare_run
+from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.sessions.perturbation import Perturbation, perturbed
 from rigctl.sessions.take_session import take_session
 
@@ -60,11 +62,10 @@ def run_demo(
     say("taking the scene")
     take(rig, out, session="session.toml", run=RUN)
     say("comparing with the model")
-    compared = compare_run(
-        out / RUN, scene_path=out / "scene-panels.toml", regions_path=None, noise_path=out / NOISE, alpha=alpha
+    request = CompareRequest(
+        scene=out / "scene-panels.toml", calibrations=CalibrationPaths(noise=out / NOISE), alpha=alpha
     )
-    compared.write(out)
-    return compared
+    return compare_run(out / RUN, request, out=out)
 
 
 def copy_examples(out: Path) -> None:

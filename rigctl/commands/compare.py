@@ -1,16 +1,19 @@
 """``rigctl compare``: model beside measurement."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from rigctl.cli import EXIT_DISAGREES
+from rigctl.comparison.compared_run import ComparedRun
+from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.comparison.scale import ScaleKind
-from rigctl.errors import ConfigError
-from rigctl.reports.compare_run import ComparedRun, compare_run
-from rigctl.reports.compare_series import compare_series
+from rigctl.jobs.compare import CompareRequest, compare_run
+from rigctl.jobs.series import compare_series
+from rigctl.reports.comparison_files import compared_json
 from rigctl.reports.number_table import row_table
+from rigctl.reports.series_content import series_json
 from rigctl.terminal import print_json, results
 
 _SHOWN = 20
@@ -62,22 +65,21 @@ def command(
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
     """
     runs, scene = _runs_and_scene(paths, scene)
-    options: dict[str, Any] = {
-        "regions_path": regions,
-        "noise_path": noise,
-        "scale": scale,
-        "radiometric_path": radiometric,
-        "registration_path": register,
-        "flat_path": flat,
-        "polarizer_path": polarizer,
-    }
+    request = CompareRequest(
+        scene=scene,
+        regions=regions,
+        calibrations=CalibrationPaths(
+            noise=noise, radiometric=radiometric, registration=register, flat=flat, polarizer=polarizer
+        ),
+        alpha=alpha,
+        scale=scale,
+    )
     if len(runs) > 1:
-        _compare_many(runs, scene, out=out, alpha=alpha, as_json=as_json, options=options)
+        _compare_many(runs, request, out=out, as_json=as_json)
         return
-    compared = compare_run(runs[0], scene_path=scene, alpha=alpha, **options)
-    compared.write(out)
+    compared = compare_run(runs[0], request, out=out)
     if as_json:
-        print_json(compared.as_json())
+        print_json(compared_json(compared))
     else:
         show(compared, out)
     if not compared.comparison.agrees:
@@ -90,15 +92,10 @@ def _runs_and_scene(paths: list[Path], scene: Path | None) -> tuple[list[Path], 
     return paths, scene
 
 
-def _compare_many(
-    runs: list[Path], scene: Path | None, *, out: Path, alpha: float, as_json: bool, options: dict[str, Any]
-) -> None:
-    if scene is None:
-        raise ConfigError("several runs are compared with one scene: give a scene file last, or with --scene")
-    series = compare_series(runs, scene_path=scene, alpha=alpha, **options)
-    series.write(out)
+def _compare_many(runs: list[Path], request: CompareRequest, *, out: Path, as_json: bool) -> None:
+    series = compare_series(runs, request, out=out)
     if as_json:
-        print_json(series.as_json())
+        print_json(series_json(series))
     else:
         for point in series.points:
             off = len(point.comparison.disagreements)

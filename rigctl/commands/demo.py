@@ -9,6 +9,7 @@ from rigctl.cli import EXIT_DISAGREES
 from rigctl.commands.compare import show
 from rigctl.demo import run_demo
 from rigctl.errors import ConfigError
+from rigctl.reports.comparison_files import compared_json
 from rigctl.sessions.perturbation import PERTURBATIONS
 from rigctl.terminal import print_json, progress
 
@@ -45,7 +46,7 @@ def command(
         gige=gige,
     )
     if as_json:
-        print_json(compared.as_json())
+        print_json(compared_json(compared))
     else:
         show(compared, out)
     if not compared.comparison.agrees:

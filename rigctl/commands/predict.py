@@ -12,6 +12,7 @@ from model.scene.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.comparison.performance import performance_of
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.comparison.propagated_rows import only_uncertain
 from rigctl.comparison.remarks import model_warnings
@@ -125,7 +126,9 @@ def _fitting_radiometric(path: Path, bit_depth: int) -> dict[str, Any]:
 def _show(predictor: ScenePredictor, *, uncertainty: bool, as_json: bool) -> None:
     found = predictor.predict()
     errors = predicted_uncertainty(predictor, found.predictions) if uncertainty else None
-    content = prediction_json(found.predictions, remarks=found.remarks) | light_json(found)
+    content = prediction_json(found.predictions, performance_of(found.predictions), remarks=found.remarks) | light_json(
+        found
+    )
     if errors is not None:
         content |= {"regions": with_input_errors(found.predictions, errors)} | input_effects_json(errors)
     if as_json:
@@ -154,7 +157,8 @@ def _show_accurate(predictor: ScenePredictor, tolerance: float, *, as_json: bool
     effects = predictor.effect_plan(tolerance)
     found = predictor.to_tolerance(tolerance, effects=effects)
     remarks = (*predictor.inputs.remarks, *effects.remarks)
-    content = prediction_json(found.result.predictions, remarks=remarks)
+    predictions = found.result.predictions
+    content = prediction_json(predictions, performance_of(predictions), remarks=remarks)
     if as_json:
         print_json(content | {"accuracy": accuracy_json(found), "effects": effects_json(effects, None)})
         return

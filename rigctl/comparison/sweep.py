@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from model.prediction.performance import PairDetection, pair_detections
 from model.prediction.prediction import Quantities
+from rigctl.comparison.performance import SWEPT_RATES
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 
-# At which detection is predicted.
-P_FALSE_ALARM = (1e-4, 1e-3, 1e-2, 1e-1)
 MOST_STEPS = 10_000
 _SUGGESTED = 4
 
@@ -31,7 +30,7 @@ class Sweep:
     quantities : tuple of dict
         For each value, region to quantities.
     detections : tuple of tuple of PairDetection
-        For each value, every ordered pair of regions at `P_FALSE_ALARM`.
+        For each value, every ordered pair of regions at `SWEPT_RATES`.
     """
 
     key: str
@@ -55,8 +54,8 @@ class Sweep:
         return tuple((found.target, found.background) for found in self.detections[0])
 
     def detection(self, pair: tuple[str, str], p_false_alarm: float) -> NDArray[np.float64]:
-        """Return the probability of detection of a pair at each value, at one of `P_FALSE_ALARM`."""
-        place, rate = self.pairs.index(pair), P_FALSE_ALARM.index(p_false_alarm)
+        """Return the probability of detection of a pair at each value, at one of `SWEPT_RATES`."""
+        place, rate = self.pairs.index(pair), SWEPT_RATES.index(p_false_alarm)
         return np.array([step[place].p_detection[rate] for step in self.detections], dtype=np.float64)
 
 
@@ -81,7 +80,7 @@ def sweep(predictor: ScenePredictor, request: str) -> Sweep:
         raise ConfigError(f"--sweep: the scene has no number {key!r}; {_alike(key, tuple(numbers))}")
     steps = [predictor.predictions({key: value}) for value in values.tolist()]
     quantities = tuple({name: region.quantities for name, region in step.items()} for step in steps)
-    detections = tuple(pair_detections(step, P_FALSE_ALARM) for step in steps)
+    detections = tuple(pair_detections(step, SWEPT_RATES) for step in steps)
     return Sweep(key=key, values=values, quantities=quantities, detections=detections)
 
 

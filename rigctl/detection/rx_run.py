@@ -9,6 +9,7 @@ from scipy.special import betaincinv
 from model.moments import Moments
 from model.processing.detection import rx_roc
 from model.processing.detection_sample import sample_roc, sample_threshold
+from rigctl.comparison.performance import FALSE_ALARM_RATES
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 
@@ -19,8 +20,6 @@ BAND_LEVEL = 0.95
 # Below so many false alarms in the background region the empirical curve says nothing.
 _LEAST_EXCEEDANCES = 5
 _POINTS = 200
-# False alarm rates that people ask for: points of every curve that reaches them.
-ROUND_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +97,7 @@ def detect(
     mean, cov = pixels[background].mean(axis=1), np.cov(pixels[background])
     n = pixels[background].shape[1]
     lowest = _LEAST_EXCEEDANCES / n
-    p_false_alarm = np.union1d(np.geomspace(lowest, 0.5, _POINTS), [p for p in ROUND_RATES if p >= lowest])
+    p_false_alarm = np.union1d(np.geomspace(lowest, 0.5, _POINTS), [p for p in FALSE_ALARM_RATES if p >= lowest])
     if predicted is None:
         sample = {name: Moments(mean=p.mean(axis=1), cov=np.cov(p)) for name, p in pixels.items()}
         moments, source = sample, "the regions' own sample moments: tests the Gaussian law, not the scene"

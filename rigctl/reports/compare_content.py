@@ -4,8 +4,10 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
+from rigctl.comparison.compared_run import ComparedRun
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.explanation import Explanation
+from rigctl.comparison.performance import Performance
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports import budget_figure, compare_tables, figures
@@ -24,9 +26,7 @@ _SIMULATED = "The frames are simulated; the numbers of the simulated sensor and 
 
 
 def compare_report(
-    comparison: Comparison,
-    measurement: Measurement,
-    regions: list[Region],
+    found: ComparedRun,
     *,
     title: str,
     provenance: dict[str, Any],
@@ -37,10 +37,8 @@ def compare_report(
 
     Parameters
     ----------
-    comparison, measurement
+    found : ComparedRun
         What to report.
-    regions : list of Region
-        Drawn on the pictures.
     title : str
         Heading.
     provenance : dict
@@ -50,6 +48,7 @@ def compare_report(
     effects : Table or None
         Which effects the prediction took and which it skipped, with the reason.
     """
+    comparison, measurement, regions = found.comparison, found.measurement, found.regions
     simulated = measurement.run.session.get("origin") == "simulated"
     return Report(
         title=title,
@@ -65,7 +64,7 @@ def compare_report(
             *_uncertainty(comparison),
             *_effects(effects),
             Section(title="The run by itself", blocks=(compare_tables.check_table(comparison.checks),)),
-            *_strength(comparison),
+            *_strength(comparison, found.performance),
             *_numbers(comparison, measurement),
             *_limits(comparison),
             *([] if calibration is None else [Section(title="Calibration used", blocks=(calibration,))]),
@@ -193,14 +192,14 @@ def _effects(effects: Table | None) -> Iterable[Section]:
     yield Section(title="Effects taken and skipped", blocks=(effects, note))
 
 
-def _strength(comparison: Comparison) -> Iterable[Section]:
+def _strength(comparison: Comparison, performance: Performance) -> Iterable[Section]:
     strength = Paragraph(
         text="By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; how mean and deviation "
         "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
         "light of this intensity would show by temporal noise."
     )
-    blocks: tuple[Any, ...] = (strength, compare_tables.strength_table(comparison))
-    detection = compare_tables.detection_table(comparison)
+    blocks: tuple[Any, ...] = (strength, compare_tables.strength_table(comparison, performance))
+    detection = compare_tables.detection_table(performance)
     if detection.rows:
         text = (
             "Probability of detection by RX on Stokes parameters ([MK14] eq. 30), exact law, at a probability of false "

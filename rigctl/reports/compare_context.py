@@ -7,10 +7,12 @@ from importlib.metadata import version
 from typing import Any
 
 from model.effects.names import Effect
-from model.effects.planner import Decision, EffectPlan
+from model.effects.planner import Decision
+from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.reports.blocks import NOTHING, Table
 from rigctl.reports.number_text import to_digits
 from rigctl.scene.scene_inputs import NOISE_NAMES
+from rigctl.version import VERSION
 
 # Of these figures in the last digit, and single pixels of figures, depend.
 _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
@@ -28,25 +30,38 @@ def calibration_table(noise: Mapping[str, Any] | None) -> Table | None:
     return Table(header=("noise calibration", "value", "its standard error"), rows=tuple(rows))
 
 
-def effects_block(plan: EffectPlan, taken: frozenset[Effect]) -> Table:
+def effects_block(found: EffectsTaken) -> Table:
     """Return each effect of the model: taken here or not, the most that leaving it out can change, and why."""
     return Table(
         header=("effect", "taken here", "of DoLP, s1, s2", "of counts", "called for", "reason"),
         rows=tuple(
             (
                 one.effect.value,
-                _taken(one, taken),
+                _taken(one, found.taken),
                 _bound(one.bound.ratios),
                 _bound(one.bound.radiance),
                 "yes" if one.acts else "no",
                 one.reason,
             )
-            for one in plan.decisions
+            for one in found.plan.decisions
         ),
-        off=tuple(one.acts and one.effect not in taken for one in plan.decisions),
+        off=tuple(one.acts and one.effect not in found.taken for one in found.plan.decisions),
         left=(0, 1, 4, 5),
         wide=5,
     )
+
+
+def provenance_json(found: ComparedRun) -> dict[str, Any]:
+    """Return what a comparison was made from and with, as JSON holds it."""
+    run, used = found.measurement.run, found.provenance
+    return {
+        "program": f"rigctl {VERSION}",
+        "run": {"path": str(run.path), "created_by": run.created_by, "created_utc": run.created_utc},
+        "files": {what: {"path": str(file.path), "sha256": file.sha256} for what, file in used.files.items()},
+        "settings": {"alpha": used.alpha, "scale": used.scale},
+        "machine": machine(),
+        "session": run.session,
+    }
 
 
 def machine() -> dict[str, str]:

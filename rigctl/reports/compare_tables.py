@@ -4,18 +4,18 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from model.prediction.performance import pair_detections, polarization_strength
+from model.prediction.performance import PolarizationStrength
 from model.prediction.prediction import RegionPrediction
 from rigctl.comparison.checks import Check
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.explanation import Explanation, InputMove
+from rigctl.comparison.performance import STATED_RATES, Performance
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.comparison.uncertainty_budget import RegionBudget
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.blocks import NOTHING, Table
 from rigctl.reports.number_text import signed, to_digits
-from rigctl.reports.tables_json import FALSE_ALARM_RATES
 
 _SUMMARY = (("dolp", "mean"), ("aolp_deg", "mean"), ("dolp_snr", "mean"))
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
@@ -147,26 +147,29 @@ def budget_table(budgets: Sequence[RegionBudget], quantity: str) -> Table:
     )
 
 
-def strength_table(comparison: Comparison) -> Table:
+def strength_table(comparison: Comparison, performance: Performance) -> Table:
     """Return the law of each region's DoLP in a few numbers."""
     return Table(
         header=("region", "DoLP 2.5 %", "median", "97.5 %", "NEDoLP", "moments by", "error"),
-        rows=tuple(_strength(name, prediction) for name, prediction in comparison.predictions.items()),
+        rows=tuple(
+            _strength(name, prediction, performance.strengths[name])
+            for name, prediction in comparison.predictions.items()
+        ),
         left=(0, 5),
     )
 
 
-def detection_table(comparison: Comparison) -> Table:
+def detection_table(performance: Performance) -> Table:
     """Return the probability of detection of every pair of regions."""
     return Table(
-        header=("target", "background", *(f"{rate:g}" for rate in FALSE_ALARM_RATES), "area under ROC"),
+        header=("target", "background", *(f"{rate:g}" for rate in STATED_RATES), "area under ROC"),
         rows=tuple(
             (
                 pair.target,
                 pair.background,
                 *(NOTHING if np.isnan(p) else f"{p:.4f}" for p in (*pair.p_detection, pair.auc)),
             )
-            for pair in pair_detections(comparison.predictions, FALSE_ALARM_RATES)
+            for pair in performance.detections
         ),
         left=(0, 1),
     )
@@ -226,11 +229,10 @@ def _all(found: RegionBudget, quantity: str) -> str:
     return f"{np.linalg.norm(list(found.parts[quantity].values())):.1e}"
 
 
-def _strength(name: str, prediction: RegionPrediction) -> tuple[str, ...]:
+def _strength(name: str, prediction: RegionPrediction, found: PolarizationStrength | None) -> tuple[str, ...]:
     method = (prediction.dolp_method, f"{prediction.dolp_error:.1e}")
-    if not prediction.stokes_dn.mean[0] > 0.0:
+    if found is None:
         return (name, *[NOTHING] * 4, *method)
-    found = polarization_strength(prediction)
     return (name, *(f"{quantile:.4f}" for quantile in found.quantiles), f"{found.nedolp:.4f}", *method)
 
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.detection.rx_run import BAND_LEVEL, ROUND_RATES, RxOnRun
+from rigctl.comparison.performance import FALSE_ALARM_RATES
+from rigctl.detection.rx_run import BAND_LEVEL, RxOnRun
 from rigctl.durable_file import write_durably
 from rigctl.reports.fits_image import fits_image
 from rigctl.reports.rx_figures import roc_plot, statistic_picture
@@ -28,7 +29,7 @@ def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str,
         "predicted_from": found.predicted_from,
         "band_level": BAND_LEVEL,
         "auc_known_background": found.auc,
-        "points": [_point(found, k) for k in np.flatnonzero(np.isin(found.p_false_alarm, ROUND_RATES)).tolist()],
+        "points": [_point(found, k) for k in np.flatnonzero(np.isin(found.p_false_alarm, FALSE_ALARM_RATES)).tolist()],
         "warnings": list(found.warnings),
     }
 

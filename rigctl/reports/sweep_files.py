@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from rigctl.comparison.sweep import P_FALSE_ALARM, Sweep
+from rigctl.comparison.performance import SWEPT_RATES
+from rigctl.comparison.sweep import Sweep
 
 SCHEMA_VERSION = 1
 # At which the table and the plot show detection.
@@ -61,7 +62,7 @@ def sweep_json(found: Sweep) -> dict[str, Any]:
         },
         "detection": [
             {"target": pair[0], "background": pair[1]}
-            | {"p_detection": {f"{rate:g}": _numbers(found.detection(pair, rate)) for rate in P_FALSE_ALARM}}
+            | {"p_detection": {f"{rate:g}": _numbers(found.detection(pair, rate)) for rate in SWEPT_RATES}}
             for pair in found.pairs
         ],
     }
@@ -75,7 +76,7 @@ def sweep_csv(found: Sweep) -> bytes:
         for quantity, kinds in _quantities(found, region).items()
         for kind in kinds
     ]
-    detected = [(pair, rate) for pair in found.pairs for rate in P_FALSE_ALARM]
+    detected = [(pair, rate) for pair in found.pairs for rate in SWEPT_RATES]
     series = [found.series(*column) for column in columns] + [found.detection(*column) for column in detected]
     names = [f"{target}_on_{background}.p_detection.{rate:g}" for (target, background), rate in detected]
     text = io.StringIO(newline="")

@@ -8,20 +8,19 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from model.prediction.performance import PairDetection, pair_detections, polarization_strength
+from model.prediction.performance import PairDetection, PolarizationStrength
 from model.prediction.prediction import RegionPrediction
 from model.processing.texture import Texture
 from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.explanation import Explanation
+from rigctl.comparison.performance import Performance
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 
 SCHEMA_VERSION = 1
-# Probabilities of false alarm for which a prediction states the probability of detection.
-FALSE_ALARM_RATES = (1e-4, 1e-3, 1e-2)
 
 STATISTICS = {
     "mean": "mean over the region's pixels (of dolp, s1n, s2n and aolp_deg: of the region's mean Stokes vector)",
@@ -32,8 +31,10 @@ STATISTICS = {
 }
 
 
-def prediction_json(predictions: dict[str, RegionPrediction], *, remarks: Iterable[str]) -> dict[str, Any]:
-    """Return predictions as JSON holds them."""
+def prediction_json(
+    predictions: dict[str, RegionPrediction], performance: Performance, *, remarks: Iterable[str]
+) -> dict[str, Any]:
+    """Return predictions, and what they are worth, as JSON holds them."""
     return {
         "schema_version": SCHEMA_VERSION,
         "statistics": STATISTICS,
@@ -42,18 +43,17 @@ def prediction_json(predictions: dict[str, RegionPrediction], *, remarks: Iterab
             name: {"dolp": prediction.dolp_method, "dolp_error": _finite(prediction.dolp_error)}
             for name, prediction in predictions.items()
         },
-        "dolp_law": {name: _strength(prediction) for name, prediction in predictions.items()},
-        "detection": [_pair(pair) for pair in pair_detections(predictions, FALSE_ALARM_RATES)],
+        "dolp_law": {name: _strength(strength) for name, strength in performance.strengths.items()},
+        "detection": [_pair(pair) for pair in performance.detections],
         "warnings": {name: list(prediction.warnings) for name, prediction in predictions.items()},
         "remarks": list(remarks),
     }
 
 
-def _strength(prediction: RegionPrediction) -> dict[str, Any] | None:
+def _strength(found: PolarizationStrength | None) -> dict[str, Any] | None:
     """Return the law of a region's DoLP in a few numbers; nothing where there is no light."""
-    if not prediction.stokes_dn.mean[0] > 0.0:
+    if found is None:
         return None
-    found = polarization_strength(prediction)
     quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
     return {"quantiles": quantiles, "nedolp": found.nedolp, "unpolarised_mean": _finite(found.unpolarised_mean)}
 

@@ -16,8 +16,9 @@ from rigctl.comparison.rows import Row
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import measure
-from rigctl.reports.compare_run import compare_run
+from rigctl.reports.comparison_files import compared_json
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text
 from tests.rigctl.scene_texts import written
 
@@ -165,15 +166,9 @@ def test_no_light_has_no_scale() -> None:
 
 def test_compare_says_its_scale(tmp_path: Path) -> None:
     panel_run(tmp_path / "run", efficiency=TRUE)
-    found = compare_run(
-        tmp_path / "run",
-        scene_path=written(tmp_path, scene_text()),
-        regions_path=None,
-        noise_path=None,
-        alpha=1e-3,
-        scale="free",
-    )
-    said = found.as_json()["scale"]
+    request = CompareRequest(scene=written(tmp_path, scene_text()), scale="free")
+    found = compare_run(tmp_path / "run", request)
+    said = compared_json(found)["scale"]
     assert said["kind"] == "free"
     assert said["value"] == pytest.approx(1.12, rel=1e-3)
     assert any(remark.startswith("scale of the counts: 1.12 +- ") for remark in found.comparison.remarks)

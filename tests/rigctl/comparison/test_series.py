@@ -10,10 +10,13 @@ import pytest
 
 import benchmarks.uncertain_panels as panels
 from rigctl.cli import EXIT_DATA, main
+from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.series import require_one_instrument
 from rigctl.errors import ConfigError, DataError
-from rigctl.reports.compare_series import ComparedSeries, compare_series, series_report
+from rigctl.jobs.compare import CompareRequest
+from rigctl.jobs.series import compare_series
 from rigctl.reports.pdf import pdf
+from rigctl.reports.series_content import series_json, series_report
 from rigctl.runs.run_folder import FrameRecord, Run, read_run
 
 
@@ -49,11 +52,11 @@ def series(tmp_path_factory: pytest.TempPathFactory) -> ComparedSeries:
     folder = tmp_path_factory.mktemp("afternoon")
     with pytest.MonkeyPatch.context() as patch:
         paths = afternoon(folder, patch)
-    return compare_series(paths, scene_path=folder / "scene.toml", alpha=1e-3)
+    return compare_series(paths, CompareRequest(scene=folder / "scene.toml", alpha=1e-3))
 
 
 def test_every_run_has_its_sun_and_time(series: ComparedSeries) -> None:
-    content = series.as_json()
+    content = series_json(series)
     assert [run["sun_zenith_deg"] for run in content["runs"]] == [30.0, 38.0, 46.0]
     assert content["runs"][1]["first_frame_utc"].startswith("2026-06-21T13:00")
 
@@ -118,4 +121,4 @@ def test_the_command_takes_several_runs_and_refuses_a_stranger(
 def test_runs_of_one_name_are_refused(series: ComparedSeries) -> None:
     path = series.runs[0].measurement.run.path
     with pytest.raises(ConfigError, match="different names"):
-        compare_series([path, path], scene_path=path.parent / "scene.toml", alpha=1e-3)
+        compare_series([path, path], CompareRequest(scene=path.parent / "scene.toml", alpha=1e-3))

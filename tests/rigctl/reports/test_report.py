@@ -5,8 +5,9 @@ import re
 import numpy as np
 import pytest
 
+from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.reports.budget_figure import _LOOKS
-from rigctl.reports.compare_run import compare_run
+from rigctl.reports.comparison_files import write_comparison
 from rigctl.reports.number_text import to_digits
 from rigctl.sessions.perturbation import perturbed
 from rigctl.sessions.take_session import take_session
@@ -17,10 +18,7 @@ from tests.rigctl.example_files import small_rig, small_session
 def compared(tmp_path_factory):
     folder = tmp_path_factory.mktemp("compared")
     take_session(small_rig(folder), small_session(cycles=3), folder / "run", files={})
-    found = compare_run(
-        folder / "run", scene_path=folder / "scene.toml", regions_path=None, noise_path=None, alpha=1e-3
-    )
-    found.write(folder / "out")
+    found = compare_run(folder / "run", CompareRequest(scene=folder / "scene.toml"), out=folder / "out")
     return folder / "out", found
 
 
@@ -100,7 +98,7 @@ def test_the_run_and_every_file_stand_in_the_provenance_with_their_hashes(compar
 
 
 def test_the_same_comparison_gives_the_same_report(compared, tmp_path):
-    compared[1].write(tmp_path)
+    write_comparison(compared[1], tmp_path)
     for name in ("report.html", "report.pdf", "comparison.json", "comparison.csv"):
         assert (tmp_path / name).read_bytes() == (compared[0] / name).read_bytes()
 
@@ -108,10 +106,7 @@ def test_the_same_comparison_gives_the_same_report(compared, tmp_path):
 def test_a_disagreement_heads_the_report_with_where_it_points(tmp_path):
     rig = perturbed(small_rig(tmp_path), "gain")
     take_session(rig, small_session(), tmp_path / "run", files={})
-    found = compare_run(
-        tmp_path / "run", scene_path=tmp_path / "scene.toml", regions_path=None, noise_path=None, alpha=1e-3
-    )
-    found.write(tmp_path / "out")
+    compare_run(tmp_path / "run", CompareRequest(scene=tmp_path / "scene.toml"), out=tmp_path / "out")
     html = (tmp_path / "out" / "report.html").read_text()
     head = html[: html.index("Pictures")]
     assert "Model and measurement disagree" in head

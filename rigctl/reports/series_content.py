@@ -1,135 +1,58 @@
-"""Many runs beside one scene: from their files to one table, one report, and a report of each."""
+"""The files of many runs beside one scene: one table, one report, and a report of each."""
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from datetime import datetime
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rigctl.comparison.run_geometry import scene_of_run
-from rigctl.comparison.series import (
-    QUANTITIES,
-    SeriesDrift,
-    SeriesPoint,
-    drifts_of,
-    hours_of,
-    mean_row,
-    require_one_instrument,
-    trends_over_runs,
-)
-from rigctl.comparison.trends import Trend
-from rigctl.config import sha256_of
+from rigctl.comparison.compared_run import ComparedSeries
+from rigctl.comparison.series import QUANTITIES, SeriesPoint, hours_of, mean_row
 from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError
-from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import Measurement
 from rigctl.reports import compare_tables, series_figure
 from rigctl.reports.blocks import NOTHING, Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
-from rigctl.reports.compare_run import ComparedRun, compare_run
+from rigctl.reports.compare_context import provenance_json
+from rigctl.reports.comparison_files import write_comparison
 from rigctl.reports.number_text import signed, to_digits
 from rigctl.reports.pdf import pdf
 from rigctl.reports.report import render
 from rigctl.reports.rows_csv import rows_csv
 from rigctl.reports.tables_json import SCHEMA_VERSION
-from rigctl.runs.run_folder import read_run
-from rigctl.scene.scene_numbers import light_numbers
 
 # Of a drift that is worth a word, in standard errors.
 _DRIFTS = 4.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ComparedSeries:
-    """Many runs beside one scene."""
-
-    runs: tuple[ComparedRun, ...]
-    points: tuple[SeriesPoint, ...]
-    drifts: tuple[SeriesDrift, ...]
-    trends: tuple[Trend, ...]
-    alpha: float
-    scene: dict[str, str]
-
-    @property
-    def agrees(self) -> bool:
-        """Whether every run agrees."""
-        return all(point.comparison.agrees for point in self.points)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the content of series.json."""
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "agrees": self.agrees,
-            "alpha": self.alpha,
-            "scene": self.scene,
-            "runs": [_point_json(point) for point in self.points],
-            "drifts": [
-                {"region": d.region, "quantity": d.quantity, "z": d.z, "per_hour": asdict(d.line)} for d in self.drifts
-            ],
-            "trends": [
-                {"quantity": t.quantity, "over": t.over, "predicted": t.predicted} | asdict(t.order)
-                for t in self.trends
-            ],
-            "provenance": [run.provenance for run in self.runs],
-        }
-
-    def write(self, out: Path) -> None:
-        """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
-        out.mkdir(parents=True, exist_ok=True)
-        for point, run in zip(self.points, self.runs, strict=True):
-            run.write(out / point.name)
-        content = json.dumps(self.as_json(), indent=2, allow_nan=False) + "\n"
-        write_durably(out / "series.json", content.encode())
-        rows = [row for point in self.points for row in point.comparison.rows]
-        facts = [_facts(point) for point in self.points for _ in point.comparison.rows]
-        write_durably(out / "series.csv", rows_csv(rows, facts).encode())
-        report = series_report(self)
-        write_durably(out / "series.html", render(report).encode())
-        write_durably(out / "series.pdf", pdf(report))
+def series_json(series: ComparedSeries) -> dict[str, Any]:
+    """Return the content of series.json."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "agrees": series.agrees,
+        "alpha": series.alpha,
+        "scene": {"path": str(series.scene.path), "sha256": series.scene.sha256},
+        "runs": [_point_json(point) for point in series.points],
+        "drifts": [
+            {"region": d.region, "quantity": d.quantity, "z": d.z, "per_hour": asdict(d.line)} for d in series.drifts
+        ],
+        "trends": [
+            {"quantity": t.quantity, "over": t.over, "predicted": t.predicted} | asdict(t.order) for t in series.trends
+        ],
+        "provenance": [provenance_json(run) for run in series.runs],
+    }
 
 
-def compare_series(run_paths: Sequence[Path], *, scene_path: Path, alpha: float, **options: Any) -> ComparedSeries:
-    """Return many runs beside one scene.
-
-    Parameters
-    ----------
-    run_paths : sequence of Path
-        Run folders, two or more of different names.
-    scene_path : Path
-        Scene file; each run has its own sun.
-    alpha : float
-        Chance of any false disagreement over all runs.
-    options
-        As `compare_run` takes them.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, a run is unfit, or does not belong with the others.
-    """
-    names = [path.resolve().name for path in run_paths]
-    if len(set(names)) < len(names):
-        raise ConfigError(f"run folders of a series need different names; found {', '.join(names)}")
-    require_one_instrument([read_run(path) for path in run_paths])
-    scene = load_scene(scene_path)
-    runs = [
-        compare_run(
-            path,
-            scene_path=scene_path,
-            alpha=alpha / len(run_paths),
-            **({"regions_path": None, "noise_path": None} | options),
-        )
-        for path in run_paths
-    ]
-    points = tuple(_point(name, run, scene) for name, run in zip(names, runs, strict=True))
-    return ComparedSeries(
-        runs=tuple(runs),
-        points=points,
-        drifts=drifts_of(points),
-        trends=trends_over_runs(points),
-        alpha=alpha,
-        scene={"path": str(scene_path), "sha256": sha256_of(scene_path)},
-    )
+def write_series(series: ComparedSeries, out: Path) -> None:
+    """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
+    out.mkdir(parents=True, exist_ok=True)
+    for point, run in zip(series.points, series.runs, strict=True):
+        write_comparison(run, out / point.name)
+    write_durably(out / "series.json", (json.dumps(series_json(series), indent=2, allow_nan=False) + "\n").encode())
+    rows = [row for point in series.points for row in point.comparison.rows]
+    facts = [_facts(point) for point in series.points for _ in point.comparison.rows]
+    write_durably(out / "series.csv", rows_csv(rows, facts).encode())
+    report = series_report(series)
+    write_durably(out / "series.html", render(report).encode())
+    write_durably(out / "series.pdf", pdf(report))
 
 
 def series_report(series: ComparedSeries) -> Report:
@@ -164,32 +87,11 @@ def series_report(series: ComparedSeries) -> Report:
             Section(title="What this does not test", blocks=(Bullets(items=_not_tested(points)),)),
             Section(
                 title="Provenance in full",
-                blocks=(Verbatim(text=json.dumps([run.provenance["files"] for run in series.runs], indent=2)),),
+                blocks=(Verbatim(text=json.dumps([provenance_json(run)["files"] for run in series.runs], indent=2)),),
                 folded=True,
             ),
         ],
     )
-
-
-def _point(name: str, run: ComparedRun, scene: Any) -> SeriesPoint:
-    first = run.measurement.grid.records[0][0].start_utc
-    return SeriesPoint(
-        name=name,
-        comparison=run.comparison,
-        measurement=run.measurement,
-        start=None if first is None else datetime.fromisoformat(first),
-        sun_zenith_deg=_sun_zenith_deg(run.measurement, scene),
-    )
-
-
-def _sun_zenith_deg(measurement: Measurement, scene: Any) -> float | None:
-    frames = [record for cycle in measurement.grid.records for record in cycle]
-    elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]
-    if len(elevations) == len(frames):
-        return 90.0 - sum(elevations) / len(elevations)
-    changed, _ = scene_of_run(scene, measurement.run, frames)
-    sun = light_numbers(changed).get("sun.zenith_deg")
-    return None if sun is None else sun.value
 
 
 def _why(point: SeriesPoint) -> str:

@@ -2,8 +2,9 @@ import json
 
 import pytest
 
+from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.errors import ConfigError, DataError
-from rigctl.reports.compare_run import compare_run
+from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.sessions.take_session import take_session
 from tests.rigctl.comparison.test_closed_loop import NOISE
 from tests.rigctl.example_files import small_rig, small_session
@@ -26,8 +27,8 @@ def folder(tmp_path_factory):
 
 
 def _compare(folder, **options):
-    given = {"scene_path": folder / "scene.toml", "regions_path": None, "noise_path": None, "alpha": 1e-3} | options
-    return compare_run(folder / "run", **given)
+    given = {"scene": folder / "scene.toml"} | options
+    return compare_run(folder / "run", CompareRequest(**given))
 
 
 @pytest.mark.parametrize(
@@ -36,12 +37,12 @@ def _compare(folder, **options):
 )
 def test_a_calibration_of_another_camera_or_setting_is_refused(folder, camera, named):
     with pytest.raises(DataError, match=named):
-        _compare(folder, noise_path=_noise_file(folder, **camera))
+        _compare(folder, calibrations=CalibrationPaths(noise=_noise_file(folder, **camera)))
 
 
 def test_a_calibration_that_does_not_say_of_which_camera_is_taken(folder):
-    found = _compare(folder, noise_path=_noise_file(folder))
-    assert "noise" in found.provenance["files"]
+    found = _compare(folder, calibrations=CalibrationPaths(noise=_noise_file(folder)))
+    assert "noise" in found.provenance.files
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0])
@@ -52,10 +53,10 @@ def test_alpha_out_of_range_is_refused(folder, alpha):
 
 def test_scene_and_regions_together_are_refused(folder):
     with pytest.raises(ConfigError, match="--regions"):
-        _compare(folder, regions_path=folder / "regions.toml")
+        _compare(folder, regions=folder / "regions.toml")
 
 
 def test_a_file_that_is_no_calibration_is_refused(folder):
     (folder / "bad.json").write_text("{}")
     with pytest.raises(DataError, match="rigctl calibrate noise"):
-        _compare(folder, noise_path=folder / "bad.json")
+        _compare(folder, calibrations=CalibrationPaths(noise=folder / "bad.json"))

@@ -1,0 +1,116 @@
+"""Results of comparing runs with the model, with all that their reports show."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from model.effects.names import Effect
+from model.effects.planner import EffectPlan
+from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.performance import Performance
+from rigctl.comparison.scale import ScaleKind
+from rigctl.comparison.series import SeriesDrift, SeriesPoint
+from rigctl.comparison.trends import Trend
+from rigctl.config import sha256_of
+from rigctl.files.regions import Region
+from rigctl.measurement.measurement import Measurement
+
+
+@dataclass(frozen=True, kw_only=True)
+class UsedFile:
+    """A file that a result rests on."""
+
+    path: Path
+    sha256: str
+
+
+def used_file(path: Path) -> UsedFile:
+    """Return a file with its hash."""
+    return UsedFile(path=path, sha256=sha256_of(path))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """What a comparison was made from.
+
+    Attributes
+    ----------
+    files : dict
+        What it is ("scene", "noise", "manifest") to the file.
+    alpha : float
+        Chance of any false disagreement.
+    scale : {"absolute", "panel", "free"}
+        What the counts of a prediction were scaled by.
+    """
+
+    files: dict[str, UsedFile]
+    alpha: float
+    scale: ScaleKind
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectsTaken:
+    """Effects of the model: the decisions at the tolerance that a report shows, and those that a comparison took."""
+
+    plan: EffectPlan
+    taken: frozenset[Effect]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedRun:
+    """A run beside what the model says of it.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        Rows with their decision.
+    measurement : Measurement
+        What the run showed.
+    regions : list of Region
+        As they were drawn.
+    performance : Performance
+        What the predictions are worth for detection.
+    provenance : Provenance
+        What it was made from.
+    noise : dict or None
+        The noise calibration.
+    effects : EffectsTaken or None
+        None without a scene.
+    """
+
+    comparison: Comparison
+    measurement: Measurement
+    regions: list[Region]
+    performance: Performance
+    provenance: Provenance
+    noise: dict[str, Any] | None = None
+    effects: EffectsTaken | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedSeries:
+    """Many runs beside one scene.
+
+    Attributes
+    ----------
+    runs, points
+        Each run, and its place among the others.
+    drifts, trends
+        Over all of them.
+    alpha : float
+        Chance of any false disagreement over all runs.
+    scene : UsedFile
+        The scene file of all.
+    """
+
+    runs: tuple[ComparedRun, ...]
+    points: tuple[SeriesPoint, ...]
+    drifts: tuple[SeriesDrift, ...]
+    trends: tuple[Trend, ...]
+    alpha: float
+    scene: UsedFile
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every run agrees."""
+        return all(point.comparison.agrees for point in self.points)

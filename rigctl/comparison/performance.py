@@ -1,0 +1,40 @@
+"""What predictions are worth for finding things: the law of each region's DoLP, and RX detection between regions."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from model.prediction.performance import PairDetection, PolarizationStrength, pair_detections, polarization_strength
+from model.prediction.prediction import RegionPrediction
+
+# Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.
+FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+# Those for which a prediction states the probability of detection, and those of a sweep.
+STATED_RATES, SWEPT_RATES = FALSE_ALARM_RATES[1:4], FALSE_ALARM_RATES[1:]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Performance:
+    """Polarization and detection by the model, of single pixels of one cycle.
+
+    Attributes
+    ----------
+    strengths : dict
+        Region to the law of its DoLP in a few numbers; None where there is no light.
+    detections : tuple of PairDetection
+        Every ordered pair of regions, at `STATED_RATES`.
+    """
+
+    strengths: dict[str, PolarizationStrength | None]
+    detections: tuple[PairDetection, ...]
+
+
+def performance_of(predictions: Mapping[str, RegionPrediction]) -> Performance:
+    """Return the law of DoLP of every region, and the detection of each on every other."""
+    return Performance(
+        strengths={name: _strength(prediction) for name, prediction in predictions.items()},
+        detections=pair_detections(predictions, STATED_RATES),
+    )
+
+
+def _strength(prediction: RegionPrediction) -> PolarizationStrength | None:
+    return polarization_strength(prediction) if prediction.stokes_dn.mean[0] > 0.0 else None

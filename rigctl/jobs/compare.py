@@ -1,0 +1,153 @@
+"""Comparing a run with the model: run, scene or regions and calibrations in; the comparison and its report out."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rigctl.comparison.checks import require_sound, run_checks
+from rigctl.comparison.closed_loop import compare_closed_loop
+from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
+from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.comparison.performance import performance_of
+from rigctl.comparison.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
+from rigctl.comparison.run_registration import registration_of, with_registration
+from rigctl.comparison.scale import ScaleKind
+from rigctl.errors import ConfigError
+from rigctl.files.regions import Region, load_regions
+from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.measurement.measurement import Measurement
+from rigctl.reports.comparison_files import write_comparison
+from rigctl.runs.run_folder import MANIFEST_FILE, read_run
+from rigctl.scene.effect_choice import acting_effects
+from rigctl.scene.effect_plan import plan_effects
+
+# Of a prediction: at this an effect is said to be called for or not. A comparison takes all of them all the same.
+_EFFECTS_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareRequest:
+    """What a run, or several, are to be compared with.
+
+    Attributes
+    ----------
+    scene, regions : Path or None
+        A scene file predicts the run, with its outlines where they are now if there are regions too; a regions file
+        alone sets the run beside its own moments.
+    calibrations : CalibrationPaths
+        Files of calibrations.
+    alpha : float
+        Chance of any false disagreement, in (0, 1).
+    scale : {"absolute", "panel", "free"}
+        What the counts of a prediction are scaled by.
+    """
+
+    scene: Path | None = None
+    regions: Path | None = None
+    calibrations: CalibrationPaths = field(default_factory=CalibrationPaths)
+    alpha: float = 1e-3
+    scale: ScaleKind = "absolute"
+
+
+def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = None) -> ComparedRun:
+    """Return a run beside what the model says of it.
+
+    Parameters
+    ----------
+    run_path : Path
+        Run folder.
+    request : CompareRequest
+        What it is compared with.
+    out : Path or None
+        Folder for report.html, report.pdf and the numbers as JSON and CSV.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or the run is unfit for what is asked.
+    """
+    if not 0.0 < request.alpha < 1.0:
+        raise ConfigError(f"--alpha: is {request.alpha:g}; allowed is above 0 and below 1, for instance 0.001")
+    if (request.scene is None) == (request.regions is None):
+        raise ConfigError("give a scene file, or --regions FILE for a comparison without a scene")
+    scene = None if request.scene is None else load_scene(request.scene)
+    regions = _regions(scene, request.regions)
+    run = read_run(run_path)
+    given = read_calibrations(request.calibrations, run)
+    measurement = given.measure(run, regions)
+    registered = registration_of(measurement)
+    checks = run_checks(measurement, registered)
+    require_sound(checks, run=str(run_path))
+    comparison = _comparison(measurement, scene, given, request)
+    budgets = with_registration(
+        comparison.budgets,
+        measurement,
+        regions=regions,
+        found=registered,
+        means={name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()},
+    )
+    remarks = (*given.doubts, *correction_remarks(measurement, regions), *comparison.remarks)
+    found = ComparedRun(
+        comparison=replace(comparison, remarks=remarks, checks=checks, budgets=budgets),
+        measurement=measurement,
+        regions=regions,
+        performance=performance_of(comparison.predictions),
+        provenance=_provenance(run_path, request),
+        noise=given.noise,
+        effects=None if scene is None else _effects(scene, given),
+    )
+    if out is not None:
+        write_comparison(found, out)
+    return found
+
+
+def _comparison(
+    measurement: Measurement, scene: SceneFile | None, given: RunCalibrations, request: CompareRequest
+) -> Comparison:
+    if scene is not None:
+        return compare_with_scene(
+            measurement,
+            scene=scene,
+            noise=given.noise,
+            alpha=request.alpha,
+            scale=request.scale,
+            radiometric=given.radiometric,
+        )
+    if request.scale == "absolute" and given.radiometric is None:
+        return compare_closed_loop(measurement, noise=given.noise, alpha=request.alpha)
+    raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
+
+
+def _effects(scene: SceneFile, given: RunCalibrations) -> EffectsTaken:
+    planned = plan_effects(scene, given.noise, tolerance=_EFFECTS_TOLERANCE)
+    return EffectsTaken(plan=planned.plan, taken=acting_effects(scene))
+
+
+def _regions(scene: SceneFile | None, regions_path: Path | None) -> list[Region]:
+    drawn = [] if regions_path is None else load_regions(regions_path)
+    return drawn if scene is None else _outlines_of(scene, drawn)
+
+
+def _outlines_of(scene: SceneFile, drawn: list[Region]) -> list[Region]:
+    """Return the scene's regions, with their outlines of now where they were found again."""
+    unknown = sorted({region.name for region in drawn}.difference(region.name for region in scene.regions))
+    if unknown:
+        raise ConfigError(
+            f"scene {scene.name} has no region {', '.join(unknown)}; there are "
+            f"{', '.join(region.name for region in scene.regions)}"
+        )
+    now = {region.name: region for region in drawn}
+    return [now.get(region.name, region) for region in scene.regions]
+
+
+def _provenance(run_path: Path, request: CompareRequest) -> Provenance:
+    files = {
+        "scene": request.scene,
+        "regions": request.regions,
+        **vars(request.calibrations),
+        "manifest": run_path / MANIFEST_FILE,
+    }
+    return Provenance(
+        files={what: used_file(path) for what, path in files.items() if path is not None},
+        alpha=request.alpha,
+        scale=request.scale,
+    )
