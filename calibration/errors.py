@@ -1,4 +1,4 @@
-"""What makes frames unfit for a calibration."""
+"""Errors of frames that are unfit for a calibration."""
 
 from calibration.flags import Flag
 

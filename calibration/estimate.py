@@ -27,7 +27,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointCovariance:
-    """How the errors of several estimates go together.
+    """Covariance of the errors of several estimates.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a calibration found odd in the frames that it was given."""
+"""Flags: oddities that a calibration found in the frames that it was given."""
 
 from dataclasses import dataclass
 

@@ -16,7 +16,7 @@ _ALPHA = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PanelScale:
-    """What a panel gives over what was predicted of it.
+    """Counts of a panel over what was predicted of it.
 
     Attributes
     ----------
@@ -62,10 +62,6 @@ def panel_scale(
     -----
     To first order in the errors. What is uncertain of the panel's reflectance and of the sun is common to all channels,
     so that more channels hardly make the common ratio better; whether channels agree is judged by what is not common.
-
-    References
-    ----------
-    Definition.
     """
     if np.min(signal_dn) <= 0.0 or np.min(predicted_dn) <= 0.0:
         raise CalibrationError("the panel has a channel without light: check the region, the dark level and the scene")

@@ -1,4 +1,4 @@
-"""What an analyzer does to polarized light, from a generator that turns in front of it."""
+"""Action of an analyzer on polarized light, from a generator that turns in front of it."""
 
 from dataclasses import dataclass
 

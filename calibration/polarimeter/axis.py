@@ -1,4 +1,4 @@
-"""How a polarizer sits in its stage: sense of rotation and axis offset, from angles that are known two ways."""
+"""Mounting of a polarizer in its stage: sense of rotation and axis offset, from angles that are known two ways."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -91,10 +91,6 @@ def fit_axis(
     with the reference at 0 or 90 deg to the axis of the stage's zero, both senses give one offset.
 
     The standard error grows with the scatter of the pairs where that is larger than their errors.
-
-    References
-    ----------
-    Definition.
     """
     if len(axis_rad) == 0:
         raise CalibrationError("no angle is known in both the picture and the stage")

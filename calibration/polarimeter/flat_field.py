@@ -37,7 +37,7 @@ class FlatField:
 
     @property
     def pattern_rms(self) -> float:
-        """How much pixels differ, the flat's own noise taken off; relative."""
+        """Standard deviation from pixel to pixel, the flat's own noise taken off; relative."""
         return float(np.sqrt(max(0.0, float(np.var(self.response)) - self.noise_rms**2)))
 
     @property

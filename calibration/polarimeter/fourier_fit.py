@@ -83,7 +83,7 @@ class FourierFit:
 
 @dataclass(frozen=True, kw_only=True)
 class Harmonic:
-    """What is left of a scan at one frequency.
+    """Residual of a scan at one frequency.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Harmonic:
 
     @property
     def is_seen(self) -> bool:
-        """Whether noise alone would hardly make it (1 of 1000)."""
+        """True where noise alone would hardly make it (1 of 1000)."""
         return self.amplitude > SEEN_SIGMAS * self.std_error
 
 

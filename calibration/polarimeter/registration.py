@@ -1,4 +1,4 @@
-"""How far the picture walks from one polarizer angle to the next, and what moving it back does to its noise."""
+"""Image registration: shift of the picture from one polarizer angle to the next, and what undoing it does to noise."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What bends a photon-transfer curve beyond the response of the sensor: charge that spreads to neighbours."""
+"""Bend of a photon-transfer curve beyond the response of the sensor: charge that spreads to neighbours."""
 
 from dataclasses import dataclass
 

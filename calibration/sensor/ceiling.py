@@ -1,4 +1,4 @@
-"""Where samples end: at the full scale of their bits, or at a smaller value at which they pile up."""
+"""The value at which samples end: full scale of their bits, or a smaller one at which they pile up."""
 
 from collections.abc import Sequence
 

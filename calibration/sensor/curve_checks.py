@@ -1,4 +1,4 @@
-"""What dark signal and photon-transfer curve say against a calibration: each finding by its own name."""
+"""Findings in dark signal and photon-transfer curve that speak against a calibration, each by its own name."""
 
 from collections.abc import Sequence
 

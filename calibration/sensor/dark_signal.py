@@ -23,7 +23,7 @@ _EXPOSURE_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DarkSignal:
-    """What dark levels say.
+    """Dark signal against exposure.
 
     Attributes
     ----------

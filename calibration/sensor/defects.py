@@ -24,7 +24,7 @@ _MANY_PIXELS, _STEP = 100_000, 7
 
 
 class Defect(IntFlag):
-    """What is wrong with a pixel; values of a defect map add up."""
+    """Kinds of defect of a pixel; values of a defect map add up."""
 
     HOT = 1
     COLD = 2

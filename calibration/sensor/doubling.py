@@ -1,4 +1,4 @@
-"""By how much the temperature has to rise for the dark current to double."""
+"""The rise of temperature that doubles the dark current."""
 
 from dataclasses import dataclass
 

@@ -19,7 +19,7 @@ _LEAST_PAIRS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EmvaSweep:
-    """What the standard fits its lines through.
+    """Points that the standard fits its lines through.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class EmvaSweep:
 
     @property
     def has_exposures(self) -> bool:
-        """Whether a line against the exposure of the darks has more points than parameters."""
+        """True where a line against the exposure of the darks has more points than parameters."""
         return len(np.unique(self.exposure_s)) > 2
 
 

@@ -13,7 +13,7 @@ from calibration.sensor.spectrogram import Spectrogram, spectrogram
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedPattern:
-    """What the two stacks say of the fixed pattern.
+    """Fixed pattern of two stacks.
 
     Attributes
     ----------

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.sensor.frame_memory import FrameMemory
 from calibration.sensor.frame_sums import FrameSums
-from calibration.sensor.noise_texture import NoiseTexture
+from calibration.sensor.image_lag import ImageLag
 from calibration.sensor.ordinary_pixels import OrdinaryPattern, ordinary_pattern
 from calibration.sensor.pattern_parts import PatternParts, mosaic_contrast, pattern_parts, small_scale_variance
+from calibration.sensor.row_column_noise import RowColumnNoise
 from calibration.sensor.sample_tally import SampleTally
 from calibration.sensor.variance_moments import variance_moments
 
@@ -23,7 +23,7 @@ _LEAST_PIXELS = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LevelPicture:
-    """What each pixel has of a level.
+    """A level pixel by pixel.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class LevelPicture:
 
 @dataclass(frozen=True, kw_only=True)
 class LevelStatistics:
-    """What is known of one level: frames of one kind, exposure and illumination.
+    """Statistics of one level: frames of one kind, exposure and illumination.
 
     Attributes
     ----------
@@ -77,11 +77,11 @@ class LevelStatistics:
         Largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean.
     pattern : PatternParts
         The spatial variance by rows, columns and pixels.
-    texture : NoiseTexture
+    row_column : RowColumnNoise
         What pixels share of the noise in time.
     samples : SampleTally
         The samples as integers.
-    memory : FrameMemory or None
+    lag : ImageLag or None
         What goes over from frame to frame; None with two frames, or without noise.
     picture : LevelPicture or None
         Pixel by pixel, where that was asked for.
@@ -104,9 +104,9 @@ class LevelStatistics:
     ordinary: OrdinaryPattern
     mosaic_contrast: float
     pattern: PatternParts
-    texture: NoiseTexture
+    row_column: RowColumnNoise
     samples: SampleTally
-    memory: FrameMemory | None = None
+    lag: ImageLag | None = None
     picture: LevelPicture | None = None
 
 
@@ -171,8 +171,8 @@ def level_statistics(
 def _statistics(
     sums: FrameSums, *, kind: LevelKind, exposure_s: float | None, photons: float | None, keep_picture: bool
 ) -> LevelStatistics:
-    n_frames, texture = sums.n_frames, sums.texture
-    if texture is None:
+    n_frames, row_column = sums.n_frames, sums.row_column
+    if row_column is None:
         raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has {n_frames}")
     mean_dn = sums.mean_dn()
     deviations = sums.deviations(mean_dn)
@@ -207,9 +207,9 @@ def _statistics(
             spatial_variance_dn2=moments.spatial_dn2,
             noise_dn2=moments.temporal_dn2 / n_frames,
         ),
-        texture=texture,
+        row_column=row_column,
         samples=sums.samples,
-        memory=sums.memory,
+        lag=sums.lag,
         picture=_picture(sums, deviations + np.float32(mean_dn)) if keep_picture else None,
     )
 

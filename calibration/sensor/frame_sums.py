@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.sensor.frame_memory import FrameMemory, frame_memory, shown_rows
-from calibration.sensor.noise_texture import NoiseTexture, noise_texture
+from calibration.sensor.image_lag import ImageLag, image_lag, shown_rows
+from calibration.sensor.row_column_noise import RowColumnNoise, row_column_noise
 from calibration.sensor.sample_tally import SampleCounter, SampleTally
 
 SingleArray = NDArray[np.float32]
@@ -22,7 +22,7 @@ _OUTLIER_PASSES = 5
 _BLOCK_PIXELS = 49152
 # Sums of samples fit into 32 bits.
 _MOST_FRAMES = 65536
-_FRAMES_OF_MEMORY = 3
+_FRAMES_OF_LAG = 3
 
 
 class FrameSums:
@@ -30,8 +30,8 @@ class FrameSums:
 
     def __init__(self, first: NDArray[np.uint16]) -> None:
         self.shape = (first.shape[0], first.shape[1])
-        self.texture: NoiseTexture | None = None
-        self.memory: FrameMemory | None = None
+        self.row_column: RowColumnNoise | None = None
+        self.lag: ImageLag | None = None
         self._counter = SampleCounter()
         self._means: list[float] = []
         self._sum = first.astype(np.uint32)
@@ -53,13 +53,13 @@ class FrameSums:
         self._sum += frame
         self._count(frame)
         self._add_difference(frame)
-        if self.n_frames == _FRAMES_OF_MEMORY:
-            self.memory = frame_memory(self._first_rows, shown_rows(self._previous), shown_rows(frame))
+        if self.n_frames == _FRAMES_OF_LAG:
+            self.lag = image_lag(self._first_rows, shown_rows(self._previous), shown_rows(frame))
         self._previous = frame
 
     @property
     def n_frames(self) -> int:
-        """How many frames there were."""
+        """Number of frames."""
         return len(self._means)
 
     @property
@@ -121,7 +121,7 @@ class FrameSums:
             self._outlier = outlier if self._outlier is None else self._outlier | outlier
         if self._square_sum is None:
             self._square_sum = square
-            self.texture = noise_texture(self._previous, frame, outlier=outlier)
+            self.row_column = row_column_noise(self._previous, frame, outlier=outlier)
         else:
             self._square_sum += square
 

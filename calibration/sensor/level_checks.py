@@ -1,4 +1,4 @@
-"""What the light of the levels says against a calibration: each finding by its own name."""
+"""Findings in the light of the levels that speak against a calibration, each by its own name."""
 
 from collections.abc import Sequence
 from itertools import pairwise

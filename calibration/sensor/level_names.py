@@ -1,4 +1,4 @@
-"""How a message names the levels that it speaks of."""
+"""Names of levels in messages."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""How far a sensor's mean is from proportional to the light, and what that does to its photon-transfer curve."""
+"""Linearity: departure of the mean from proportional to the light, and its effect on the photon-transfer curve."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

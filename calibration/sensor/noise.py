@@ -1,4 +1,4 @@
-"""A sensor's noise figures from dark and flat levels, each with what it is uncertain by."""
+"""A sensor's noise parameters from dark and flat levels, each with what it is uncertain by."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ from calibration.sensor.ceiling import sample_ceiling_dn
 from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
-from calibration.sensor.figure_checks import figure_flags
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_checks import level_flags
-from calibration.sensor.noise_figures import choose_spatial_levels, measure, noise_figures
+from calibration.sensor.noise_parameters import choose_spatial_levels, measure, noise_parameters
+from calibration.sensor.parameter_checks import parameter_flags
 from calibration.sensor.pattern_checks import left_out_flags
 from calibration.sensor.performance import Performance, performance
 from calibration.sensor.photon_transfer import PhotonTransfer, fit_photon_transfer, transfer_points
 from calibration.sensor.propagation import SpatialLevels
+from calibration.sensor.row_column_checks import row_column_flags
 from calibration.sensor.sample_checks import sample_flags
-from calibration.sensor.texture_checks import texture_flags
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseCalibration:
-    """A sensor's noise figures; None is what the frames cannot give, and a flag then says why.
+    """A sensor's noise parameters; None is what the frames cannot give, and a flag then says why.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
     """
     flats, darks = _sorted_levels(levels, bit_depth)
-    flags = (*sample_flags(levels, bit_depth=bit_depth), *level_flags(levels), *texture_flags(levels))
+    flags = (*sample_flags(levels, bit_depth=bit_depth), *level_flags(levels), *row_column_flags(levels))
     _refuse_if_any(flags)
     dark = fit_dark_signal(darks)
     match = match_darks(flats, darks)
@@ -125,25 +125,27 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     _refuse_if_any(flags)
     spatial = choose_spatial_levels(flats, darks, transfer=transfer, match=match)
     measured = measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
-    figures = noise_figures(measured, has_read_noise=dark.variance_fit is not None, has_dark_current=dark.has_slope)
-    gain, read_noise_e = figures.estimates["gain_dn_per_e"], figures.estimates.get("read_noise_e")
+    parameters = noise_parameters(
+        measured, has_read_noise=dark.variance_fit is not None, has_dark_current=dark.has_slope
+    )
+    gain, read_noise_e = parameters.estimates["gain_dn_per_e"], parameters.estimates.get("read_noise_e")
     saturation_e = _saturation(flats, transfer)
     merit = performance(transfer, dark, gain=gain, read_noise_e=read_noise_e, saturation_e=saturation_e)
-    dark_current_e_per_s = figures.estimates.get("dark_current_e_per_s")
+    dark_current_e_per_s = parameters.estimates.get("dark_current_e_per_s")
     flags += (
-        *figures.flags,
+        *parameters.flags,
         *left_out_flags(darks[spatial.dark], flats[spatial.flat]),
-        *figure_flags(dark_current_e_per_s=dark_current_e_per_s, quantum_efficiency=merit.quantum_efficiency),
+        *parameter_flags(dark_current_e_per_s=dark_current_e_per_s, quantum_efficiency=merit.quantum_efficiency),
     )
     return NoiseCalibration(
         gain_dn_per_e=gain,
         read_noise_e=read_noise_e,
         dark_current_e_per_s=dark_current_e_per_s,
-        black_level_dn=figures.estimates["black_level_dn"],
+        black_level_dn=parameters.estimates["black_level_dn"],
         saturation_e=saturation_e,
-        prnu=figures.estimates.get("prnu"),
-        dsnu_e=figures.estimates.get("dsnu_e"),
-        covariance=figures.covariance,
+        prnu=parameters.estimates.get("prnu"),
+        dsnu_e=parameters.estimates.get("dsnu_e"),
+        covariance=parameters.covariance,
         flags=flags,
         performance=merit,
         transfer=transfer,

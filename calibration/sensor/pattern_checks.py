@@ -1,4 +1,4 @@
-"""What the fixed pattern says against a calibration: each finding by its own name."""
+"""Findings in the fixed pattern that speak against a calibration, each by its own name."""
 
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import FixedPattern

@@ -1,4 +1,4 @@
-"""How the pixels' own deviations are distributed, for a logarithmic histogram."""
+"""Distribution of the pixels' own deviations, for a logarithmic histogram."""
 
 from dataclasses import dataclass
 

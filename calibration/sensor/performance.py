@@ -1,4 +1,4 @@
-"""What a sensor can do, from its noise figures: threshold, dynamic range, SNR, dark current by variance."""
+"""Performance of a sensor by its noise parameters: threshold, dynamic range, SNR, dark current by variance."""
 
 from dataclasses import dataclass
 

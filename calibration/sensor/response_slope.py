@@ -1,4 +1,4 @@
-"""How much less, or more, a bright pixel answers to a little more light than its signal over the light says."""
+"""Slope of the response at a signal: answer of a bright pixel to a little more light, beside signal over light."""
 
 from dataclasses import dataclass
 

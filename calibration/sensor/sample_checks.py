@@ -1,4 +1,4 @@
-"""What the samples themselves say against a calibration: each finding by its own name."""
+"""Findings in the samples themselves that speak against a calibration, each by its own name."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What the raw samples of a level look like as integers: range, zeros, unused bits, repeated frames."""
+"""Raw samples of a level as integers: range, zeros, unused bits, repeated frames."""
 
 import zlib
 from dataclasses import dataclass

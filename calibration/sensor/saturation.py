@@ -1,4 +1,4 @@
-"""Where a sensor saturates: the signal at which its temporal variance is largest."""
+"""Saturation of a sensor: the signal at which its temporal variance is largest."""
 
 from dataclasses import dataclass
 

@@ -287,10 +287,10 @@ def test_cosmic_hits_are_no_memory() -> None:
     frames = camera.frames(3, light_e=8000.0, exposure_s=0.008)
     for place, frame in enumerate(frames):
         frame[place::40, ::37] = 4000
-    memory = level_statistics(frames, kind="flat", exposure_s=0.008).memory
-    assert memory is not None
+    lag = level_statistics(frames, kind="flat", exposure_s=0.008).lag
+    assert lag is not None
     # Some of the hits lie within what noise does; five standard errors of the other pixels.
-    assert abs(memory.share) < 5.0 * memory.std_error
+    assert abs(lag.share) < 5.0 * lag.std_error
 
 
 def test_rounding_that_hides_the_noise_is_no_memory() -> None:

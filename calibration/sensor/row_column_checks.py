@@ -1,4 +1,4 @@
-"""What pixels have in common, where a sensor's do not: each finding by its own name."""
+"""Findings in noise that neighbours, rows, columns or successive frames share, each by its own name."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ _SHARED_VARIANCE, _BANDED = 0.05, 0.01
 _BRIGHT = 0.25
 
 
-def texture_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
+def row_column_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
     """Return what is odd in the noise of neighbours, and in the means of every second pixel.
 
     Parameters
@@ -63,9 +63,9 @@ def _correlated_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
     if not flats:
         return None
     # What whole lines share is a finding of its own.
-    horizontal = float(np.mean([v.texture.horizontal - v.texture.row_variance_dn2 / _variance(v) for v in flats]))
-    vertical = float(np.mean([v.texture.vertical - v.texture.column_variance_dn2 / _variance(v) for v in flats]))
-    error = float(np.mean([flat.texture.std_error for flat in flats])) / np.sqrt(len(flats))
+    horizontal = float(np.mean([v.row_column.horizontal - v.row_column.row_variance_dn2 / _variance(v) for v in flats]))
+    vertical = float(np.mean([v.row_column.vertical - v.row_column.column_variance_dn2 / _variance(v) for v in flats]))
+    error = float(np.mean([flat.row_column.std_error for flat in flats])) / np.sqrt(len(flats))
     largest = max(abs(horizontal), abs(vertical))
     if largest < _CORRELATION or largest < _SIGMA * error:
         return None
@@ -82,11 +82,11 @@ def _correlated_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
 def _frames_go_together(levels: Sequence[LevelStatistics]) -> Flag | None:
     # Rounding that hides the noise shows what is left of it in a few pixels only.
     noisy = [v for v in levels if v.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
-    stacks = [v.memory for v in noisy if v.memory is not None and v.samples.max_fraction < SATURATED_FRACTION]
+    stacks = [v.lag for v in noisy if v.lag is not None and v.samples.max_fraction < SATURATED_FRACTION]
     if not stacks:
         return None
-    share = float(np.mean([memory.share for memory in stacks]))
-    error = float(np.sqrt(np.sum([memory.std_error**2 for memory in stacks]))) / len(stacks)
+    share = float(np.mean([lag.share for lag in stacks]))
+    error = float(np.sqrt(np.sum([lag.std_error**2 for lag in stacks]))) / len(stacks)
     if share < _MEMORY or share < _SIGMA * error:
         return None
     return Flag(
@@ -143,11 +143,11 @@ def _row_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
 
 
 def _of_lines(level: LevelStatistics) -> FloatArray:
-    return np.array([level.texture.row_variance_dn2, level.texture.column_variance_dn2])
+    return np.array([level.row_column.row_variance_dn2, level.row_column.column_variance_dn2])
 
 
 def _errors_of_lines(level: LevelStatistics) -> FloatArray:
-    return np.array([level.texture.row_std_error_dn2, level.texture.column_std_error_dn2])
+    return np.array([level.row_column.row_std_error_dn2, level.row_column.column_std_error_dn2])
 
 
 def _banded_light(levels: Sequence[LevelStatistics]) -> Flag | None:

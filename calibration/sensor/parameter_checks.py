@@ -1,4 +1,4 @@
-"""What the figures themselves say against a calibration: numbers that no sensor has, each by its own name."""
+"""Findings in the parameters themselves: numbers that no sensor has, each by its own name."""
 
 from calibration.estimate import Estimate
 from calibration.flags import Flag
@@ -8,8 +8,8 @@ _SIGMA = 5.0
 _ABSURD_E_PER_S = 1e5
 
 
-def figure_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
-    """Return what is odd in the figures.
+def parameter_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
+    """Return what is odd in the parameters.
 
     Parameters
     ----------

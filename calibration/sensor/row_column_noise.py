@@ -1,4 +1,4 @@
-"""What pixels share of their noise in time: neighbours, rows and columns."""
+"""Row and column noise, and noise in time that neighbouring pixels share."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _PIXELS = 98304
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseTexture:
+class RowColumnNoise:
     """From the difference of two frames, its mean taken off.
 
     Attributes
@@ -38,9 +38,9 @@ class NoiseTexture:
     column_std_error_dn2: float
 
 
-def noise_texture(
+def row_column_noise(
     first: NDArray[np.uint16], second: NDArray[np.uint16], *, outlier: NDArray[np.bool_] | None
-) -> NoiseTexture:
+) -> RowColumnNoise:
     """Return what pixels share of the noise in time.
 
     Parameters
@@ -70,7 +70,7 @@ def noise_texture(
     of_columns = (
         0.5 * float(np.square(cv2.reduce(difference, 0, cv2.REDUCE_AVG, dtype=cv2.CV_64F)).mean()) - variance_dn2 / rows
     )
-    return NoiseTexture(
+    return RowColumnNoise(
         horizontal=_product(difference[:, 1:], difference[:, :-1]) / total if total else 0.0,
         vertical=_product(difference[1:], difference[:-1]) / total if total else 0.0,
         std_error=float(1.0 / np.sqrt(difference.size)),

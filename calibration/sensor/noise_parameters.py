@@ -1,4 +1,4 @@
-"""From what was measured in DN to figures in electrons, with their joint covariance."""
+"""Noise parameters in electrons, with their joint covariance, from what was measured in DN."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ _RESOLVED_SIGMA = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """What the levels gave, in DN.
+    """Results of the levels, in DN.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Measured:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NoiseFigures:
+class NoiseParameters:
     """Estimates by name, the covariance of their errors, and why some do not exist."""
 
     estimates: dict[str, Estimate]
@@ -66,7 +66,7 @@ class NoiseFigures:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Figure:
+class _Parameter:
     """A value, and its derivatives by what was measured."""
 
     name: str
@@ -136,8 +136,8 @@ def _frames(levels: Sequence[LevelStatistics], chosen: NDArray[np.bool_]) -> int
     return sum(level.n_frames for level, take in zip(levels, chosen, strict=True) if take)
 
 
-def noise_figures(measured: Measured, *, has_read_noise: bool, has_dark_current: bool) -> NoiseFigures:
-    """Return the figures in electrons.
+def noise_parameters(measured: Measured, *, has_read_noise: bool, has_dark_current: bool) -> NoiseParameters:
+    """Return the parameters in electrons.
 
     Parameters
     ----------
@@ -146,28 +146,28 @@ def noise_figures(measured: Measured, *, has_read_noise: bool, has_dark_current:
     has_read_noise, has_dark_current : bool
         Whether the dark levels allow these two.
     """
-    figures = [_gain(measured)]
+    parameters = [_gain(measured)]
     no_read_noise = _unseen_read_noise(measured) if has_read_noise else None
     if has_read_noise and no_read_noise is None:
-        figures.append(_read_noise(measured))
+        parameters.append(_read_noise(measured))
     if has_dark_current:
-        figures.append(_dark_current(measured))
-    figures.append(_black_level(measured))
+        parameters.append(_dark_current(measured))
+    parameters.append(_black_level(measured))
     no_prnu, no_dsnu = _unseen(measured, FLAT_SPATIAL, "prnu"), _unseen(measured, DARK_SPATIAL, "dsnu")
     if no_prnu is None:
-        figures.append(_prnu(measured))
+        parameters.append(_prnu(measured))
     if no_dsnu is None:
-        figures.append(_dsnu(measured))
+        parameters.append(_dsnu(measured))
     flags = (no_read_noise, no_prnu, no_dsnu, _small_dark_current(measured) if has_dark_current else None)
-    gradients = np.array([figure.gradient for figure in figures])
+    gradients = np.array([parameter.gradient for parameter in parameters])
     matrix = gradients @ measured.covariance @ gradients.T
     errors = np.sqrt(np.diag(matrix))
-    return NoiseFigures(
+    return NoiseParameters(
         estimates={
-            figure.name: Estimate(value=figure.value, std_error=float(error), n=figure.n)
-            for figure, error in zip(figures, errors, strict=True)
+            parameter.name: Estimate(value=parameter.value, std_error=float(error), n=parameter.n)
+            for parameter, error in zip(parameters, errors, strict=True)
         },
-        covariance=JointCovariance(names=tuple(figure.name for figure in figures), matrix=matrix),
+        covariance=JointCovariance(names=tuple(parameter.name for parameter in parameters), matrix=matrix),
         flags=tuple(flag for flag in flags if flag is not None),
     )
 
@@ -178,16 +178,16 @@ def _gradient(derivatives: dict[int, float]) -> FloatArray:
     return gradient
 
 
-def _gain(measured: Measured) -> _Figure:
-    return _Figure(
+def _gain(measured: Measured) -> _Parameter:
+    return _Parameter(
         name="gain_dn_per_e", value=float(measured.values[GAIN]), gradient=_gradient({GAIN: 1.0}), n=measured.n_gain
     )
 
 
-def _read_noise(measured: Measured) -> _Figure:
+def _read_noise(measured: Measured) -> _Parameter:
     gain, variance = measured.values[GAIN], measured.values[DARK_VARIANCE] - QUANTISATION_VAR_DN2
     value = float(np.sqrt(variance) / gain)
-    return _Figure(
+    return _Parameter(
         name="read_noise_e",
         value=value,
         gradient=_gradient({GAIN: -value / gain, DARK_VARIANCE: 0.5 * value / variance}),
@@ -195,10 +195,10 @@ def _read_noise(measured: Measured) -> _Figure:
     )
 
 
-def _dark_current(measured: Measured) -> _Figure:
+def _dark_current(measured: Measured) -> _Parameter:
     gain = measured.values[GAIN]
     value = float(measured.values[DARK_SLOPE] / gain)
-    return _Figure(
+    return _Parameter(
         name="dark_current_e_per_s",
         value=value,
         gradient=_gradient({GAIN: -value / gain, DARK_SLOPE: 1.0 / gain}),
@@ -206,8 +206,8 @@ def _dark_current(measured: Measured) -> _Figure:
     )
 
 
-def _black_level(measured: Measured) -> _Figure:
-    return _Figure(
+def _black_level(measured: Measured) -> _Parameter:
+    return _Parameter(
         name="black_level_dn",
         value=float(measured.values[BLACK_LEVEL]),
         gradient=_gradient({BLACK_LEVEL: 1.0}),
@@ -215,10 +215,10 @@ def _black_level(measured: Measured) -> _Figure:
     )
 
 
-def _prnu(measured: Measured) -> _Figure:
+def _prnu(measured: Measured) -> _Parameter:
     variance, slope = measured.values[FLAT_SPATIAL], measured.values[RESPONSE_SLOPE]
     value = float(np.sqrt(variance) / slope) / measured.signal_dn
-    return _Figure(
+    return _Parameter(
         name="prnu",
         value=value,
         gradient=_gradient({FLAT_SPATIAL: 0.5 * value / variance, RESPONSE_SLOPE: -value / slope}),
@@ -226,10 +226,10 @@ def _prnu(measured: Measured) -> _Figure:
     )
 
 
-def _dsnu(measured: Measured) -> _Figure:
+def _dsnu(measured: Measured) -> _Parameter:
     gain, variance = measured.values[GAIN], measured.values[DARK_SPATIAL]
     value = float(np.sqrt(variance) / gain)
-    return _Figure(
+    return _Parameter(
         name="dsnu_e",
         value=value,
         gradient=_gradient({GAIN: -value / gain, DARK_SPATIAL: 0.5 * value / variance}),

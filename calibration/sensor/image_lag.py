@@ -1,4 +1,4 @@
-"""How much of a frame's noise is that of the frame before: what averaging in time leaves behind."""
+"""Image lag: the part of a frame's noise that goes over into the next, as averaging in time leaves it behind."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _SIGMA_OF_MEDIAN = 1.4826
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameMemory:
+class ImageLag:
     """Correlation of a pixel's noise from one frame to the next.
 
     Attributes
@@ -29,13 +29,11 @@ class FrameMemory:
 
 
 def shown_rows(frame: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return the part of a frame that `frame_memory` looks at, as a copy."""
+    """Return the part of a frame that `image_lag` looks at, as a copy."""
     return frame[: max(2, _PIXELS // frame.shape[1])].copy()
 
 
-def frame_memory(
-    first: NDArray[np.uint16], second: NDArray[np.uint16], third: NDArray[np.uint16]
-) -> FrameMemory | None:
+def image_lag(first: NDArray[np.uint16], second: NDArray[np.uint16], third: NDArray[np.uint16]) -> ImageLag | None:
     """Return how much of the noise goes over from frame to frame, None where there is no noise.
 
     Parameters
@@ -59,6 +57,6 @@ def frame_memory(
     if total == 0.0:
         return None
     # Of three independent normal values: variance of twice the correlation of their differences.
-    return FrameMemory(
+    return ImageLag(
         share=1.0 + 2.0 * float(before @ after) / total, std_error=float(np.sqrt(3.0 / np.count_nonzero(kept)))
     )
