@@ -25,16 +25,16 @@ from unittest.mock import patch
 import numpy as np
 
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
+from rigctl.devices.rig import Rig
 from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.runs import run_writer
 from rigctl.runs.journal import Journal
-from rigctl.sessions import acquisition
-from rigctl.sessions.frame_store import FrameStore
-from rigctl.sessions.rig import Rig
-from rigctl.sessions.take_session import take_session
-from rigctl.sessions.writer_thread import WriterThread
+from rigctl.session import acquisition
+from rigctl.session.frame_store import FrameStore
+from rigctl.session.take_session import take_session
+from rigctl.session.writer_thread import WriterThread
 
 TARGET_MS = 5.0
 _MS = 1e3

@@ -17,7 +17,7 @@ from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 from rigctl.files.rig_file import load_rig
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.sessions.perturbation import PERTURBATIONS, Perturbation, perturbed
+from rigctl.simulated.perturbation import PERTURBATIONS, Perturbation, perturbed
 
 ALPHA = 1e-3
 POINTS_TO = {

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
+from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_folder import EVENTS_FILE, Run, read_run
-from rigctl.sessions.rig import Rig
-from rigctl.sessions.take_session import take_session
+from rigctl.session.take_session import take_session
 from sim_devices.cameras.gige import serve_gige_camera
 
 ADDRESS = "127.0.0.1"

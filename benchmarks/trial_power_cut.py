@@ -31,7 +31,7 @@ from rigctl.files.session_file import load_session
 from rigctl.runs.run_folder import FrameRecord, read_contents
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.verification import frame_problems, verify_run
-from rigctl.sessions.take_session import take_session
+from rigctl.session.take_session import take_session
 
 _IMAGE_BYTES = 128 * 1024 * 1024
 _FRAMES = 20

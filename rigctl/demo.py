@@ -12,8 +12,8 @@ from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.sessions.perturbation import Perturbation, perturbed
-from rigctl.sessions.take_session import take_session
+from rigctl.session.take_session import take_session
+from rigctl.simulated.perturbation import Perturbation, perturbed
 
 EXAMPLES = ("rig-sim.toml", "session-noise.toml", "session.toml", "scene-panels.toml", "regions.toml")
 RUN, NOISE_RUN, NOISE = "run", "noise-run", "noise.json"

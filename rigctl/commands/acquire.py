@@ -16,12 +16,12 @@ from rigctl.commands.target_cycles import with_target
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.sessions.drift_cost import grouping_cost, missing_axes
-from rigctl.sessions.mean_noise import noise_numbers
-from rigctl.sessions.plan import Need, Step, estimate, plan_steps
-from rigctl.sessions.schedule import unix_ns
-from rigctl.sessions.sitting import Outcome
-from rigctl.sessions.take_session import take_session
+from rigctl.live.mean_noise import noise_numbers
+from rigctl.session.planning.drift_cost import grouping_cost, missing_axes
+from rigctl.session.planning.schedule import unix_ns
+from rigctl.session.planning.session_steps import Need, Step, estimate, plan_steps
+from rigctl.session.reconnect_loop import Outcome
+from rigctl.session.take_session import take_session
 from rigctl.terminal import progress, results, warn
 from rigctl.utc_time import utc_text
 

@@ -8,8 +8,8 @@ from typing import Any
 from rigctl.calibrations.made_for import made_for_rig
 from rigctl.calibrations.noise.noise_file import require_noise_fits
 from rigctl.calibrations.polarizer.polarizer_file import require_polarizer_fits
+from rigctl.devices.rig import Rig, open_rig
 from rigctl.files.rig_file import RigFile
-from rigctl.sessions.rig import Rig, open_rig
 from rigctl.terminal import warn
 
 

@@ -10,7 +10,7 @@ from rigctl.commands.compare import show
 from rigctl.demo import run_demo
 from rigctl.errors import ConfigError
 from rigctl.reports.comparison_files import compared_json
-from rigctl.sessions.perturbation import PERTURBATIONS
+from rigctl.simulated.perturbation import PERTURBATIONS
 from rigctl.terminal import print_json, progress
 
 

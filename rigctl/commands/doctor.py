@@ -9,12 +9,12 @@ import typer
 
 from drivers.errors import DeviceError
 from rigctl.cli import EXIT_DEVICE
+from rigctl.devices.checkup import Checkup
+from rigctl.devices.finding import Finding
+from rigctl.devices.host_checkup import clock, disk, receive_buffer, room
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.sessions.checkup import Checkup
-from rigctl.sessions.disk_demand import DiskDemand, demand_of
-from rigctl.sessions.finding import Finding
-from rigctl.sessions.host_checkup import clock, disk, receive_buffer, room
+from rigctl.session.planning.disk_demand import DiskDemand, demand_of
 from rigctl.terminal import print_json, results
 
 _SAMPLE_BYTES = 2

@@ -13,8 +13,8 @@ from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import load_session
-from rigctl.sessions.session_clock import SessionClock
-from rigctl.sessions.session_plan import plan_session
+from rigctl.session.planning.session_plan import plan_session
+from rigctl.session.session_clock import SessionClock
 from rigctl.terminal import print_json, progress, results
 
 _MOST_STEPS = 100

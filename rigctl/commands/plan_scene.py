@@ -11,7 +11,7 @@ from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import MeteringSection
 from rigctl.scene.scene_light import SceneLight
-from rigctl.sessions.session_plan import SessionPlan
+from rigctl.session.planning.session_plan import SessionPlan
 from rigctl.utc_time import NS_PER_S
 
 _MS_PER_S = 1000.0

@@ -10,11 +10,11 @@ from typing import Annotated
 import typer
 
 from drivers.interfaces import Camera, Frame
+from rigctl.devices.focus import focus_of, jpeg_of, middle
+from rigctl.devices.preview_camera import open_camera
+from rigctl.devices.preview_page import PreviewPage
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
-from rigctl.sessions.focus import focus_of, jpeg_of, middle
-from rigctl.sessions.preview_camera import open_camera
-from rigctl.sessions.preview_page import PreviewPage
 from rigctl.terminal import progress, results
 
 _TIMEOUT_S = 10.0

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rigctl.errors import RunFolderError
 from rigctl.runs.run_lock import writing_process
-from rigctl.sessions.control import Request, ask_process
+from rigctl.session.control import Request, ask_process
 from rigctl.terminal import progress
 
 

@@ -7,8 +7,8 @@ import typer
 
 from rigctl.commands.acquire import say_outcome
 from rigctl.runs.run_lock import writing_process
-from rigctl.sessions.control import ask_process
-from rigctl.sessions.take_session import resume_session
+from rigctl.session.control import ask_process
+from rigctl.session.take_session import resume_session
 from rigctl.terminal import progress
 
 

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from rigctl.errors import ConfigError
-from rigctl.sessions.serve_camera import serve_rig_camera
-from rigctl.sessions.serve_stage import serve_stage
+from rigctl.simulated.serve_camera import serve_rig_camera
+from rigctl.simulated.serve_stage import serve_stage
 from rigctl.terminal import progress
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)

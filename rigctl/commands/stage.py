@@ -7,14 +7,14 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
+from rigctl.devices.characterisation_file import as_json, as_text
+from rigctl.devices.characterise import SIDES, Characterisation, characterise
+from rigctl.devices.stages import open_stage
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG, load_session
-from rigctl.sessions.characterisation_figure import characterisation_png
-from rigctl.sessions.characterisation_file import as_json, as_text
-from rigctl.sessions.characterise import SIDES, Characterisation, characterise
-from rigctl.sessions.stages import open_stage
+from rigctl.reports.characterisation_figure import characterisation_png
 from rigctl.terminal import print_json, progress, results, warn
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)

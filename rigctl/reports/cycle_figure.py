@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from rigctl.live.cycle_history import CycleHistory, CycleLook
+from rigctl.live.cycle_numbers import Estimate
 from rigctl.reports.figure_style import png, subplots
-from rigctl.sessions.cycle_history import CycleHistory, CycleLook
-from rigctl.sessions.cycle_numbers import Estimate
 
 _S_PER_MIN = 60.0
 

@@ -15,7 +15,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_state import read_event_lines
 from rigctl.runs.verification import verify_run
-from rigctl.sessions.take_session import take_session
+from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig
 
 _DISK_BYTES = 48 * 1024 * 1024
@@ -181,8 +181,8 @@ def test_a_disk_that_takes_a_second_to_flush_makes_the_session_wait_and_loses_no
     assert [record.sequence for record in read_run(run).frames] == list(range(8))
     assert verify_run(run).ok
     # One is being flushed and four wait: the sixth had to wait, and it is said.
-    trips = [event["facts"] for event in read_event_lines(run) if event["event"] == "interlock"]
-    assert "frames wait for the disk" in trips[0]["message"]
+    violations = [event["facts"] for event in read_event_lines(run) if event["event"] == "interlock"]
+    assert "frames wait for the disk" in violations[0]["message"]
     # Later frames were taken one a second, as the disk took them, and each bears the time at which it was taken.
     starts_s = [record.start_monotonic_ns / 1e9 for record in read_run(run).frames]
     assert min(later - earlier for earlier, later in pairwise(starts_s[5:])) > 0.5

@@ -10,7 +10,7 @@ from rigctl.files.regions import masks
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure, signal_of_cycle
 from rigctl.runs.run_folder import read_run
-from rigctl.sessions.take_session import take_session
+from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE, small_rig, small_session
 
 TARGET = 0.008

@@ -8,8 +8,8 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure
 from rigctl.runs.run_folder import read_run
-from rigctl.sessions.perturbation import PERTURBATIONS, perturbed
-from rigctl.sessions.take_session import take_session
+from rigctl.session.take_session import take_session
+from rigctl.simulated.perturbation import PERTURBATIONS, perturbed
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run
 

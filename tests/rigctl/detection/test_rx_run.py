@@ -75,7 +75,7 @@ def test_a_region_that_is_not_there_is_named_with_those_that_are(tmp_path):
 
 
 def test_the_command_writes_map_curves_and_numbers(tmp_path, capsys):
-    from rigctl.sessions.take_session import take_session
+    from rigctl.session.take_session import take_session
 
     take_session(small_rig(tmp_path), small_session(), tmp_path / "run", files={})
     arguments = [

@@ -9,8 +9,8 @@ from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.reports.budget_figure import _LOOKS
 from rigctl.reports.comparison_files import write_comparison
 from rigctl.reports.number_text import to_digits
-from rigctl.sessions.perturbation import perturbed
-from rigctl.sessions.take_session import take_session
+from rigctl.session.take_session import take_session
+from rigctl.simulated.perturbation import perturbed
 from tests.rigctl.example_files import small_rig, small_session
 
 

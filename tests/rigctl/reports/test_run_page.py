@@ -6,10 +6,10 @@ from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
 from rigctl.reports.run_page import run_page
 from rigctl.runs.run_folder import read_run
-from rigctl.sessions.take_session import take_session
-from tests.rigctl.sessions.made_rig import RIG_FILE, MadeWorld, stalled
-from tests.rigctl.sessions.test_schedule import RIG_AT_SITE, _session
-from tests.rigctl.sessions.watched_sessions import take_watched
+from rigctl.session.take_session import take_session
+from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled
+from tests.rigctl.session.planning.test_schedule import RIG_AT_SITE, _session
+from tests.rigctl.session.watched_sessions import take_watched
 
 
 def _run(tmp_path, rig, schedule):

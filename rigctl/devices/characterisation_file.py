@@ -1,0 +1,95 @@
+"""The file that `rigctl stage characterise` writes, and of which a session uses the time to settle."""
+
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from drivers.errors import NotConnectedError
+from drivers.interfaces import DeviceIdentity
+from rigctl.config import describe
+from rigctl.devices.characterise import Characterisation
+from rigctl.errors import DataError
+from rigctl.utc_time import utc_text
+from rigctl.version import VERSION
+
+_KIND = "stage characterisation"
+
+
+def as_json(result: Characterisation) -> dict[str, Any]:
+    """Return all that was measured, as JSON can hold it."""
+    return {
+        "schema_version": 1,
+        "kind": _KIND,
+        "created_by": f"rigctl {VERSION}",
+        "created_utc": utc_text(time.time_ns()),
+        "stage": asdict(result.identity),
+        "settle_s": result.settle_s,
+        "is_settled": result.is_settled,
+        "largest_error_deg": result.largest_error_deg,
+        "repeatability_deg": result.repeatability_deg,
+        "backlash_deg": {"value": result.backlash_deg, "std_error": result.backlash_std_error_deg},
+        "band_deg": result.band_deg,
+        "watch_s": result.watch_s,
+        "visits": [asdict(visit) for visit in result.visits],
+    }
+
+
+def as_text(content: dict[str, Any]) -> bytes:
+    """Return the file's bytes."""
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
+
+
+class _Stage(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+
+    model: str
+    serial_number: str
+
+
+class _Content(BaseModel):
+    # Keys that are not known are for those who put them there.
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+    schema_version: Literal[1]
+    kind: Literal["stage characterisation"]
+    stage: _Stage
+    settle_s: Annotated[float, Field(ge=0, le=60)]
+    is_settled: bool
+
+
+def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
+    """Return the time that a stage needs to come to rest [s], as it was measured.
+
+    Parameters
+    ----------
+    path : Path
+        What `rigctl stage characterise` wrote.
+    identity : DeviceIdentity
+        The stage that is to be used: it must be the one that was measured.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no characterisation, or its stage was never seen to rest.
+    NotConnectedError
+        Another stage was measured.
+    """
+    try:
+        content = _Content.model_validate(json.loads(path.read_bytes()))
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        problem = describe(path, error) if isinstance(error, ValidationError) else f"{path}: is no JSON: {error}"
+        raise DataError(f"{problem}\n  this file is made by `rigctl stage characterise`") from error
+    if content.stage.serial_number != identity.serial_number:
+        raise NotConnectedError(
+            f"{path}: that stage was {content.stage.model} {content.stage.serial_number}, and this one is "
+            f"{identity.model} {identity.serial_number}: characterise it too"
+        )
+    if not content.is_settled:
+        raise DataError(f"{path}: the stage was not seen to rest: characterise it again with a longer --watch")
+    return content.settle_s

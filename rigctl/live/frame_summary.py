@@ -1,0 +1,73 @@
+"""What a frame shows, in a few numbers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rigctl.live.region_means import PixelMean
+from rigctl.runs.run_folder import FrameRecord
+
+# More than this and the means of a frame say little.
+_MOST_SATURATED = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameSummary:
+    """What a frame shows.
+
+    Attributes
+    ----------
+    kind : str
+        "scene", "dark" or "flat".
+    round, cycle : int or None
+        Where in the session.
+    angle_deg : float or None
+        The polarizer angle that was asked for, in [0, 180).
+    measured_deg : float or None
+        The same by the stage's readback.
+    exposure_s : float
+        Integration time.
+    time_s : float
+        When its exposure began, by one clock for all that are set against each other.
+    saturated_fraction : float
+        Share of saturated pixels.
+    means : mapping
+        Mean counts of the picture and of its regions, by name.
+    """
+
+    kind: str
+    round: int | None
+    cycle: int | None
+    angle_deg: float | None
+    measured_deg: float | None
+    exposure_s: float
+    time_s: float
+    saturated_fraction: float
+    means: Mapping[str, PixelMean]
+
+
+def frame_summary(
+    record: FrameRecord, means: Mapping[str, PixelMean], *, time_s: float, saturated_fraction: float
+) -> FrameSummary:
+    """Return what a frame shows, by its record and the means of its counts."""
+    target_deg = record.polarizer_angle_target_deg
+    return FrameSummary(
+        kind=record.kind,
+        round=record.round,
+        cycle=record.cycle,
+        angle_deg=None if target_deg is None else target_deg % 180.0,
+        measured_deg=record.polarizer_angle_deg,
+        exposure_s=record.exposure_s or 0.0,
+        time_s=time_s,
+        saturated_fraction=saturated_fraction,
+        means=means,
+    )
+
+
+def of_one_exposure(frames: Sequence[FrameSummary]) -> tuple[FrameSummary, ...]:
+    """Return the frames of the longest exposure at which none is saturated; of the shortest if all are."""
+    exposures_s = sorted({frame.exposure_s for frame in frames}, reverse=True)
+    for exposure_s in exposures_s:
+        alike = tuple(frame for frame in frames if frame.exposure_s == exposure_s)
+        if all(frame.saturated_fraction <= _MOST_SATURATED for frame in alike) or exposure_s == exposures_s[-1]:
+            return alike
+    return ()

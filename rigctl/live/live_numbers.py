@@ -1,0 +1,115 @@
+"""Numbers of the frames as they come, by angle and by cycle: for whoever watches, not for processing."""
+
+import threading
+from dataclasses import asdict
+from typing import Any
+
+from rigctl.files.session_file import PICTURE
+from rigctl.live.cycle_numbers import polarization, sum_rule
+from rigctl.live.drift import Drift, drift_of
+from rigctl.live.frame_summary import FrameSummary, of_one_exposure
+from rigctl.live.light_levels import LightLevels
+from rigctl.live.mean_noise import MeanNoise
+
+_MS_PER_S = 1000.0
+
+
+class LiveNumbers:
+    """Remembers the last frame of each angle, and the last whole cycle. Filled in one thread, read in another.
+
+    Parameters
+    ----------
+    noise : MeanNoise or None
+        From a calibration; without one no deviation is predicted.
+    extinction_ratio : float or None
+        Of the polarizer; None is taken for an ideal one.
+    reference : str
+        The region by which drift is measured.
+    """
+
+    def __init__(
+        self, *, noise: MeanNoise | None = None, extinction_ratio: float | None = None, reference: str = PICTURE
+    ) -> None:
+        self._lock = threading.Lock()
+        self._levels = LightLevels(noise=noise)
+        self._extinction_ratio = extinction_ratio
+        self._reference = reference
+        self._angles: dict[tuple[float, float], FrameSummary] = {}
+        self._under_way: list[FrameSummary] = []
+        self._cycle: tuple[FrameSummary, ...] = ()
+        self._drift: Drift | None = None
+
+    def add(self, frame: FrameSummary, *, ends_cycle: bool) -> Drift | None:
+        """Take in a frame; return the drift of the light at the end of a cycle, where it can be told."""
+        with self._lock:
+            if frame.kind == "dark":
+                self._levels.add_dark(frame)
+            if frame.kind != "scene" or frame.angle_deg is None:
+                return None
+            if any(other.round != frame.round for other in self._angles.values()):
+                self._angles.clear()
+            self._angles[frame.angle_deg, frame.exposure_s] = frame
+            self._under_way = [*(f for f in self._under_way if _is_of_cycle(f, frame)), frame]
+            return self._end_cycle() if ends_cycle else None
+
+    def _end_cycle(self) -> Drift | None:
+        before = self._cycle if self._cycle and self._cycle[-1].round == self._under_way[-1].round else ()
+        self._cycle, self._under_way = of_one_exposure(self._under_way), []
+        self._drift = drift_of(self._cycle, before, region=self._reference, levels=self._levels)
+        return self._drift
+
+    def content(self) -> dict[str, Any]:
+        """Return the numbers as JSON holds them.
+
+        Notes
+        -----
+        Of the last whole cycle; where frames are grouped by angle, of the last frame of each.
+        """
+        with self._lock:
+            frames = self._cycle or of_one_exposure(list(self._angles.values()))
+            angles = {f"{angle:g}": frame for (angle, _), frame in sorted(self._angles.items())}
+            return {
+                "angles": {angle: _shown(frame) for angle, frame in angles.items()},
+                **self._of_cycle(frames),
+                "drift": self._drift_content(),
+            }
+
+    def _of_cycle(self, frames: tuple[FrameSummary, ...]) -> dict[str, Any]:
+        if not frames:
+            return {"cycle": None, "dark": None, "sum_rule": None, "regions": {}}
+        last, levels = frames[-1], self._levels
+        ratio = sum_rule(frames, region=PICTURE, levels=levels)
+        found = {
+            region: polarization(frames, region=region, levels=levels, extinction_ratio=self._extinction_ratio)
+            for region in last.means
+        }
+        return {
+            "cycle": {"round": last.round, "cycle": last.cycle, "exposure_ms": last.exposure_s * _MS_PER_S},
+            "dark": {"source": levels.source(last.exposure_s), "mean_dn": levels.dark_dn(PICTURE, last.exposure_s)},
+            "sum_rule": None if ratio is None else asdict(ratio),
+            "regions": {region: asdict(shown) for region, shown in found.items() if shown is not None},
+        }
+
+    def _drift_content(self) -> dict[str, Any] | None:
+        if self._drift is None:
+            return None
+        return {
+            "region": self._reference,
+            "per_min": self._drift.per_min,
+            "sigma_per_min": self._drift.sigma_per_min,
+            "change": self._drift.change,
+            "over_s": self._drift.over_s,
+        }
+
+
+def _is_of_cycle(frame: FrameSummary, other: FrameSummary) -> bool:
+    return (frame.round, frame.cycle) == (other.round, other.cycle)
+
+
+def _shown(frame: FrameSummary) -> dict[str, Any]:
+    return {
+        "mean_dn": frame.means[PICTURE].mean_dn,
+        "saturated_fraction": frame.saturated_fraction,
+        "exposure_ms": frame.exposure_s * _MS_PER_S,
+        "regions_dn": {name: mean.mean_dn for name, mean in frame.means.items() if name != PICTURE},
+    }

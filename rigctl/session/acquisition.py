@@ -1,0 +1,237 @@
+"""Takes a session: turn, expose, store; each frame durable, and labelled with what the devices say of themselves."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceFaultError, DeviceTimeoutError
+from rigctl.devices.rig import Rig
+from rigctl.files.rig_file import RigFile
+from rigctl.live.frame_summary import frame_summary
+from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.run_writer import RunWriter
+from rigctl.session.captured_frame import CapturedFrame
+from rigctl.session.frame_record import record_of
+from rigctl.session.frame_store import FrameStore
+from rigctl.session.guard import Guard
+from rigctl.session.interlock_violation import InterlockViolation
+from rigctl.session.interlocks import Taken, drift_violation, frame_violations
+from rigctl.session.pause import Pause, StopAskedError
+from rigctl.session.planning.session_steps import BYTES_BESIDE_PIXELS, Step
+from rigctl.session.rig_work import RigWork
+from rigctl.session.round_exposures import RoundExposures
+from rigctl.session.session_clock import SteadyUtc
+from rigctl.session.session_context import SessionContext
+from rigctl.session.sum_rule import SumRule
+from rigctl.session.surroundings import Surroundings
+from rigctl.session.thermometer import Thermometer
+from rigctl.session.timing import Timing
+from rigctl.session.writer_thread import WriterThread
+from rigctl.utc_time import NS_PER_S
+
+Progress = Callable[[Step], None]
+
+
+def acquire(
+    rig: Rig,
+    rig_file: RigFile,
+    steps: tuple[Step, ...],
+    writer: RunWriter,
+    *,
+    progress: Progress,
+    context: SessionContext | None = None,
+) -> bool:
+    """Take the frames of a session, one after the other; return whether it went to its end.
+
+    Parameters
+    ----------
+    rig : Rig
+        Open devices.
+    rig_file : RigFile
+        How the polarizer sits, the camera's gain and deadline.
+    steps : tuple of Step
+        What to take.
+    writer : RunWriter
+        Where to.
+    progress : callable
+        Called with each step once its frame is on the disk; from another thread.
+    context : SessionContext, optional
+        Clocks, interlocks, who may interrupt.
+
+    Raises
+    ------
+    DeviceError
+        A device fails, or an interlock stops the session; what was taken until then is in the run.
+    RunFolderError
+        The disk is full or cannot be written.
+
+    Notes
+    -----
+    False is returned where somebody asked to stop. All frames that were taken are on the disk when this returns
+    or raises, unless the disk failed.
+    """
+    context = SessionContext() if context is None else context
+    by_sequence = {step.sequence: step for step in steps}
+    store = FrameStore(writer, context, lambda record: progress(by_sequence[record.sequence]))
+    with WriterThread(store.store) as thread:
+        session = _Acquisition(rig, rig_file, steps, writer, context, thread)
+        try:
+            missed = session.run()
+        except StopAskedError:
+            thread.flush()
+            writer.event("stopped", reason="somebody asked for it")
+            return False
+        thread.flush()
+    writer.event("finished", frames=store.frames, rounds_missed=missed)
+    return True
+
+
+class _Acquisition:
+    """What is to be remembered from one step to the next."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        rig_file: RigFile,
+        steps: tuple[Step, ...],
+        writer: RunWriter,
+        context: SessionContext,
+        thread: WriterThread,
+    ) -> None:
+        self._rig, self._rig_file, self._steps = rig, rig_file, steps
+        self._context, self._thread = context, thread
+        self._pause = Pause(context.control, context.clock, writer.event)
+        self._utc = SteadyUtc(context.clock) if context.utc is None else context.utc
+        self._timing = Timing(context, self._utc, self._pause, writer)
+        self._guard = Guard(context.interlocks, self._pause, writer)
+        self._work = RigWork(rig, rig_file, writer, next_number=context.next_camera_frame)
+        self._thermometer = Thermometer(rig.camera, context.clock)
+        self._surroundings = Surroundings(writer.path, self._guard, self._utc, self._thermometer, note=writer.event)
+        self._exposures = RoundExposures(
+            steps, self._work, writer, metering=context.metering, metered_s=context.metered_s
+        )
+        self._sum_rule = SumRule(context.interlocks, context.noise)
+        self._last_counts: NDArray[np.uint16] | None = None
+        self._was_queue_full = False
+
+    def run(self) -> int:
+        """Go through the steps; return how many rounds were missed."""
+        self._home()
+        if self._rig.origin == "device":
+            self._surroundings.look_first(self._context.clock)
+        if self._context.sun is not None:
+            # The first position loads the libraries that know it, which takes a second: not between two frames.
+            self._context.sun.at(self._utc.now_ns())
+        last: Step | None = None
+        for step in self._steps:
+            self._pause.answer()
+            self._surroundings.look()
+            if self._timing.is_time_for(step):
+                self._bring_camera_to(step, last)
+                self._take(step)
+                last = step
+        return self._timing.missed
+
+    def _home(self) -> None:
+        violation = self._work.home()
+        for watched in self._guard.watched(() if violation is None else (violation,)):
+            self._guard.react(watched, cleared=lambda: self._work.home() is None)
+
+    def _bring_camera_to(self, step: Step, last: Step | None) -> None:
+        """Bring a simulated camera to the number that keys a step's noise, where steps are left out before it."""
+        if self._work.next_number is None:
+            return
+        number = self._work.next_number + (0 if last is None else step.sequence - last.sequence - 1)
+        if last is None or number > self._work.next_number:
+            self._work.bring_camera_to(number)
+
+    def _take(self, step: Step) -> None:
+        """Take one frame until its interlocks are satisfied, and hand it on to be stored."""
+        exposure_s = self._exposures.of(step)
+        self._work.present(step.kind)
+        shot, remarks = self._satisfying_shot(step, exposure_s)
+        record = self._record(step, shot, remarks)
+        violations = self._guard.watched(self._cycle_violations(step, record, shot))
+        record = replace(record, remarks=(*record.remarks, *(violation.message for violation in violations)))
+        if self._last_counts is None:
+            self._surroundings.look_ahead(len(self._steps), frame_bytes=shot.frame.counts.nbytes + BYTES_BESIDE_PIXELS)
+        self._last_counts = shot.frame.counts
+        self._note_full_queue()
+        self._thread.put(record, shot.frame.counts)
+        for violation in violations:
+            # Only now: the frame is as good as its cycle, and is not lost by a stop.
+            self._guard.react(violation, cleared=lambda: False)
+
+    def _record(self, step: Step, shot: CapturedFrame, remarks: tuple[str, ...]) -> FrameRecord:
+        sun = self._context.sun
+        return record_of(
+            step,
+            shot,
+            rig=self._rig,
+            rig_file=self._rig_file,
+            sun=None if sun is None else sun.at(self._utc.at_ns(shot.frame.start_monotonic_ns)),
+            site=None if sun is None else sun.site,
+            camera_temperature_c=self._thermometer.temperature_c(),
+            remarks=(*self._surroundings.remarks, *remarks),
+        )
+
+    def _cycle_violations(self, step: Step, record: FrameRecord, shot: CapturedFrame) -> list[InterlockViolation]:
+        """Tell whoever watches of a frame; return what is wrong with its cycle where it ends one."""
+        seen = frame_summary(
+            record,
+            self._context.regions.of(shot.frame.counts),
+            time_s=shot.frame.start_monotonic_ns / NS_PER_S,
+            saturated_fraction=shot.saturated_fraction,
+        )
+        drift = self._context.live.add(seen, ends_cycle=step.ends_cycle)
+        found = (self._sum_rule.add(seen, ends_cycle=step.ends_cycle), drift_violation(drift, self._guard.locks))
+        return [violation for violation in found if violation is not None]
+
+    def _satisfying_shot(self, step: Step, exposure_s: float) -> tuple[CapturedFrame, tuple[str, ...]]:
+        tries_left = self._guard.locks.retries
+        while True:
+            shot = self._shot_or_none(step, exposure_s, tries_left)
+            if shot is not None:
+                violations = self._frame_violations(step, shot)
+                again = [self._guard.wants_again(violation, step, tries_left=tries_left) for violation in violations]
+                if not any(again):
+                    return shot, tuple(violation.message for violation in violations)
+                self._work.distrust()
+            tries_left -= 1
+
+    def _shot_or_none(self, step: Step, exposure_s: float, tries_left: int) -> CapturedFrame | None:
+        locks = self._guard.locks
+        try:
+            return self._work.shoot(exposure_s=exposure_s, polarizer_angle_deg=step.polarizer_angle_deg)
+        except DeviceTimeoutError as error:
+            self._guard.note(InterlockViolation(name="gone", message=str(error)), sequence=step.sequence)
+            if locks.gone == "stop" or tries_left <= 0:
+                raise
+        except DeviceFaultError as error:
+            self._guard.note(InterlockViolation(name="fault", message=str(error)), sequence=step.sequence)
+            if locks.fault == "stop" or (locks.fault == "retry" and tries_left <= 0):
+                raise
+            if locks.fault == "hold":
+                self._pause.hold(str(error), cleared=lambda: False)
+            # What it knew of its place may be wrong after a fault.
+            self._home()
+        return None
+
+    def _frame_violations(self, step: Step, shot: CapturedFrame) -> tuple[InterlockViolation, ...]:
+        taken = Taken(
+            kind=step.kind,
+            shot=shot,
+            tolerance_deg=self._rig_file.stage.tolerance_deg,
+            last_counts=self._last_counts,
+        )
+        return self._guard.watched(frame_violations(taken, self._guard.locks))
+
+    def _note_full_queue(self) -> None:
+        is_full = self._thread.is_full
+        if is_full and not self._was_queue_full:
+            text = f"{self._thread.waiting} frames wait for the disk: the session waits for it"
+            for violation in self._guard.watched([InterlockViolation(name="queue", message=text)]):
+                self._guard.note(violation)
+        self._was_queue_full = is_full

@@ -1,0 +1,74 @@
+"""What is left of a session: the steps that have no frame yet, and what the earlier part has settled."""
+
+from dataclasses import dataclass
+
+from rigctl.errors import RunFolderError
+from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.run_state import read_event_lines
+from rigctl.session.planning.session_steps import Step
+from rigctl.simulated.frame_numbers import number_after
+
+_ANGLE_TOLERANCE_DEG = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Continuation:
+    """What is left of a session.
+
+    Attributes
+    ----------
+    steps : tuple of Step
+        Those that have no frame.
+    metered_s : dict
+        Exposures that were metered, by round [s].
+    next_camera_frame : int
+        Number that a simulated camera has to give its next frame.
+    is_finished : bool
+        The session has noted its end.
+    """
+
+    steps: tuple[Step, ...]
+    metered_s: dict[int, float]
+    next_camera_frame: int
+    is_finished: bool
+
+
+def continuation(run: Run, steps: tuple[Step, ...]) -> Continuation:
+    """Return what is left of a session.
+
+    Raises
+    ------
+    RunFolderError
+        A frame of the run is not the one that its step asks for: the run holds something else.
+    """
+    planned = {step.sequence: step for step in steps}
+    for record in run.frames:
+        _require_planned(record, planned.get(record.sequence))
+    taken = {record.sequence for record in run.frames}
+    left = tuple(step for step in steps if step.sequence not in taken)
+    events = read_event_lines(run.path)
+    metered = [event["facts"] for event in events if event["event"] == "metered"]
+    used = max((facts["next_camera_frame"] or 0 for facts in metered), default=0)
+    return Continuation(
+        steps=left,
+        metered_s={facts["round"]: facts["exposure_s"] for facts in metered},
+        next_camera_frame=number_after(run.frames, left[0].sequence, used=used) if left else 0,
+        is_finished=any(event["event"] == "finished" for event in events),
+    )
+
+
+def _require_planned(record: FrameRecord, step: Step | None) -> None:
+    if step is not None and record.kind == step.kind and _is_same_angle(record, step):
+        return
+    wanted = "no such step" if step is None else f"{step.kind} at {step.polarizer_angle_deg} deg"
+    raise RunFolderError(
+        f"{record.file}: is {record.kind} at {record.polarizer_angle_target_deg} deg, and the plan has {wanted} in its "
+        "place: this run was not made by this session"
+    )
+
+
+def _is_same_angle(record: FrameRecord, step: Step) -> bool:
+    target = record.polarizer_angle_target_deg
+    if target is None or step.polarizer_angle_deg is None:
+        return target is step.polarizer_angle_deg
+    return abs(target - step.polarizer_angle_deg) <= _ANGLE_TOLERANCE_DEG

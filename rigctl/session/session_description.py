@@ -1,0 +1,42 @@
+"""All that a reader of a run must know of how it came about, as the run's description holds it."""
+
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from drivers.interfaces import Camera, ReportingCamera
+from rigctl.config import sha256_of
+from rigctl.devices.rig import Rig
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import SessionFile
+
+# What decides the numbers in a run; their versions go into it.
+_PACKAGES = ("rigctl", "numpy", "pyserial")
+
+
+def describe_session(rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path]) -> dict[str, Any]:
+    """Return all that a reader of the run must know of how it came about, as JSON can hold it."""
+    return {
+        "origin": rig.origin,
+        "rig": rig_file.model_dump(mode="json"),
+        "session": session.model_dump(mode="json"),
+        "files": {what: {"name": path.name, "sha256": sha256_of(path)} for what, path in files.items()},
+        "stage": vars(rig.stage_identity),
+        "camera": vars(rig.camera_identity),
+        "camera_facts": _facts_of(rig.camera),
+        "versions": {package: version(package) for package in _PACKAGES},
+    }
+
+
+def _facts_of(camera: Camera) -> dict[str, Any] | None:
+    """Return how a camera's counts come about, and its features by its own names; None for one that does not tell.
+
+    Raises
+    ------
+    DeviceError
+        It does not answer.
+    """
+    if not isinstance(camera, ReportingCamera):
+        return None
+    return asdict(camera.facts()) | {"features": camera.features()}

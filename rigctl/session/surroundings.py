@@ -1,0 +1,93 @@
+"""What is looked at between two frames: the host's clock and disk, the camera's temperature."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rigctl.session.guard import Guard
+from rigctl.session.interlock_violation import InterlockViolation
+from rigctl.session.interlocks import (
+    clock_violation,
+    disk_shortage,
+    disk_violation,
+    synchronised_violation,
+    temperature_violation,
+)
+from rigctl.session.session_clock import SessionClock, SteadyUtc
+from rigctl.session.thermometer import Thermometer
+from rigctl.terminal import warn
+
+# A frame has room for some remarks only; the events have all of them.
+_MOST_REMARKS = 5
+
+
+class Surroundings:
+    """Looks around, and remembers what frames have to say of it.
+
+    Parameters
+    ----------
+    run : Path
+        The run folder.
+    guard : Guard
+        Does something about what is found.
+    utc : SteadyUtc
+        Finds out when the host's clock is set.
+    thermometer : Thermometer
+        Of the camera.
+    note : callable
+        Notes an event: its name, and facts by keyword.
+
+    Attributes
+    ----------
+    remarks : tuple of str
+        For every frame from here on.
+    """
+
+    def __init__(
+        self, run: Path, guard: Guard, utc: SteadyUtc, thermometer: Thermometer, *, note: Callable[..., None]
+    ) -> None:
+        self._note = note
+        self._run, self._guard, self._utc, self._thermometer = run, guard, utc, thermometer
+        self._is_temperature_off = False
+        self.remarks: tuple[str, ...] = ()
+
+    def look_first(self, clock: SessionClock) -> None:
+        """Look at what does not change in the middle of a session."""
+        for violation in self._guard.watched(filter(None, [synchronised_violation(clock.problem())])):
+            self._guard.react(violation, cleared=lambda: clock.problem() is None)
+
+    def look_ahead(self, frames: int, *, frame_bytes: int) -> None:
+        """Tell of a disk that will be full before so many frames are on it; they are taken as long as there is room."""
+        short = disk_shortage(self._run, frames=frames, frame_bytes=frame_bytes, section=self._guard.locks)
+        if short is not None:
+            warn(short)
+            self._note("disk is short", found=short)
+
+    def look(self) -> None:
+        """Look around.
+
+        Raises
+        ------
+        DeviceError, DataError
+            An interlock stops the session, or the camera does not answer.
+        StopAskedError
+            Somebody asked to stop while it held.
+        """
+        locks = self._guard.locks
+        jump = clock_violation(self._utc.jump_s(), locks)
+        for violation in self._guard.watched(filter(None, [jump])):
+            self.remarks = (*self.remarks, violation.message)[-_MOST_REMARKS:]
+            self._guard.react(violation, cleared=lambda: False)
+        self._react_while(lambda: disk_violation(self._run, locks))
+        self._look_at_temperature()
+
+    def _look_at_temperature(self) -> None:
+        def now() -> InterlockViolation | None:
+            return temperature_violation(self._thermometer.temperature_c(), self._guard.locks)
+
+        was_off, self._is_temperature_off = self._is_temperature_off, now() is not None
+        if self._is_temperature_off and not was_off:
+            self._react_while(now)
+
+    def _react_while(self, find: Callable[[], InterlockViolation | None]) -> None:
+        for violation in self._guard.watched(filter(None, [find()])):
+            self._guard.react(violation, cleared=lambda: find() is None)

@@ -1,0 +1,156 @@
+"""One session from its files to its run folder, and on from there after an interruption."""
+
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from rigctl.devices.rig import Rig, open_rig
+from rigctl.errors import ConfigError
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import SessionFile
+from rigctl.runs.repair import Repair, repair_run
+from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_inputs import files_of, keep_inputs
+from rigctl.runs.run_writer import RunWriter
+from rigctl.session.continuation import continuation
+from rigctl.session.control import Control
+from rigctl.session.planning.schedule import round_times_ns
+from rigctl.session.planning.session_steps import Step, plan_steps
+from rigctl.session.reconnect_loop import Opener, Outcome, ReconnectLoop, require_same_devices
+from rigctl.session.session_clock import SessionClock
+from rigctl.session.session_context import session_context
+from rigctl.session.session_description import describe_session
+
+
+def take_session(
+    rig_file: RigFile,
+    session: SessionFile,
+    out: Path,
+    *,
+    files: dict[str, Path],
+    at_ns: int | None = None,
+    until_ns: int | None = None,
+    noise: dict[str, float] | None = None,
+    clock: SessionClock | None = None,
+    opener: Opener | None = None,
+) -> Outcome:
+    """Take a session into a new run folder; return how it went.
+
+    Parameters
+    ----------
+    rig_file, session
+        What to take, and with which devices.
+    out : Path
+        Run folder to make.
+    files : dict
+        What the two were read from; names and hashes go into the run.
+    at_ns, until_ns : int, optional
+        When to begin, and from when on no frame is taken [ns since 1970 UTC].
+    noise : dict, optional
+        What the sum rule needs of a noise calibration, as `noise_numbers` gives it.
+    clock : SessionClock, optional
+        The host's clocks.
+    opener : callable, optional
+        Gives the open rig, instead of the one that the rig file describes.
+
+    Raises
+    ------
+    ConfigError, DeviceError, RunFolderError
+        The rig cannot be, a device fails, or the folder cannot be written.
+    KeyboardInterrupt
+        Somebody pressed Ctrl-C; the frame in hand is stored.
+    """
+    clock = SessionClock() if clock is None else clock
+    now_ns = clock.utc_ns() if at_ns is None else at_ns
+    rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
+    rounds = (at_ns,) if rounds == (None,) else rounds
+    steps = plan_steps(session, rounds)
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name))
+    with ExitStack() as devices:
+        rig = devices.enter_context(opener())
+        _refuse_nobody_there(rig, steps)
+        description = describe_session(rig, rig_file, session, files) | {
+            "rounds_ns": list(rounds),
+            "until_ns": until_ns,
+            "noise": noise,
+        }
+        with RunWriter.create(out, description, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
+            keep_inputs(rig_file, files, out)
+            context = session_context(
+                session, rig_file, clock=clock, control=Control(out), until_ns=until_ns, noise=noise
+            )
+            loop = ReconnectLoop(rig_file, steps, writer, context, opener)
+            return loop.take(rig, devices, title=session.name)
+
+
+def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Opener | None = None) -> Outcome:
+    """Go on with a session that was interrupted; return how it went.
+
+    Parameters
+    ----------
+    path : Path
+        Its run folder.
+    clock : SessionClock, optional
+        The host's clocks.
+    opener : callable, optional
+        Gives the open rig, instead of the one that the run describes.
+
+    Raises
+    ------
+    ConfigError, DeviceError, RunFolderError
+        As `take_session`; the run was not made by a session, or its devices are others now.
+
+    Notes
+    -----
+    Whole frames that were not acknowledged are adopted, damaged ones are set aside and taken again.
+    """
+    repair = repair_run(path)
+    run = read_run(path)
+    rig_file, session = files_of(run)
+    clock = SessionClock() if clock is None else clock
+    until_ns = run.session.get("until_ns")
+    steps = plan_steps(session, run.session.get("rounds_ns", [None]))
+    rest = continuation(run, steps)
+    if not rest.steps and rest.is_finished:
+        return Outcome(frames=len(run.frames), is_finished=True, repair=repair)
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name))
+    with ExitStack() as devices:
+        rig = devices.enter_context(opener())
+        _refuse_nobody_there(rig, rest.steps)
+        require_same_devices(rig, run)
+        with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
+            _note_resumed(writer, repair, rest.steps)
+            control = Control(path)
+            control.forget()
+            context = session_context(
+                session,
+                rig_file,
+                clock=clock,
+                control=control,
+                until_ns=until_ns,
+                noise=run.session.get("noise"),
+            )
+            loop = ReconnectLoop(rig_file, steps, writer, context, opener)
+            return replace(loop.take(rig, devices, title=session.name), repair=repair)
+
+
+def _refuse_nobody_there(rig: Rig, steps: Sequence[Step]) -> None:
+    """Refuse a session that needs hands at the rig where there are none, before it has begun."""
+    kinds = sorted({step.kind for step in steps})
+    if rig.origin == "device" and len(kinds) > 1 and not sys.stdin.isatty():
+        raise ConfigError(
+            f"the session takes {', '.join(kinds)} frames, and nobody is at a terminal to cover the lens in between: "
+            "take darks and flats by hand, and the scene alone unattended"
+        )
+
+
+def _note_resumed(writer: RunWriter, repair: Repair, left: tuple[Step, ...]) -> None:
+    writer.event(
+        "resumed",
+        adopted=[finding.file for finding in repair.adopted],
+        set_aside=[f"{finding.file}: {finding.problem}" for finding in repair.set_aside],
+        first_missing=left[0].sequence if left else None,
+        missing=len(left),
+    )

@@ -1,0 +1,104 @@
+"""Shows how a session goes: a bar and live numbers on this terminal, and the run's status file for others."""
+
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from rich.console import Group
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from rigctl.live.live_numbers import LiveNumbers
+from rigctl.live.live_text import live_lines
+from rigctl.runs.live_status import write_status
+from rigctl.session.planning.session_steps import Step, step_times_ns
+from rigctl.session.session_clock import SessionClock
+from rigctl.terminal import progress as progress_console
+from rigctl.utc_time import NS_PER_S, utc_text
+
+# File systems flush a file that replaces another: that costs as much as a frame, and nobody looks more often.
+_TELL_EACH_S = 1.0
+
+
+class Watch:
+    """Told of each stored step. A context manager: the bar is there meanwhile.
+
+    Parameters
+    ----------
+    run : Path
+        The run folder.
+    steps : sequence of Step
+        All steps of the session.
+    title : str
+        Its name.
+    clock : SessionClock
+        The host's clocks.
+    live : LiveNumbers
+        What the frames show.
+    """
+
+    def __init__(self, run: Path, steps: Sequence[Step], *, title: str, clock: SessionClock, live: LiveNumbers) -> None:
+        self._run, self._steps, self._clock, self._live = run, steps, clock, live
+        self._planned_ns = step_times_ns(steps, start_ns=clock.utc_ns())
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        self._bar = Progress(*columns)
+        self._task = self._bar.add_task(title, total=len(steps))
+        self._lock = threading.Lock()
+        self._told_s = -_TELL_EACH_S
+        self._status: dict[str, Any] = {"session": title, "frames_planned": len(steps), "frames": 0}
+        self._screen = Live(get_renderable=self._shown, console=progress_console(), transient=True)
+
+    def __enter__(self) -> Self:
+        self._screen.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._tell(**self._live.content())
+        self._screen.stop()
+
+    def begin(self, *, left: int) -> None:
+        """Begin to take so many steps."""
+        done = len(self._steps) - left
+        self._bar.update(self._task, completed=done)
+        self._tell(frames=done)
+
+    def stored(self, step: Step) -> None:
+        """Count a step whose frame is on the disk."""
+        self._bar.advance(self._task)
+        self._status["frames"] += 1
+        now_s = time.monotonic()
+        is_last = self._status["frames"] == len(self._steps)
+        if now_s - self._told_s >= _TELL_EACH_S or is_last:
+            self._told_s = now_s
+            self._tell(last=_last(step), **self._remaining(step), **self._live.content())
+
+    def _shown(self) -> Group:
+        with self._lock:
+            lines = "\n".join(live_lines(self._status))
+        return Group(self._bar, Text(lines))
+
+    def _remaining(self, step: Step) -> dict[str, Any]:
+        """Return how long it still takes: what the plan has between this step and the last, or until its time."""
+        now_ns = self._clock.utc_ns()
+        end_ns = now_ns + self._planned_ns[-1] - self._planned_ns[step.sequence]
+        if self._steps[-1].due_ns is not None:
+            end_ns = max(end_ns, self._planned_ns[-1])
+        return {"remaining_s": round((end_ns - now_ns) / NS_PER_S, 1), "end_utc": utc_text(end_ns)}
+
+    def _tell(self, **facts: Any) -> None:
+        with self._lock:
+            self._status |= facts | {"written_utc": utc_text(self._clock.utc_ns())}
+            # Who watches gets nothing on a full disk; the frames say so loudly enough.
+            with suppress(OSError):
+                write_status(self._run, self._status)
+
+
+def _last(step: Step) -> dict[str, Any]:
+    return {"sequence": step.sequence, "kind": step.kind, "cycle": step.cycle, "angle_deg": step.polarizer_angle_deg}

@@ -1,0 +1,177 @@
+"""A simulated rig, made of a rig file: one world, seen by the stage through bytes and by the camera through light."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import ConfigError
+from rigctl.files.regions import masks
+from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
+from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
+from rigctl.simulated.rendering import rendering_effect
+from rigctl.simulated.simulated_gige import serve_if_gige
+from rigctl.simulated.truth_option import split_truth
+from sim_devices.camera import SimCamera
+from sim_devices.clock import SimClock
+from sim_devices.detector import Detector, Lens
+from sim_devices.scene_truth import Region, Surface, paint_scene
+from sim_devices.stages.catalogue import StageOptions, make_stage, parse_stage_address
+from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.simulated_stage import SimulatedStage
+from sim_devices.truth_log import TruthLog
+from sim_devices.world import Polarizer, World
+
+FloatArray = NDArray[np.float64]
+
+# Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
+_TEXTURE_STREAM = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Simulation:
+    """The simulated part of a rig.
+
+    Attributes
+    ----------
+    world : World
+        What stands in front of the camera.
+    camera : SimCamera
+        Looks at it.
+    stage_port : str
+        Pseudo-terminal on which the simulated stage answers.
+    gige_place : str or None
+        Where the camera is served as a GigE Vision camera, with its driver's options; None if it is not.
+    """
+
+    world: World
+    camera: SimCamera
+    stage_port: str
+    gige_place: str | None = None
+
+
+@contextmanager
+def simulate(rig: RigFile, *, session_name: str) -> Iterator[Simulation]:
+    """Give the simulated stage, camera and world of a rig file until the context is left.
+
+    Parameters
+    ----------
+    rig : RigFile
+        With a [simulation] table.
+    session_name : str
+        Decides, with the rig's seed, the noise of the frames: two sessions of one rig have different noise and the
+        same fixed pattern, texture and landing errors.
+
+    Raises
+    ------
+    ConfigError
+        The rig file describes no simulation that can be.
+    """
+    if rig.simulation is None:
+        raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
+    try:
+        options = _stage_options(rig.stage.port, rig.simulation.seed)
+        clock = SimClock(speed=options.speed)
+        stage = make_stage(options, clock=clock)
+        world = _world(rig.simulation, stage)
+        address, log = split_truth(rig.camera.address)
+        camera = _camera(rig.simulation, world, session_name, log)
+    except ValueError as error:
+        raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
+    with serve_on_pty(stage, clock=clock) as port, camera, serve_if_gige(address, camera) as gige_place:
+        yield Simulation(world=world, camera=camera, stage_port=port, gige_place=gige_place)
+
+
+def _stage_options(port: str, seed: int) -> StageOptions:
+    options = parse_stage_address(port)
+    return options if "seed=" in port else replace(options, seed=seed)
+
+
+def _world(simulation: SimulationSection, stage: SimulatedStage) -> World:
+    scene = load_scene(simulation.scene)
+    return World(
+        radiance=_radiance(scene, simulation.camera, simulation.seed),
+        polarizer=_polarizer(simulation.polarizer),
+        stage_angle_deg=stage.true_angle_deg,
+        flat_radiance=simulation.flat_radiance,
+    )
+
+
+def _radiance(scene: SceneFile, camera: SimulatedCamera, seed: int) -> FloatArray:
+    inside = masks(list(scene.regions), width=camera.width, height=camera.height)
+    return paint_scene(
+        width=camera.width,
+        height=camera.height,
+        background=Surface(mean_stokes=(scene.background_radiance, 0.0, 0.0)),
+        regions=[Region(surface=_surface(region), where=inside[region.name]) for region in scene.regions],
+        generator=np.random.default_rng([seed, _TEXTURE_STREAM]),
+    )
+
+
+def _surface(region: SceneRegion) -> Surface:
+    s0, s1, s2 = (component.value for component in region.given_radiance())
+    covariance = region.texture_covariance
+    return Surface(
+        mean_stokes=(s0, s1, s2),
+        texture_rms=region.texture_rms.value,
+        extra_covariance=None if covariance is None else np.array([[one.value for one in row] for row in covariance]),
+    )
+
+
+def _polarizer(truth: SimulatedPolarizer) -> Polarizer:
+    return Polarizer(
+        transmittance_along=truth.transmittance_along,
+        transmittance_across=truth.transmittance_along / truth.extinction_ratio,
+        offset_deg=truth.offset_deg,
+        sense=truth.sense,
+    )
+
+
+def _camera(simulation: SimulationSection, world: World, session_name: str, log: TruthLog | None) -> SimCamera:
+    lens, detector = _lens(simulation.camera), _detector(simulation.camera)
+    return SimCamera(
+        world=world,
+        lens=lens,
+        detector=detector,
+        pattern_seed=simulation.seed,
+        noise_seed=_noise_seed(simulation.seed, session_name),
+        truth=log,
+        rendering=[
+            rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed)
+            for section in simulation.effects
+        ],
+    )
+
+
+def _lens(truth: SimulatedCamera) -> Lens:
+    return Lens(
+        focal_length_m=truth.focal_length_mm / 1e3,
+        aperture_diameter_m=truth.aperture_diameter_mm / 1e3,
+        transmittance=truth.optics_transmittance,
+    )
+
+
+def _detector(truth: SimulatedCamera) -> Detector:
+    return Detector(
+        width=truth.width,
+        height=truth.height,
+        pixel_pitch_m=truth.pixel_pitch_um / 1e6,
+        effective_wavelength_m=truth.wavelength_nm / 1e9,
+        quantum_efficiency=truth.quantum_efficiency,
+        gain_dn_per_e=truth.gain_dn_per_e,
+        read_noise_e=truth.read_noise_e,
+        dark_current_e_per_s=truth.dark_current_e_per_s,
+        black_level_dn=truth.black_level_dn,
+        prnu=truth.prnu,
+        dsnu_e=truth.dsnu_e,
+        full_well_e=truth.full_well_e,
+        bit_depth=truth.bit_depth,
+    )
+
+
+def _noise_seed(seed: int, session_name: str) -> int:
+    digest = hashlib.sha256(f"{seed}/{session_name}".encode()).digest()
+    return int.from_bytes(digest[:8], "big")

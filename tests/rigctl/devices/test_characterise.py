@@ -1,0 +1,87 @@
+"""What the characterisation finds of simulated stages whose truth is known."""
+
+import json
+import math
+
+import pytest
+
+from drivers.stages.elliptec import connect_elliptec
+from drivers.stages.zaber import connect_zaber
+from rigctl.devices.characterisation_file import as_json
+from rigctl.devices.characterise import Characterisation, characterise
+from rigctl.reports.characterisation_figure import characterisation_png
+from sim_devices.clock import ManualClock
+from sim_devices.stages.catalogue import make_stage, parse_stage_address
+from sim_devices.stages.in_process_port import InProcessPort
+
+ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+COUNT_DEG = 360.0 / 1536000
+
+
+def measured(address: str, *, repeats: int = 4, watch_s: float = 1.0) -> Characterisation:
+    clock = ManualClock()
+    machine = make_stage(parse_stage_address(address), clock=clock)
+    connect = connect_elliptec if address.startswith("sim:ellx") else connect_zaber
+    port = InProcessPort(machine, clock=clock)
+    with connect(port, tolerance_deg=1.0, now_s=clock.now_s, sleep=clock.sleep) as stage:
+        return characterise(
+            stage,
+            ANGLES_DEG,
+            repeats=repeats,
+            band_deg=0.01,
+            watch_s=watch_s,
+            progress=lambda _: None,
+            now_s=clock.now_s,
+            sleep=clock.sleep,
+        )
+
+
+def test_backlash_and_repeatability_are_found() -> None:
+    result = measured("sim:zaber?backlash=0.03&landing=0.002&seed=4", repeats=8)
+    # 8 visits to 4 angles from each side: the backlash has a standard error of 0.002 sqrt(2/32) = 0.0005 degrees, of
+    # which 4 are allowed; the deviation, of 56 degrees of freedom, one of 1/sqrt(112) = 9.4 %.
+    assert result.backlash_deg == pytest.approx(0.03, abs=4 * 0.0005)
+    assert result.repeatability_deg == pytest.approx(0.002, rel=4 * 0.094)
+    assert result.backlash_std_error_deg == pytest.approx(result.repeatability_deg * math.sqrt(2 / 32), rel=1e-12)
+
+
+def test_a_perfect_stage_is_off_by_its_rounding_only() -> None:
+    result = measured("sim:zaber?landing=0", repeats=2)
+    assert result.largest_error_deg <= COUNT_DEG / 2 + 1e-9  # rounding of angles up to 360
+    assert result.settle_s == 0.0
+
+
+def test_the_time_to_settle_is_that_of_the_creeping() -> None:
+    result = measured("sim:zaber?landing=0&creep=0.1", repeats=2)
+    # It creeps by 0.1 exp(-t/0.1 s) and is within 0.01 degrees after 0.23 s. The driver sees the end of the motion up
+    # to its 0.05 s of polling later, and readings are 0.02 s apart.
+    true_s = 0.1 * math.log(10.0)
+    assert true_s - 0.05 - 0.02 <= result.settle_s <= true_s
+    assert result.is_settled
+
+
+def test_a_watch_that_is_too_short_is_said() -> None:
+    assert not measured("sim:zaber?landing=0&creep=0.1", repeats=2, watch_s=0.15).is_settled
+
+
+def test_an_angle_is_reached_from_the_side_that_it_says() -> None:
+    result = measured("sim:ellx?landing=0&backlash=0.05", repeats=2)
+    for visit in result.visits:
+        assert (visit.error_deg < 0.0) == (visit.side == "forward")
+
+
+def test_the_file_holds_every_visit_and_is_json() -> None:
+    result = measured("sim:zaber", repeats=2)
+    content = json.loads(json.dumps(as_json(result), allow_nan=False))
+    assert len(content["visits"]) == 2 * 2 * len(ANGLES_DEG)
+    assert content["stage"]["serial_number"] == "114821"
+    assert content["backlash_deg"]["std_error"] > 0.0
+
+
+def test_the_plot_is_a_png() -> None:
+    assert characterisation_png(measured("sim:zaber", repeats=2)).startswith(b"\x89PNG")
+
+
+def test_one_visit_has_no_scatter() -> None:
+    with pytest.raises(ValueError, match="2 or more"):
+        measured("sim:zaber", repeats=1)

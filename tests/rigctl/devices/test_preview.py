@@ -1,0 +1,108 @@
+"""The focusing preview: its number, its picture, its page."""
+
+from http.client import HTTPConnection
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+
+from rigctl.cli import main
+from rigctl.devices.focus import focus_of, jpeg_of, middle
+from rigctl.devices.preview_page import PreviewPage
+from rigctl.errors import ConfigError
+
+# Squares of 8 pixels, half as bright again as what lies between.
+SCENE = np.kron(np.indices((12, 16)).sum(axis=0) % 2, np.ones((8, 8))) * 500.0 + 1000.0
+
+
+def counts_of(scene):
+    return np.round(scene).astype(np.uint16)
+
+
+def test_the_number_falls_the_further_the_lens_is_out_of_focus():
+    blurred = [counts_of(cv2.GaussianBlur(SCENE, (0, 0), sigma)) for sigma in (0.5, 1.0, 2.0, 4.0)]
+    sharpness = [focus_of(counts, bit_depth=12).sharpness for counts in blurred]
+    assert sharpness == sorted(sharpness, reverse=True)
+    assert sharpness[0] > 3.0 * sharpness[-1]
+
+
+def test_the_number_does_not_change_with_the_exposure():
+    one = focus_of(counts_of(SCENE), bit_depth=12).sharpness
+    # Counts are whole: each is off by half of 500 at most, one in a thousand; slopes add it up twice, squares again.
+    assert focus_of(counts_of(SCENE / 2.0), bit_depth=12).sharpness == pytest.approx(one, rel=0.004)
+
+
+def test_range_and_saturation_are_told():
+    counts = counts_of(SCENE)
+    counts[:4] = 4095
+    focus = focus_of(counts, bit_depth=12)
+    assert focus.brightest == 1.0
+    assert focus.saturated == 4 / 96
+
+
+def test_a_black_picture_has_no_sharpness():
+    assert focus_of(np.zeros((8, 8), dtype=np.uint16), bit_depth=12).sharpness == 0.0
+
+
+@pytest.mark.parametrize(("zoom", "shape"), [(1, (96, 128)), (4, (24, 32)), (64, (2, 2))])
+def test_the_middle_is_shown_larger(zoom, shape):
+    counts = counts_of(SCENE)
+    part = middle(counts, zoom=zoom)
+    assert part.shape == shape
+    top, left = (96 - shape[0]) // 2, (128 - shape[1]) // 2
+    assert part[0, 0] == counts[top, left]
+
+
+def test_saturated_pixels_are_red_in_the_picture():
+    counts = counts_of(SCENE)
+    counts[40:60, 40:60] = 4095
+    picture = cv2.imdecode(np.frombuffer(jpeg_of(counts, bit_depth=12, text=""), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape[1] >= 640
+    blue, green, red = picture[picture.shape[0] // 2, picture.shape[1] * 50 // 128]
+    # JPEG keeps plain areas to a few counts.
+    assert red > 240
+    assert max(blue, green) < 15
+
+
+def get(address, path):
+    place = urlsplit(address)
+    connection = HTTPConnection(place.hostname, place.port, timeout=10.0)
+    connection.request("GET", path)
+    return connection.getresponse()
+
+
+def test_the_page_shows_each_new_picture():
+    with PreviewPage("127.0.0.1", 0) as page:
+        assert b"/stream" in get(page.address, "/").read()
+        page.show(b"first")
+        assert get(page.address, "/picture.jpg").read() == b"first"
+        stream = get(page.address, "/stream")
+        assert b"first" in stream.read(
+            len(b"--rigctl-part\r\nContent-Type: image/jpeg\r\nContent-Length: 5\r\n\r\nfirst")
+        )
+        page.show(b"second")
+        assert b"second" in stream.read(
+            len(b"\r\n--rigctl-part\r\nContent-Type: image/jpeg\r\nContent-Length: 6\r\n\r\nsecond")
+        )
+        stream.close()
+        assert get(page.address, "/other").status == 404
+
+
+def test_a_port_that_is_taken_is_said_so():
+    with PreviewPage("127.0.0.1", 0) as page, pytest.raises(ConfigError, match="another port"):
+        PreviewPage("127.0.0.1", urlsplit(page.address).port)
+
+
+def test_the_command_writes_pictures_and_numbers(tmp_path, capsys):
+    picture = tmp_path / "p.jpg"
+    arguments = ["preview", "sim:gc780", "--exposure-ms", "0.03", "--frames", "2", "--picture", str(picture)]
+    assert main(arguments) == 0
+    assert "sharpness" in capsys.readouterr().out
+    assert cv2.imread(str(picture)).shape == (582, 782, 3)
+
+
+@pytest.mark.parametrize("listen", ["8765", "127.0.0.1:x", "127.0.0.1:99999"])
+def test_a_place_to_listen_that_is_none_is_refused(listen, capsys):
+    assert main(["preview", "sim:gc780", "--listen", listen]) == 2
+    assert "127.0.0.1:8765" in capsys.readouterr().err

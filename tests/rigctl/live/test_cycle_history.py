@@ -1,0 +1,52 @@
+"""The cycles of a run, computed from its frames."""
+
+import numpy as np
+import pytest
+
+from rigctl.live.cycle_history import cycle_history, region_means_of
+from rigctl.reports.cycle_figure import cycle_figure, drift_line
+from rigctl.runs.live_status import read_status
+from rigctl.runs.run_folder import read_run
+from tests.rigctl.session.made_rig import MadeWorld
+from tests.rigctl.session.watched_sessions import take_watched
+
+_NOISE = {"gain_dn_per_e": 0.5, "read_noise_e": 1.0, "dark_current_e_per_s": 0.0, "black_level_dn": 100.0}
+
+
+def _history(tmp_path, *, faults=None, noise=None, **take):
+    take_watched(MadeWorld(camera_faults=faults), tmp_path, take=take, noise=noise)
+    run = read_run(tmp_path / "run")
+    return cycle_history(run, region_means_of(run))
+
+
+def test_its_last_cycle_is_the_one_that_was_seen_live(tmp_path):
+    last = _history(tmp_path, cycles=3, noise=_NOISE).looks[-1]
+    live = read_status(tmp_path / "run")
+    assert last.cycle == live["cycle"]["cycle"] == 2
+    assert last.regions["picture"].dolp.value == pytest.approx(live["regions"]["picture"]["dolp"]["value"])
+    assert last.regions["picture"].dolp.sigma == pytest.approx(live["regions"]["picture"]["dolp"]["sigma"])
+    assert last.sum_rule.value == pytest.approx(live["sum_rule"]["value"])
+    # One is by UTC and one by the monotonic clock, which are the same here; UTC is kept to the microsecond.
+    assert last.drift.per_min == pytest.approx(live["drift"]["per_min"], rel=1e-4)
+
+
+@pytest.mark.parametrize("order", ["cycles", "palindrome", "grouped"])
+def test_every_order_has_its_cycles(tmp_path, order):
+    history = _history(tmp_path, cycles=3, order=order)
+    assert [look.cycle for look in history.looks] == [0, 1, 2]
+    # Light of DoLP 0.3 and S0 = 1000 DN; a black level of 100 DN that nobody has told adds 200: 0.3 * 1000 / 1200.
+    # Noise of 1 DN in 192 pixels makes sqrt(2) * 0.072 / 1200 of it, 1e-4.
+    assert [look.regions["picture"].dolp.value for look in history.looks] == pytest.approx([0.25] * 3, abs=5e-4)
+
+
+def test_a_jump_of_the_light_is_said(tmp_path):
+    brighter = dict.fromkeys((8, 9, 10, 11), lambda counts: (counts * 1.1).astype(np.uint16))
+    history = _history(tmp_path, cycles=3, faults=brighter)
+    changes = [look.drift.change for look in history.looks[1:]]
+    # 10 % of the mean of both; the cut to whole counts takes half a count of 350, 0.14 %.
+    assert changes == pytest.approx([0.0, 0.1 / 1.05], abs=0.003)
+    assert "9.4 % at most" in drift_line(history) or "9.5 % at most" in drift_line(history)
+
+
+def test_it_is_drawn(tmp_path):
+    assert cycle_figure(_history(tmp_path, cycles=2)).startswith(b"\x89PNG")

@@ -1,0 +1,320 @@
+"""Each interlock trips when it must, does what the session file says, and loses nothing that is good."""
+
+import errno
+import threading
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
+from rigctl.errors import DataError, RunFolderError
+from rigctl.runs import run_writer
+from rigctl.runs.run_folder import read_run
+from rigctl.session import interlocks
+from rigctl.session.control import ask
+from rigctl.session.take_session import resume_session
+from tests.rigctl.session.made_rig import NS, MadeWorld, events_of, silent, stalled, unplugged
+from tests.rigctl.session.watched_sessions import assert_whole, take_watched, trips_of
+
+
+def test_a_quiet_session_trips_nothing(tmp_path):
+    assert take_watched(MadeWorld(), tmp_path).is_finished
+    assert trips_of(tmp_path) == []
+    assert_whole(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "faults"),
+    [
+        ("angle", {"stage_faults": {2: 0.5}}),
+        ("button", {"stage_faults": {2: "a button was pressed"}}),
+        ("black", {"camera_faults": {3: np.zeros_like}}),
+        ("black", {"camera_faults": {3: lambda counts: np.full_like(counts, 17)}}),
+    ],
+)
+def test_a_bad_frame_is_taken_again(tmp_path, name, faults):
+    take_watched(MadeWorld(**faults), tmp_path)
+    assert trips_of(tmp_path) == [(name, "retry")]
+    assert_whole(tmp_path)
+    off = [r.polarizer_angle_deg - r.polarizer_angle_target_deg for r in read_run(tmp_path / "run").frames]
+    assert np.max(np.abs(off)) < 1e-9
+    assert all(read_run(tmp_path / "run").counts(r).std() > 0 for r in read_run(tmp_path / "run").frames)
+
+
+def test_a_picture_sent_twice_is_taken_again(tmp_path):
+    sent = []
+
+    def keep(counts):
+        sent.append(counts)
+        return counts
+
+    world = MadeWorld(camera_faults={2: keep, 3: lambda _: sent[0]})
+    take_watched(world, tmp_path)
+    assert trips_of(tmp_path) == [("identical", "retry")]
+    assert_whole(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "match", "faults"),
+    [
+        ("angle", LimitError, "asked for", {"stage_faults": {2: 0.5}}),
+        ("button", LimitError, "touched", {"stage_faults": {2: "a button"}}),
+        ("black", ProtocolError, "no picture", {"camera_faults": {3: np.zeros_like}}),
+    ],
+)
+def test_stop_ends_the_session_and_a_resume_goes_on(tmp_path, action, error, match, faults):
+    world = MadeWorld(**faults)
+    with pytest.raises(error, match=match):
+        take_watched(world, tmp_path, **{action: "stop"})
+    assert read_run(tmp_path / "run").frames
+    assert resume_session(tmp_path / "run", clock=world.time.clock, opener=world.open).is_finished
+    assert_whole(tmp_path)
+
+
+def test_a_fault_that_stays_stops_after_the_retries(tmp_path):
+    with pytest.raises(ProtocolError, match="no picture"):
+        take_watched(MadeWorld(camera_faults=dict.fromkeys(range(3, 6), np.zeros_like)), tmp_path)
+    assert trips_of(tmp_path) == [("black", "retry")] * 3
+    assert_whole(tmp_path, frames=3)
+
+
+def test_hold_waits_until_somebody_says_to_go_on(tmp_path):
+    world = MadeWorld(camera_faults={3: np.zeros_like})
+    began_ns = world.time.monotonic_ns
+
+    def after_a_minute():
+        if world.time.monotonic_ns > began_ns + 60 * NS and (tmp_path / "run").exists():
+            ask(tmp_path / "run", "go on")
+            world.time.wakes.clear()
+
+    world.time.wakes.append(after_a_minute)
+    take_watched(world, tmp_path, black="hold")
+    names = [event["event"] for event in events_of(tmp_path / "run")]
+    assert names.index("hold") < names.index("go on")
+    assert world.time.monotonic_ns > began_ns + 60 * NS
+    assert_whole(tmp_path)
+
+
+def test_note_stores_the_frame_with_the_remark(tmp_path):
+    take_watched(MadeWorld(dn_per_s=20_000.0), tmp_path)
+    run = read_run(tmp_path / "run")
+    assert ("saturated", "note") in trips_of(tmp_path)
+    assert any("pixels are saturated" in remark for record in run.frames for remark in record.remarks)
+    assert_whole(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "dn_per_s"), [("saturated", 20_000.0), ("low_signal", 1.0)])
+def test_what_a_scene_is_like_is_noted_once_and_in_every_frame(tmp_path, name, dn_per_s):
+    take_watched(MadeWorld(dn_per_s=dn_per_s), tmp_path, low_signal="note", low_signal_level=0.05, sum_rule="off")
+    assert trips_of(tmp_path) == [(name, "note")]
+    assert all("of the pixels" in record.remarks[0] for record in read_run(tmp_path / "run").frames)
+
+
+def test_too_little_light_stops_where_that_is_asked_for(tmp_path):
+    with pytest.raises(DataError, match=r"have less than 205 DN.*expose longer"):
+        take_watched(MadeWorld(dn_per_s=1.0), tmp_path, low_signal="stop", low_signal_level=0.05)
+
+
+def test_off_does_not_look(tmp_path):
+    take_watched(MadeWorld(camera_faults={3: np.zeros_like}), tmp_path, black="off", sum_rule="off")
+    assert trips_of(tmp_path) == []
+
+
+def test_a_camera_that_takes_other_settings_stops_the_session(tmp_path):
+    world = MadeWorld()
+    world.camera.lies_s = 0.005
+    with pytest.raises(LimitError, match=r"asked for an exposure of 0\.01 s"):
+        take_watched(world, tmp_path)
+
+
+def test_settings_that_change_by_themselves_stop_the_session(tmp_path):
+    world = MadeWorld()
+
+    def automatic(counts):
+        world.camera.lies_s = 0.005
+        return counts
+
+    world.camera._faults = {2: automatic}
+    with pytest.raises(LimitError, match="automatic exposure"):
+        take_watched(world, tmp_path)
+    assert_whole(tmp_path, frames=2)
+
+
+def test_the_sum_rule_finds_light_that_changes_within_a_cycle(tmp_path):
+    # The second frame of the first cycle (90 deg, about 325 + 100 DN) has a fifth more light: I0 + I90 is too large by
+    # 85 of about 1200 DN, 7 %; allowed are 2 %.
+    take_watched(MadeWorld(camera_faults={1: lambda counts: (counts * 1.2).astype(np.uint16)}), tmp_path)
+    assert trips_of(tmp_path) == [("sum_rule", "note")]
+    run = read_run(tmp_path / "run")
+    assert [record.sequence for record in run.frames if record.remarks] == [3]
+
+
+def test_a_sum_rule_that_stops_keeps_the_whole_cycle(tmp_path):
+    world = MadeWorld(camera_faults={1: lambda counts: (counts * 1.2).astype(np.uint16)})
+    with pytest.raises(DataError, match=r"I0 \+ I90"):
+        take_watched(world, tmp_path, sum_rule="stop")
+    assert_whole(tmp_path, frames=4)
+
+
+def test_what_noise_allows_widens_the_sum_rule(tmp_path):
+    world = MadeWorld(camera_faults={1: lambda counts: (counts * 1.2).astype(np.uint16)})
+    # Read noise of 1000 DN in 192 pixels: 72 DN in a mean, 144 DN in the sum of four; five of that are far above 85 DN.
+    noise = {"gain_dn_per_e": 0.1, "read_noise_e": 1e4, "black_level_dn": 100.0, "dark_current_e_per_s": 0.0}
+    take_watched(world, tmp_path, noise=noise)
+    assert trips_of(tmp_path) == []
+
+
+def test_a_lost_frame_is_taken_again(tmp_path):
+    take_watched(MadeWorld(camera_faults={3: silent()}), tmp_path)
+    assert trips_of(tmp_path) == [("gone", "retry")]
+    assert_whole(tmp_path)
+
+
+def test_a_stalled_stage_stops_with_the_device_in_the_message(tmp_path):
+    with pytest.raises(DeviceFaultError, match="mechanical"):
+        take_watched(MadeWorld(stage_faults={3: stalled()}), tmp_path)
+    assert_whole(tmp_path, frames=2)
+
+
+@pytest.mark.parametrize("faults", [{"stage_faults": {3: unplugged()}}, {"camera_faults": {2: unplugged()}}])
+def test_a_device_that_is_gone_for_ten_seconds_is_opened_again(tmp_path, faults):
+    world = MadeWorld(**faults)
+    world.refuses_until_ns = world.time.monotonic_ns
+    refuse_ns = 10 * NS
+
+    def unplug():
+        if world.opened == 1 and world.stage.moves == 3 and not world.refuses_until_ns > world.time.monotonic_ns:
+            world.refuses_until_ns = world.time.monotonic_ns + refuse_ns
+
+    world.time.wakes.append(unplug)
+    take_watched(world, tmp_path)
+    assert ("gone", "retry") in trips_of(tmp_path)
+    assert world.opened > 2
+    assert "devices opened again" in [event["event"] for event in events_of(tmp_path / "run")]
+    assert_whole(tmp_path)
+
+
+def test_a_device_that_stays_away_ends_the_session_after_its_time(tmp_path):
+    world = MadeWorld(stage_faults={k: unplugged() for k in range(3, 500)})
+    began_ns = world.time.monotonic_ns
+    with pytest.raises(NotConnectedError, match="gone away"):
+        take_watched(world, tmp_path, reconnect_s=60)
+    assert 60 * NS < world.time.monotonic_ns - began_ns < 90 * NS
+    assert_whole(tmp_path, frames=2)
+
+
+def test_gone_stop_does_not_wait(tmp_path):
+    world = MadeWorld(camera_faults={2: silent()})
+    with pytest.raises(DeviceTimeoutError):
+        take_watched(world, tmp_path, gone="stop")
+    assert world.opened == 1
+
+
+def test_a_clock_set_back_an_hour_is_noted_and_the_frames_keep_their_order(tmp_path):
+    world = MadeWorld()
+
+    def set_back():
+        if world.camera.taken == 4:
+            world.time.set_ns -= 3600 * NS
+            world.time.wakes.clear()
+
+    world.time.wakes.append(set_back)
+    take_watched(world, tmp_path)
+    assert trips_of(tmp_path) == [("clock", "note")]
+    assert_whole(tmp_path)
+    frames = read_run(tmp_path / "run").frames
+    assert any("set by -3600.0 s" in remark for remark in frames[-1].remarks)
+    monotonic = [record.start_monotonic_ns for record in frames]
+    assert monotonic == sorted(monotonic)
+
+
+def test_a_clock_that_is_set_again_and_again_fills_no_header(tmp_path):
+    world = MadeWorld()
+
+    def set_on():
+        world.time.set_ns += 10 * NS
+
+    world.time.wakes.append(set_on)
+    take_watched(world, tmp_path, take={"cycles": 30})
+    assert_whole(tmp_path, frames=120)
+    assert len(read_run(tmp_path / "run").frames[-1].remarks) == 5
+
+
+def test_a_disk_that_is_nearly_full_holds_until_there_is_room(tmp_path, monkeypatch):
+    world, free = MadeWorld(), iter([500, 500, 100, 100, 100, 100, *[500] * 100])
+
+    class _Usage:
+        def __init__(self):
+            self.free = next(free) * 1_000_000
+
+    monkeypatch.setattr(interlocks.shutil, "disk_usage", lambda _: _Usage())
+    take_watched(world, tmp_path, disk_free_mb=200)
+    assert trips_of(tmp_path) == [("disk", "hold")]
+    assert "go on" in [event["event"] for event in events_of(tmp_path / "run")]
+    assert_whole(tmp_path)
+
+
+def test_a_full_disk_keeps_the_frame_in_hand_until_it_can_be_written(tmp_path, monkeypatch):
+    fails = iter([True, True, True])
+    _fail_writes(monkeypatch, errno.ENOSPC, lambda name: "000003" in name and next(fails, False))
+    take_watched(MadeWorld(), tmp_path)
+    assert {"tries": 4, "sequence": 3} in [e["facts"] for e in events_of(tmp_path / "run")]
+    assert_whole(tmp_path)
+
+
+@pytest.mark.parametrize(("code", "locks"), [(errno.EROFS, {}), (errno.ENOSPC, {"disk": "stop"})])
+def test_a_disk_that_cannot_be_written_stops_and_a_resume_goes_on(tmp_path, monkeypatch, code, locks):
+    world, broken = MadeWorld(), [True]
+    _fail_writes(monkeypatch, code, lambda name: "000003" in name and bool(broken))
+    with pytest.raises(RunFolderError, match="cannot be written"):
+        take_watched(world, tmp_path, **locks)
+    assert_whole(tmp_path, frames=3)
+    broken.clear()
+    assert resume_session(tmp_path / "run", clock=world.time.clock, opener=world.open).is_finished
+    assert_whole(tmp_path)
+
+
+def test_a_slow_disk_makes_the_session_wait_says_so_and_loses_nothing(tmp_path, monkeypatch):
+    is_noted = threading.Event()
+    write, event = run_writer.write_durably, run_writer.RunWriter.event
+
+    def slow(path, data):
+        # The first frame takes until the session has found its queue full.
+        assert path.suffix != ".fits" or is_noted.wait(30)
+        write(path, data)
+
+    def telling(self, name, **facts):
+        event(self, name, **facts)
+        if facts.get("interlock") == "queue":
+            is_noted.set()
+
+    monkeypatch.setattr(run_writer, "write_durably", slow)
+    monkeypatch.setattr(run_writer.RunWriter, "event", telling)
+    take_watched(MadeWorld(), tmp_path, queue="note")
+    assert ("queue", "note") in trips_of(tmp_path)
+    assert_whole(tmp_path)
+
+
+def _fail_writes(monkeypatch, code, fails):
+    write = run_writer.write_durably
+
+    def sometimes(path, data):
+        if fails(path.name):
+            raise OSError(code, "simulated")
+        write(path, data)
+
+    monkeypatch.setattr(run_writer, "write_durably", sometimes)
+
+
+def test_a_disk_that_will_be_full_before_the_end_is_told_at_the_start(tmp_path, monkeypatch, capsys):
+    class _Usage:
+        free = 20_000
+
+    monkeypatch.setattr(interlocks.shutil, "disk_usage", lambda _: _Usage())
+    take_watched(MadeWorld(), tmp_path)
+    # A frame has 12 * 16 * 2 bytes of pixels, 5760 of header and about 1024 of manifest: 7168.
+    events = [event for event in events_of(tmp_path / "run") if event["event"] == "disk is short"]
+    assert len(events) == 1
+    assert "has room for 2 of them" in events[0]["facts"]["found"]
+    assert "has room for 2 of them" in " ".join(capsys.readouterr().err.split())
+    assert_whole(tmp_path)

@@ -1,0 +1,75 @@
+"""The writer's thread: order, waiting, and failures that are not swallowed."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from rigctl.session.writer_thread import QUEUE_FRAMES, WriterThread
+from tests.rigctl.run_samples import make_record
+
+_COUNTS = np.zeros((2, 2), dtype=np.uint16)
+_PATIENCE_S = 30
+
+
+def test_frames_are_stored_in_their_order_and_all_are_there_at_the_end():
+    stored = []
+    with WriterThread(lambda record, _: stored.append(record.sequence)) as thread:
+        for k in range(50):
+            thread.put(make_record(k), _COUNTS)
+    assert stored == list(range(50))
+
+
+def test_a_slow_disk_makes_the_session_wait_and_drops_nothing():
+    stored, gate, put = [], threading.Event(), []
+
+    def slow(record, _):
+        gate.wait(_PATIENCE_S)
+        stored.append(record.sequence)
+
+    with WriterThread(slow) as thread:
+        # One is with the disk and the queue holds its frames; the next has to wait.
+        waiter = threading.Thread(target=lambda: [put.append(thread.put(make_record(k), _COUNTS)) for k in range(10)])
+        waiter.start()
+        while not thread.is_full:
+            pass
+        assert QUEUE_FRAMES <= len(put) <= QUEUE_FRAMES + 1
+        gate.set()
+        waiter.join(_PATIENCE_S)
+    assert stored == list(range(10))
+
+
+def test_a_failure_reaches_the_session_and_nothing_is_stored_after_it():
+    stored = []
+
+    def failing(record, _):
+        if record.sequence == 1:
+            raise OSError("no")
+        stored.append(record.sequence)
+
+    thread = WriterThread(failing)
+    with pytest.raises(OSError, match="no"):
+        _put_and_flush(thread, 2)
+    with pytest.raises(OSError, match="no"):
+        thread.put(make_record(2), _COUNTS)
+    assert stored == [0]
+
+
+def _put_and_flush(thread, frames):
+    with thread:
+        for k in range(frames):
+            thread.put(make_record(k), _COUNTS)
+        thread.flush()
+
+
+def test_an_error_of_the_session_still_stores_what_was_taken():
+    stored = []
+    with pytest.raises(KeyError):
+        _put_and_fail(WriterThread(lambda record, _: stored.append(record.sequence)))
+    assert stored == [0]
+
+
+def _put_and_fail(thread):
+    with thread:
+        thread.put(make_record(0), _COUNTS)
+        raise KeyError
