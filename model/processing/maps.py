@@ -1,0 +1,266 @@
+"""Pictures of Stokes parameters, DoLP and AoLP from the frames of one cycle, in one pass over the counts.
+
+Frames stand on the first axis, (N, H, W), as they come from a camera. Everything is single precision: 1e-6 of S0, of
+DoLP, and of AoLP times DoLP, against the same formulas in double precision. Rows go through in blocks that stay in the
+processor's cache; memory is the result and some blocks.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.processing.reconstruction import Design
+
+Float32Array = NDArray[np.float32]
+Engine = Literal["numpy", "fast"]
+
+# Pixels that go through at once: some 100 kB a plane, so that all planes of a block stay in the second-level cache.
+BLOCK_PIXELS = 24_576
+# The direction pi is the direction 0; single precision rounds pi itself up.
+BELOW_PI = np.nextafter(np.float32(np.pi), np.float32(0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolarizationMaps:
+    """Pictures of the polarization of a scene.
+
+    Attributes
+    ----------
+    stokes : (3, H, W) array of float32
+        S0, S1, S2 in the unit of the frames.
+    dolp : (H, W) array of float32
+        sqrt(S1^2 + S2^2) / S0: above 1 where noise makes it so. NaN where `valid` is false.
+    aolp_rad : (H, W) array of float32
+        Counter-clockwise from horizontal, in [0, pi) [rad]. 0 where S1 = S2 = 0: there it has no meaning. NaN where
+        `valid` is false.
+    valid : (H, W) array of bool
+        S0 is above 0 and all three are finite.
+    dolp_std, aolp_std_rad : (H, W) array of float32, or None
+        Standard deviations to first order in those of the frames; that of AoLP is infinite where S1 = S2 = 0. NaN
+        where `valid` is false. None where no deviations were given.
+    """
+
+    stokes: Float32Array
+    dolp: Float32Array
+    aolp_rad: Float32Array
+    valid: NDArray[np.bool_]
+    dolp_std: Float32Array | None = None
+    aolp_std_rad: Float32Array | None = None
+
+
+def polarization_maps(
+    frames: NDArray[np.uint16] | Float32Array,
+    design: Design,
+    *,
+    dark_dn: ArrayLike = 0.0,
+    deviations: ArrayLike | None = None,
+    engine: Engine = "numpy",
+) -> PolarizationMaps:
+    """Return Stokes parameters, DoLP and AoLP of every pixel, and their deviations where wanted.
+
+    Parameters
+    ----------
+    frames
+        Counts behind each angle of `design`, shape (N, H, W), uint16 or float32 [DN]. NaN marks a missing pixel.
+    design
+        Angles and inverse, of `model.processing.reconstruction.design`.
+    dark_dn
+        Dark level that is taken off: a scalar, one for each frame (N,), or pictures (N, H, W) [DN].
+    deviations
+        Standard deviations of the counts, independent from frame to frame, shape (N,) or (N, H, W), >= 0 [DN].
+    engine
+        "numpy", or "fast": compiled by numba, which must be installed. Both keep to the same errors.
+
+    Raises
+    ------
+    ValueError
+        An argument has another shape or type, or a deviation is negative.
+    ImportError
+        "fast" without numba.
+
+    References
+    ----------
+    [MK14] eq. (15), (21)-(23), (24)-(28) to first order; the inverse that `design` holds.
+    """
+    _require_frames(frames, design)
+    dark = _checked("dark_dn", dark_dn, frames.shape)
+    sigma = None if deviations is None else _checked("deviations", deviations, frames.shape)
+    if sigma is not None and np.any(sigma < 0.0):
+        raise ValueError(f"deviations holds {float(np.nanmin(sigma)):g}; allowed is 0 and above")
+    maps = _empty(frames.shape[1:], with_deviations=sigma is not None)
+    if engine == "fast":
+        _by_numba(frames, design, dark, maps)
+    else:
+        _by_numpy(frames, design, dark, maps)
+    if sigma is not None:
+        _fill_deviations(maps, design, sigma)
+    _blank(maps)
+    return maps
+
+
+def _require_frames(frames: NDArray[np.uint16] | Float32Array, design: Design) -> None:
+    angles = design.inverse.shape[1]
+    if frames.ndim != 3 or frames.shape[0] != angles:
+        raise ValueError(f"frames has shape {frames.shape}; allowed is ({angles}, H, W), a frame for each angle")
+    if frames.dtype not in (np.uint16, np.float32):
+        raise ValueError(f"frames has type {frames.dtype}; allowed are uint16 and float32")
+
+
+def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64] | Float32Array:
+    array = np.asarray(values)
+    if array.dtype != np.float32:
+        array = array.astype(np.float64)
+    if array.shape in ((), (shape[0],)):
+        return np.broadcast_to(array, (shape[0],))
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}; allowed are (), ({shape[0]},) and {shape}")
+    return array.reshape(shape[0], -1)
+
+
+def _empty(shape: tuple[int, ...], *, with_deviations: bool) -> PolarizationMaps:
+    # One piece of memory: the system hands out large pages for it, which costs a tenth of small ones.
+    planes = np.empty((7 if with_deviations else 5, *shape), dtype=np.float32)
+    return PolarizationMaps(
+        stokes=planes[:3],
+        dolp=planes[3],
+        aolp_rad=planes[4],
+        valid=np.empty(shape, dtype=np.bool_),
+        dolp_std=planes[5] if with_deviations else None,
+        aolp_std_rad=planes[6] if with_deviations else None,
+    )
+
+
+def split_dark(dark: NDArray[np.float64] | Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Return whole counts and the rest of dark levels, shape (N,) each.
+
+    Whole counts come off without rounding, the rest comes off Stokes parameters that are no larger than the light: so
+    a faint picture on a high black level keeps its digits.
+    """
+    whole = np.round(dark)
+    return whole.astype(np.float32), (dark - whole).astype(np.float32)
+
+
+def _by_numpy(
+    frames: NDArray[np.uint16] | Float32Array,
+    design: Design,
+    dark: NDArray[np.float64] | Float32Array,
+    maps: PolarizationMaps,
+) -> None:
+    inverse = design.inverse.astype(np.float32)
+    counts, stokes = frames.reshape(frames.shape[0], -1), maps.stokes.reshape(3, -1)
+    dolp, angle, valid = maps.dolp.reshape(-1), maps.aolp_rad.reshape(-1), maps.valid.reshape(-1)
+    signal = np.empty((counts.shape[0], BLOCK_PIXELS), dtype=np.float32)
+    block, spare = np.empty((3, BLOCK_PIXELS), dtype=np.float32), np.empty(BLOCK_PIXELS, dtype=np.float32)
+    for start in range(0, counts.shape[1], BLOCK_PIXELS):
+        here = slice(start, min(start + BLOCK_PIXELS, counts.shape[1]))
+        size = here.stop - here.start
+        part = block[:, :size]
+        _stokes_of(counts[:, here], dark if dark.ndim == 1 else dark[:, here], inverse, signal[:, :size], part)
+        stokes[:, here] = part
+        _polar(part, dolp[here], angle[here], valid[here], spare[:size])
+
+
+def _stokes_of(
+    counts: NDArray[np.uint16] | Float32Array,
+    dark: NDArray[np.float64] | Float32Array,
+    inverse: Float32Array,
+    signal: Float32Array,
+    stokes: Float32Array,
+) -> None:
+    """Fill the Stokes parameters of a block, shape (3, P)."""
+    if dark.ndim == 2:
+        np.subtract(counts, dark, out=signal, casting="same_kind")
+        np.matmul(inverse, signal, out=stokes)
+        return
+    whole, rest = split_dark(dark)
+    np.subtract(counts, whole[:, np.newaxis], out=signal, dtype=np.float32)
+    np.matmul(inverse, signal, out=stokes)
+    if np.any(rest):
+        stokes -= (inverse @ rest)[:, np.newaxis]
+
+
+def _polar(
+    stokes: Float32Array, dolp: Float32Array, angle: Float32Array, valid: NDArray[np.bool_], spare: Float32Array
+) -> None:
+    """Fill DoLP, AoLP and their validity of a block from its Stokes parameters."""
+    s0, s1, s2 = stokes
+    with np.errstate(divide="ignore", invalid="ignore"):
+        np.multiply(s1, s1, out=dolp)
+        np.multiply(s2, s2, out=spare)
+        dolp += spare
+        np.sqrt(dolp, out=dolp)
+        np.divide(dolp, s0, out=dolp)
+        # Half of the argument of S1 + i S2, in [0, pi), by one arctangent that needs no unwrapping.
+        np.negative(s1, out=spare)
+        np.arctan2(s2, spare, out=angle)
+    angle *= np.float32(-0.5)
+    angle += np.float32(np.pi / 2)
+    np.minimum(angle, BELOW_PI, out=angle)
+    # A frame that is missing or infinite leaves no finite DoLP.
+    np.isfinite(dolp, out=valid)
+    valid &= s0 > 0.0
+
+
+def _by_numba(
+    frames: NDArray[np.uint16] | Float32Array,
+    design: Design,
+    dark: NDArray[np.float64] | Float32Array,
+    maps: PolarizationMaps,
+) -> None:
+    from model.processing.compiled_maps import fill_maps
+
+    counts = frames.reshape(frames.shape[0], -1)
+    if dark.ndim == 2:
+        counts, dark = np.subtract(counts, dark, dtype=np.float64).astype(np.float32), np.zeros(counts.shape[0])
+    inverse = design.inverse.astype(np.float32)
+    whole, rest = split_dark(dark)
+    fill_maps(
+        np.ascontiguousarray(counts),
+        inverse,
+        whole,
+        inverse @ rest,
+        *maps.stokes.reshape(3, -1),
+        maps.dolp.reshape(-1),
+        maps.aolp_rad.reshape(-1),
+        maps.valid.reshape(-1),
+    )
+
+
+def _fill_deviations(maps: PolarizationMaps, design: Design, sigma: NDArray[np.float64] | Float32Array) -> None:
+    if maps.dolp_std is None or maps.aolp_std_rad is None:
+        return
+    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+    products = np.stack([design.inverse[i] * design.inverse[j] for i, j in pairs]).astype(np.float32)
+    stokes, dolp = maps.stokes.reshape(3, -1), maps.dolp.reshape(-1)
+    dolp_std, angle_std = maps.dolp_std.reshape(-1), maps.aolp_std_rad.reshape(-1)
+    for start in range(0, dolp.size, BLOCK_PIXELS):
+        here = slice(start, min(start + BLOCK_PIXELS, dolp.size))
+        variances = np.square(sigma if sigma.ndim == 1 else sigma[:, here], dtype=np.float32)
+        cov = products @ variances
+        dolp_std[here], angle_std[here] = _first_order(stokes[:, here], dolp[here], cov)
+
+
+def _first_order(stokes: Float32Array, dolp: Float32Array, cov: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Return deviations of DoLP and AoLP from the covariance of Stokes parameters, (00, 11, 22, 01, 02, 12) first."""
+    v00, v11, v22, v01, v02, v12 = cov
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = dolp * stokes[0]
+        # Where S1 = S2 = 0 the direction has no meaning; that of S1 is taken, as in the moments of DoLP.
+        polarized = length > 0.0
+        cosine = np.where(polarized, stokes[1] / length, np.float32(1.0))
+        sine = np.where(polarized, stokes[2] / length, np.float32(0.0))
+        along = v11 * cosine**2 + v22 * sine**2 + 2.0 * v12 * cosine * sine
+        across = v11 * sine**2 + v22 * cosine**2 - 2.0 * v12 * cosine * sine
+        variance = along - 2.0 * dolp * (v01 * cosine + v02 * sine) + dolp**2 * v00
+        # A variance that cancels, as of full polarization, is below 0 by its rounding alone.
+        return np.sqrt(np.maximum(variance, 0.0)) / stokes[0], np.sqrt(np.maximum(across, 0.0)) / (2.0 * length)
+
+
+def _blank(maps: PolarizationMaps) -> None:
+    if maps.valid.all():
+        return
+    for plane in (maps.dolp, maps.aolp_rad, maps.dolp_std, maps.aolp_std_rad):
+        if plane is not None:
+            np.copyto(plane, np.float32(np.nan), where=~maps.valid)
