@@ -1,5 +1,7 @@
 """The pass of `maps` over counts, compiled by numba: one thread, an arctangent of its own."""
 
+from typing import Any
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ _TINY, _INFINITE = np.float32(1e-38), np.float32(np.inf)
 
 
 @numba.njit(inline="always", fastmath={"contract", "arcp", "nsz"}, error_model="numpy")  # type: ignore[untyped-decorator]
-def _half_argument(x: np.float32, y: np.float32) -> np.float32:
+def _half_argument(x: Any, y: Any) -> Any:
     """Return half of the argument of x + i y, in [0, pi)."""
     wide, high = abs(x), abs(y)
     long = wide if wide > high else high

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.processing.reconstruction import Design
 
+FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 Engine = Literal["numpy", "fast"]
 
@@ -108,7 +109,7 @@ def _require_frames(frames: NDArray[np.uint16] | Float32Array, design: Design) -
         raise ValueError(f"frames has type {frames.dtype}; allowed are uint16 and float32")
 
 
-def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64] | Float32Array:
+def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray | Float32Array:
     array = np.asarray(values)
     if array.dtype != np.float32:
         array = array.astype(np.float64)
@@ -132,20 +133,21 @@ def _empty(shape: tuple[int, ...], *, with_deviations: bool) -> PolarizationMaps
     )
 
 
-def split_dark(dark: NDArray[np.float64] | Float32Array) -> tuple[Float32Array, Float32Array]:
+def split_dark(dark: FloatArray | Float32Array) -> tuple[Float32Array, Float32Array]:
     """Return whole counts and the rest of dark levels, shape (N,) each.
 
     Whole counts come off without rounding, the rest comes off Stokes parameters that are no larger than the light: so
     a faint picture on a high black level keeps its digits.
     """
-    whole = np.round(dark)
-    return whole.astype(np.float32), (dark - whole).astype(np.float32)
+    levels = np.asarray(dark, dtype=np.float64)
+    whole = np.rint(levels)
+    return whole.astype(np.float32), (levels - whole).astype(np.float32)
 
 
 def _by_numpy(
     frames: NDArray[np.uint16] | Float32Array,
     design: Design,
-    dark: NDArray[np.float64] | Float32Array,
+    dark: FloatArray | Float32Array,
     maps: PolarizationMaps,
 ) -> None:
     inverse = design.inverse.astype(np.float32)
@@ -164,7 +166,7 @@ def _by_numpy(
 
 def _stokes_of(
     counts: NDArray[np.uint16] | Float32Array,
-    dark: NDArray[np.float64] | Float32Array,
+    dark: FloatArray | Float32Array,
     inverse: Float32Array,
     signal: Float32Array,
     stokes: Float32Array,
@@ -206,7 +208,7 @@ def _polar(
 def _by_numba(
     frames: NDArray[np.uint16] | Float32Array,
     design: Design,
-    dark: NDArray[np.float64] | Float32Array,
+    dark: FloatArray | Float32Array,
     maps: PolarizationMaps,
 ) -> None:
     from model.processing.compiled_maps import fill_maps
@@ -228,7 +230,7 @@ def _by_numba(
     )
 
 
-def _fill_deviations(maps: PolarizationMaps, design: Design, sigma: NDArray[np.float64] | Float32Array) -> None:
+def _fill_deviations(maps: PolarizationMaps, design: Design, sigma: FloatArray | Float32Array) -> None:
     if maps.dolp_std is None or maps.aolp_std_rad is None:
         return
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
