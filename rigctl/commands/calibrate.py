@@ -24,7 +24,7 @@ from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
-from rigctl.reports.calibration_table import calibration_rows
+from rigctl.reports.tables.calibration_table import calibration_rows
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
@@ -133,13 +133,13 @@ def _calibrate(frames: FrameSet) -> FrameCalibration:
 
 
 def _write_plot(path: Path, calibration: FrameCalibration) -> None:
-    from rigctl.reports.photon_transfer_figure import photon_transfer_png  # matplotlib, wanted for a plot only
+    from rigctl.reports.figures.photon_transfer_figure import photon_transfer_png  # matplotlib, wanted for a plot only
 
     _write(path, photon_transfer_png(calibration.noise))
 
 
 def _write_report(path: Path, calibration: FrameCalibration, content: dict[str, Any]) -> None:
-    from rigctl.reports.calibration_page import calibration_page  # matplotlib, as above
+    from rigctl.reports.pages.calibration_page import calibration_page  # matplotlib, as above
 
     _write(path, calibration_page(calibration, content).encode())
 

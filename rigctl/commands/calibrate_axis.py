@@ -145,7 +145,7 @@ def _maps(run: Run, generator: Path | None, known: KnownLight, *, side_pixels: i
 def _write_report(
     path: Path, found: PolarizerCalibration, content: dict[str, Any], maps: PolarimeterMaps | None
 ) -> None:
-    from rigctl.reports.polarizer_page import polarizer_page
+    from rigctl.reports.pages.polarizer_page import polarizer_page
 
     _write(path, polarizer_page(found, content, maps).encode())
 

@@ -12,8 +12,8 @@ from rigctl.comparison.scale import ScaleKind
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.series import compare_series
 from rigctl.reports.comparison_files import compared_json
-from rigctl.reports.number_table import row_table
-from rigctl.reports.series_content import series_json
+from rigctl.reports.pages.series_page import series_json
+from rigctl.reports.tables.quantity_tables import row_table
 from rigctl.terminal import print_json, results
 
 _SHOWN = 20

@@ -47,7 +47,7 @@ def fig5(
     else:
         results().print(_fig5_table(found))
     if out is not None:
-        from rigctl.reports.dolp_figures import fig5_plot
+        from rigctl.reports.figures.dolp_figures import fig5_plot
 
         _write(out, "fig5.png", fig5_plot(found))
 
@@ -80,7 +80,7 @@ def estimators(
             table.add_row(f"{ratio:g}", *(f"{e.bias[k]:+.3f}/{e.rms[k]:.3f}" for e in found.values()))
         results().print(table)
     if out is not None:
-        from rigctl.reports.dolp_figures import estimator_plot
+        from rigctl.reports.figures.dolp_figures import estimator_plot
 
         _write(out, "estimators.png", estimator_plot())
 

@@ -7,7 +7,7 @@ import typer
 
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.effects_table import effects_json, effects_table, saved_line
+from rigctl.reports.tables.effects_tables import effects_json, effects_table, saved_line
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.effect_plan import plan_effects, verify_effects
 from rigctl.terminal import print_json, progress, results

@@ -10,7 +10,7 @@ from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.material_file import material_toml
 from rigctl.files.surface_fit_file import load_surface_fit
-from rigctl.reports.surface_fit_tables import fit_json, fit_tables
+from rigctl.reports.tables.surface_fit_tables import fit_json, fit_tables
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)

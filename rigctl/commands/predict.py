@@ -21,13 +21,13 @@ from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
-from rigctl.reports.effects_table import effects_json, left_out_line
-from rigctl.reports.number_table import quantity_tables
-from rigctl.reports.scene_tables import geometry_lines, light_json, light_tables
-from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_tables
-from rigctl.reports.tables_json import prediction_json
-from rigctl.reports.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
+from rigctl.reports.tables.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
+from rigctl.reports.tables.comparison_json import prediction_json
+from rigctl.reports.tables.effects_tables import effects_json, left_out_line
+from rigctl.reports.tables.light_tables import geometry_lines, light_json, light_tables
+from rigctl.reports.tables.quantity_tables import quantity_tables
+from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_png, sweep_tables
+from rigctl.reports.tables.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.skies.engine import Engine, require_engine

@@ -49,7 +49,7 @@ def command(
 
 
 def _write(out: Path, sheet: SkySheet) -> None:
-    from rigctl.reports.sky_figure import sky_picture  # half a second, wanted for a picture only
+    from rigctl.reports.figures.sky_figure import sky_picture  # half a second, wanted for a picture only
 
     out.mkdir(parents=True, exist_ok=True)
     write_durably(out / "sky.png", sky_picture(sheet))
@@ -64,7 +64,7 @@ def _compare(scene: SceneFile, out: Path | None, *, engine: Engine, as_json: boo
         found.append(one)
     kinds = tuple(found)
     if out is not None:
-        from rigctl.reports.sky_figure import kinds_picture  # half a second, wanted for a picture only
+        from rigctl.reports.figures.sky_figure import kinds_picture  # half a second, wanted for a picture only
 
         out.mkdir(parents=True, exist_ok=True)
         write_durably(out / "sky-aerosols.png", kinds_picture(kinds))

@@ -9,9 +9,9 @@ from rigctl.comparison.run_calibrations import CalibrationPaths, correction_rema
 from rigctl.files.regions import load_regions
 from rigctl.measurement.region_texture import region_textures
 from rigctl.measurement.temporal_noise import temporal_noise
-from rigctl.reports.number_table import quantity_tables
 from rigctl.reports.stokes_files import write_stokes
-from rigctl.reports.tables_json import measurement_json
+from rigctl.reports.tables.comparison_json import measurement_json
+from rigctl.reports.tables.quantity_tables import quantity_tables
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results, warn
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rigctl.durable_file import write_durably
-from rigctl.reports.run_page import run_page
+from rigctl.reports.pages.run_page import run_page
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import progress
 

@@ -13,7 +13,7 @@ from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.material_file import NM_PER_M, find_material
 from rigctl.reports.surface_sheet import SurfaceSheet, surface_sheet
-from rigctl.reports.surface_tables import surface_tables
+from rigctl.reports.tables.surface_tables import surface_tables
 from rigctl.terminal import print_json, progress, results
 
 
@@ -55,7 +55,7 @@ def command(
 
 
 def _write(sheet: SurfaceSheet, out: Path) -> None:
-    from rigctl.reports import surface_figures  # half a second, wanted for plots only
+    from rigctl.reports.figures import surface_figures  # half a second, wanted for plots only
 
     contents = {
         "surface.png": surface_figures.against_angle(sheet),

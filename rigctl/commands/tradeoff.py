@@ -14,7 +14,7 @@ from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.tradeoff_curves import (
+from rigctl.reports.tables.tradeoff_tables import (
     choice_table,
     curve_csv,
     curve_json,

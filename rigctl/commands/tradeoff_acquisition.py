@@ -18,7 +18,7 @@ from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import SessionFile, Take
-from rigctl.reports.acquisition_tables import (
+from rigctl.reports.tables.acquisition_tables import (
     assumptions,
     curve_table,
     proposal,
@@ -93,7 +93,9 @@ def show_acquisition_tradeoff(
     except ValueError as error:
         raise ConfigError(f"--acquisition: {error}") from error
     if out is not None:
-        from rigctl.reports.acquisition_figure import tradeoff_picture  # half a second, wanted for a picture only
+        from rigctl.reports.figures.acquisition_figure import (
+            tradeoff_picture,  # half a second, wanted for a picture only
+        )
 
         out.mkdir(parents=True, exist_ok=True)
         write_durably(out / "acquisition.csv", tradeoff_csv(found))

@@ -9,8 +9,8 @@ from typing import Any
 from model.effects.names import Effect
 from model.effects.planner import Decision
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
-from rigctl.reports.blocks import NOTHING, Table
 from rigctl.reports.number_text import to_digits
+from rigctl.reports.report import NOTHING, Table
 from rigctl.scene.scene_inputs import NOISE_NAMES
 from rigctl.version import VERSION
 

@@ -6,13 +6,13 @@ from typing import Any
 
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.durable_file import write_durably
-from rigctl.reports.blocks import Report
-from rigctl.reports.compare_content import compare_report
 from rigctl.reports.compare_context import calibration_table, effects_block, provenance_json
-from rigctl.reports.pdf import pdf
-from rigctl.reports.report import render
-from rigctl.reports.rows_csv import rows_csv
-from rigctl.reports.tables_json import comparison_json, measurement_json, prediction_json
+from rigctl.reports.pages.comparison_page import compare_report
+from rigctl.reports.report import Report
+from rigctl.reports.tables.comparison_json import comparison_json, measurement_json, prediction_json
+from rigctl.reports.writers.html_page import render
+from rigctl.reports.writers.pdf_document import pdf
+from rigctl.reports.writers.rows_csv import rows_csv
 
 
 def compared_json(found: ComparedRun) -> dict[str, Any]:

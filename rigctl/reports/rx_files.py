@@ -11,8 +11,8 @@ import numpy as np
 from rigctl.comparison.performance import FALSE_ALARM_RATES
 from rigctl.detection.rx_run import BAND_LEVEL, RxOnRun
 from rigctl.durable_file import write_durably
-from rigctl.reports.fits_image import fits_image
-from rigctl.reports.rx_figures import roc_plot, statistic_picture
+from rigctl.reports.figures.rx_figures import roc_plot, statistic_picture
+from rigctl.reports.writers.fits_image import fits_image
 
 SCHEMA_VERSION = 1
 

@@ -11,8 +11,8 @@ from model.stokes import aolp_rad
 from rigctl.durable_file import write_durably
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports import figures
-from rigctl.reports.fits_image import fits_image
+from rigctl.reports.figures import comparison_figures
+from rigctl.reports.writers.fits_image import fits_image
 
 
 def write_stokes(
@@ -37,15 +37,15 @@ def write_stokes(
     contents = {
         "stokes.fits": fits_image(stokes, unit=unit, what="S0, S1, S2; S1 = horizontal - vertical, S2 = +45 - (-45)"),
         "dolp.fits": fits_image(
-            figures.dolp_image(measurement, stokes), unit="", what="DoLP; NaN where it has no meaning"
+            comparison_figures.dolp_image(measurement, stokes), unit="", what="DoLP; NaN where it has no meaning"
         ),
         "aolp.fits": fits_image(
             np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))), unit="deg", what="AoLP, counter-clockwise, in [0, 180)"
         ),
         "saturated.fits": fits_image(measurement.saturated.astype(np.uint8), unit="", what="1: saturated in a frame"),
         "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
-        "pictures.png": figures.scene_pictures(measurement, regions),
-        "aolp.png": figures.aolp_picture(measurement),
+        "pictures.png": comparison_figures.scene_pictures(measurement, regions),
+        "aolp.png": comparison_figures.aolp_picture(measurement),
         "stokes.json": (json.dumps(numbers, indent=2, allow_nan=False) + "\n").encode(),
     }
     for name, data in contents.items():

@@ -14,8 +14,8 @@ from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.reports.acquisition_figure import tradeoff_picture
-from rigctl.reports.acquisition_tables import curve_table, proposal, reached_table, tradeoff_csv, tradeoff_json
+from rigctl.reports.figures.acquisition_figure import tradeoff_picture
+from rigctl.reports.tables.acquisition_tables import curve_table, proposal, reached_table, tradeoff_csv, tradeoff_json
 from tests.rigctl.example_files import SMALL_SCENE
 
 TARGET = 0.004

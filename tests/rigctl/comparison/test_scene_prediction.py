@@ -8,8 +8,8 @@ from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.scene_tables import light_json, phi_text
-from rigctl.reports.sweep_files import sweep_csv, sweep_json, sweep_png, sweep_tables
+from rigctl.reports.tables.light_tables import light_json, phi_text
+from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.scene.scene_inputs import gather
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.skies.sky_store import SkyStore

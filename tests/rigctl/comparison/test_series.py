@@ -15,8 +15,8 @@ from rigctl.comparison.series import require_one_instrument
 from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.compare import CompareRequest
 from rigctl.jobs.series import compare_series
-from rigctl.reports.pdf import pdf
-from rigctl.reports.series_content import series_json, series_report
+from rigctl.reports.pages.series_page import series_json, series_report
+from rigctl.reports.writers.pdf_document import pdf
 from rigctl.runs.run_folder import FrameRecord, Run, read_run
 
 

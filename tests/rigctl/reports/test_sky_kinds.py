@@ -6,7 +6,7 @@ import pytest
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.sky_figure import kinds_picture
+from rigctl.reports.figures.sky_figure import kinds_picture
 from rigctl.reports.sky_kinds import kinds_json, skies_of_kinds
 from rigctl.reports.sky_sheet import sky_sheet
 from tests.rigctl.scene_texts import SCENE, written

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from calibration.sensor.noise import NoiseCalibration
-from rigctl.reports.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
 
 FloatArray = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.rows import Row
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from calibration.polarimeter.axis import AxisFit, half_turn
 from calibration.polarimeter.fourier_fit import SEEN_SIGMAS
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, ScanCurve
-from rigctl.reports.figure_style import MEASURED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, png, subplots
 
 FloatArray = NDArray[np.float64]
 

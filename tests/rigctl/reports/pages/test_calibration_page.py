@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.cli import main
-from rigctl.reports.calibration_table import calibration_rows
+from rigctl.reports.tables.calibration_table import calibration_rows
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
 
 

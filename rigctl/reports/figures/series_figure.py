@@ -7,7 +7,7 @@ import numpy as np
 
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.series import SeriesPoint, mean_row
-from rigctl.reports.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

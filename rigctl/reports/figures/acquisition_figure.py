@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from model.acquisition.frame_order import degrees_text
 from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
-from rigctl.reports.figure_style import png, subplots
+from rigctl.reports.figures.figure_style import png, subplots
 
 _LINES = {"cycles": "-", "palindrome": "--", "grouped": ":"}
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from model.scene.field_light import FieldLight, Source
-from rigctl.reports.blocks import Paragraph, Picture, Section, Table
-from rigctl.reports.figure_style import png, subplots
-from rigctl.reports.scene_tables import PARTS, stokes_cells
+from rigctl.reports.figures.figure_style import png, subplots
+from rigctl.reports.report import Paragraph, Picture, Section, Table
+from rigctl.reports.tables.light_tables import PARTS, stokes_cells
 
 # What adds up to the light at the aperture, with its colour.
 _SUMMANDS: dict[Source, str] = {"reflected_sun": "#e69f00", "reflected_sky": "#56b4e9", "path": "#999999"}

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
-from rigctl.reports.figure_style import png
+from rigctl.reports.figures.figure_style import png
 from rigctl.reports.sky_kinds import SkyOfKind
 from rigctl.reports.sky_sheet import SkySheet
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from rigctl.reports.blocks import Picture, Table
-from rigctl.reports.light_section import light_section
+from rigctl.reports.pages.light_section import light_section
+from rigctl.reports.report import Picture, Table
 
 
 class MadeLight:

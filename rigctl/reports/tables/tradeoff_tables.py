@@ -11,8 +11,8 @@ from rich.table import Table
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.numerical_settings import KNOBS
 from rigctl.comparison.accuracy_curves import WHOLE_CHAIN, CurvePoint, Curves
-from rigctl.reports.accuracy_tables import accuracy_json
-from rigctl.reports.figure_style import png, subplots
+from rigctl.reports.figures.figure_style import png, subplots
+from rigctl.reports.tables.accuracy_tables import accuracy_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

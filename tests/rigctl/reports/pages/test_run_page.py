@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
-from rigctl.reports.run_page import run_page
+from rigctl.reports.pages.run_page import run_page
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
 from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rigctl.comparison.uncertainty_budget import RegionBudget
-from rigctl.reports.figure_style import png, subplots
+from rigctl.reports.figures.figure_style import png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

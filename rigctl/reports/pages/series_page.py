@@ -9,15 +9,16 @@ from typing import Any
 from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.series import QUANTITIES, SeriesPoint, hours_of, mean_row
 from rigctl.durable_file import write_durably
-from rigctl.reports import compare_tables, series_figure
-from rigctl.reports.blocks import NOTHING, Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
 from rigctl.reports.compare_context import provenance_json
 from rigctl.reports.comparison_files import write_comparison
+from rigctl.reports.figures import series_figure
 from rigctl.reports.number_text import signed, to_digits
-from rigctl.reports.pdf import pdf
-from rigctl.reports.report import render
-from rigctl.reports.rows_csv import rows_csv
-from rigctl.reports.tables_json import SCHEMA_VERSION
+from rigctl.reports.report import NOTHING, Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.tables import comparison_tables
+from rigctl.reports.tables.comparison_json import SCHEMA_VERSION
+from rigctl.reports.writers.html_page import render
+from rigctl.reports.writers.pdf_document import pdf
+from rigctl.reports.writers.rows_csv import rows_csv
 
 # Of a drift that is worth a word, in standard errors.
 _DRIFTS = 4.0
@@ -170,7 +171,7 @@ def _drift_sections(series: ComparedSeries) -> Iterable[Section]:
         )
         yield Section(title="Drift of the residuals", blocks=(table, note))
     if series.trends:
-        yield Section(title="Trends", blocks=(compare_tables.trend_table(series.trends),))
+        yield Section(title="Trends", blocks=(comparison_tables.trend_table(series.trends),))
 
 
 def _not_tested(points: Sequence[SeriesPoint]) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from model.processing.dolp_against_snr import DolpAgainstSnr
 from model.processing.estimators import ESTIMATORS, bias_and_rms
-from rigctl.reports.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
 
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 

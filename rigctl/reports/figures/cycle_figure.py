@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from rigctl.live.cycle_history import CycleHistory, CycleLook
 from rigctl.live.cycle_numbers import Estimate
-from rigctl.reports.figure_style import png, subplots
+from rigctl.reports.figures.figure_style import png, subplots
 
 _S_PER_MIN = 60.0
 

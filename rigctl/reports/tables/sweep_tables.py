@@ -92,7 +92,7 @@ def sweep_csv(found: Sweep) -> bytes:
 def sweep_png(found: Sweep) -> bytes:
     """Return DoLP with its deviation, DoLP SNR and detection of all regions over the value that was swept."""
     # Half a second, wanted for plots only.
-    from rigctl.reports.figure_style import LINE_STYLES, png, subplots
+    from rigctl.reports.figures.figure_style import LINE_STYLES, png, subplots
 
     panels = 3 if found.pairs else 2
     figure, axes = subplots(1, panels, size=(5.0 * panels, 4.2))

@@ -10,10 +10,11 @@ from rigctl.comparison.explanation import Explanation
 from rigctl.comparison.performance import Performance
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports import budget_figure, compare_tables, figures
-from rigctl.reports.blocks import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
-from rigctl.reports.light_section import light_section
-from rigctl.reports.tables_json import STATISTICS
+from rigctl.reports.figures import budget_figure, comparison_figures
+from rigctl.reports.pages.light_section import light_section
+from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.tables import comparison_tables
+from rigctl.reports.tables.comparison_json import STATISTICS
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
 _SHOWN_DISAGREEMENTS = 12
@@ -63,7 +64,7 @@ def compare_report(
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
             *_effects(effects),
-            Section(title="The run by itself", blocks=(compare_tables.check_table(comparison.checks),)),
+            Section(title="The run by itself", blocks=(comparison_tables.check_table(comparison.checks),)),
             *_strength(comparison, found.performance),
             *_numbers(comparison, measurement),
             *_limits(comparison),
@@ -97,11 +98,11 @@ def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
 
 
 def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
-    yield Section(title="In short", blocks=(compare_tables.summary_table(comparison, measurement),))
+    yield Section(title="In short", blocks=(comparison_tables.summary_table(comparison, measurement),))
     if comparison.disagreements:
-        worst = list(compare_tables.disagreeing(comparison, _SHOWN_DISAGREEMENTS))
+        worst = list(comparison_tables.disagreeing(comparison, _SHOWN_DISAGREEMENTS))
         text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
-        table = compare_tables.row_table(worst, with_region=True)
+        table = comparison_tables.row_table(worst, with_region=True)
         yield Section(title="What disagrees", blocks=(table, Paragraph(text=text)))
     if comparison.trends:
         note = Paragraph(
@@ -109,7 +110,7 @@ def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section
             "errors on both sides; the trend is predicted where every known pair is in order. The chance is that of so "
             "good an order by accident: few numbers make weak evidence."
         )
-        yield Section(title="Trends", blocks=(compare_tables.trend_table(comparison.trends), note))
+        yield Section(title="Trends", blocks=(comparison_tables.trend_table(comparison.trends), note))
 
 
 def _explained(explanation: Explanation | None) -> Iterable[Section]:
@@ -127,7 +128,7 @@ def _explained(explanation: Explanation | None) -> Iterable[Section]:
     )
     blocks: tuple[Any, ...] = (method,)
     if explanation.moves:
-        blocks += (compare_tables.move_table(explanation),)
+        blocks += (comparison_tables.move_table(explanation),)
     if explanation.unseen:
         blocks += (Paragraph(text="The data say nothing of: " + ", ".join(explanation.unseen) + "."),)
     yield Section(title="What would explain the residuals", blocks=blocks)
@@ -136,31 +137,31 @@ def _explained(explanation: Explanation | None) -> Iterable[Section]:
         "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
     )
     yield Section(
-        title="Inputs fitted to this run", blocks=(fitted, compare_tables.fitted_table(explanation)), folded=True
+        title="Inputs fitted to this run", blocks=(fitted, comparison_tables.fitted_table(explanation)), folded=True
     )
 
 
 def _figures(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Iterable[Section]:
     pictures = Picture(
-        png=figures.scene_pictures(measurement, regions),
+        png=comparison_figures.scene_pictures(measurement, regions),
         caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
     )
     yield Section(title="Pictures", blocks=(pictures,))
     if any(row.z is not None for row in comparison.rows):
         scores = Picture(
-            png=figures.scores(comparison),
+            png=comparison_figures.scores(comparison),
             caption="Each tested number of a region: difference over the standard error of both sides. Numbers of one "
             "region share pixels and inputs and are not independent.",
         )
         yield Section(title="Standard scores", blocks=(scores,))
     bars = Picture(
-        png=figures.channel_bars(comparison.rows, unit=measurement.grid.unit),
+        png=comparison_figures.channel_bars(comparison.rows, unit=measurement.grid.unit),
         caption="Mean and deviation of the counts behind each polarizer angle (compare [MK14] Fig. 7). Error bars: one "
         "standard error of both sides.",
     )
     yield Section(title="Counts by channel", blocks=(bars,))
     laws = Picture(
-        png=figures.histograms(measurement, comparison.predictions),
+        png=comparison_figures.histograms(measurement, comparison.predictions),
         caption="Pixels of one cycle, and the exact laws that the model predicts (compare [MK14] Fig. 8).",
     )
     yield Section(title="Histograms", blocks=(laws,))
@@ -177,7 +178,7 @@ def _uncertainty(comparison: Comparison) -> Iterable[Section]:
     )
     yield Section(
         title="Uncertainty budget",
-        blocks=(picture, Paragraph(text="Of DoLP, in numbers:"), compare_tables.budget_table(known, "dolp")),
+        blocks=(picture, Paragraph(text="Of DoLP, in numbers:"), comparison_tables.budget_table(known, "dolp")),
     )
 
 
@@ -198,8 +199,8 @@ def _strength(comparison: Comparison, performance: Performance) -> Iterable[Sect
         "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
         "light of this intensity would show by temporal noise."
     )
-    blocks: tuple[Any, ...] = (strength, compare_tables.strength_table(comparison, performance))
-    detection = compare_tables.detection_table(performance)
+    blocks: tuple[Any, ...] = (strength, comparison_tables.strength_table(comparison, performance))
+    detection = comparison_tables.detection_table(performance)
     if detection.rows:
         text = (
             "Probability of detection by RX on Stokes parameters ([MK14] eq. 30), exact law, at a probability of false "
@@ -223,7 +224,7 @@ def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Secti
     )
     for name in measurement.regions:
         rows = [row for row in comparison.rows if row.region == name]
-        yield Section(title=f"Numbers of {name}", blocks=(compare_tables.row_table(rows),), folded=True)
+        yield Section(title=f"Numbers of {name}", blocks=(comparison_tables.row_table(rows),), folded=True)
 
 
 def _limits(comparison: Comparison) -> Iterable[Section]:

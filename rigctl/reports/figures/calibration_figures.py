@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.performance import temporal_noise_e, total_noise_e
-from rigctl.reports.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
 
 FloatArray = NDArray[np.float64]
 

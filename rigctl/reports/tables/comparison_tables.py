@@ -14,8 +14,8 @@ from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.comparison.uncertainty_budget import RegionBudget
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports.blocks import NOTHING, Table
 from rigctl.reports.number_text import signed, to_digits
+from rigctl.reports.report import NOTHING, Table
 
 _SUMMARY = (("dolp", "mean"), ("aolp_deg", "mean"), ("dolp_snr", "mean"))
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}

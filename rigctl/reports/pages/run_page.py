@@ -10,8 +10,8 @@ from jinja2 import Environment, StrictUndefined
 
 from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_history import Means, cycle_history, is_session, region_means_of
-from rigctl.reports.cycle_figure import cycle_figure, drift_line
-from rigctl.reports.figure_style import png, subplots
+from rigctl.reports.figures.cycle_figure import cycle_figure, drift_line
+from rigctl.reports.figures.figure_style import png, subplots
 from rigctl.runs.event_text import event_facts
 from rigctl.runs.run_folder import FrameRecord, Run
 from rigctl.runs.run_state import read_event_lines

@@ -15,7 +15,7 @@ from reportlab.platypus import Image, KeepTogether, Preformatted, SimpleDocTempl
 from reportlab.platypus import Paragraph as Text
 from reportlab.platypus import Table as Grid
 
-from rigctl.reports.blocks import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
 
 _MARGIN = 17 * mm
 _WIDTH = A4[0] - 2 * _MARGIN

@@ -9,10 +9,10 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration
-from rigctl.reports.calibration_figures import dark_png, linearity_png, snr_png
-from rigctl.reports.calibration_pictures import histograms_png, maps_png, spectrograms_png
-from rigctl.reports.calibration_table import calibration_rows
-from rigctl.reports.photon_transfer_figure import photon_transfer_png
+from rigctl.reports.figures.calibration_figures import dark_png, linearity_png, snr_png
+from rigctl.reports.figures.calibration_pictures import histograms_png, maps_png, spectrograms_png
+from rigctl.reports.figures.photon_transfer_figure import photon_transfer_png
+from rigctl.reports.tables.calibration_table import calibration_rows
 
 _DECIBEL = 20.0
 _MS_PER_S = 1e3

@@ -8,7 +8,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from model.surface.pbrdf import mueller
-from rigctl.reports.figure_style import MEASURED, PREDICTED, png
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png
 from rigctl.reports.surface_sheet import SurfaceSheet, principal_plane
 
 FloatArray = NDArray[np.float64]

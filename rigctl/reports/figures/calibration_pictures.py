@@ -10,7 +10,7 @@ from calibration.sensor.defects import Defect
 from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.pattern_histogram import PatternHistogram
 from calibration.sensor.spectrogram import Spectrogram
-from rigctl.reports.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
 
 SingleArray = NDArray[np.float32]
 

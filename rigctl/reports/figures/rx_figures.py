@@ -3,7 +3,7 @@
 import numpy as np
 
 from rigctl.detection.rx_run import RxOnRun
-from rigctl.reports.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
 
 
 def statistic_picture(found: RxOnRun, *, background: str) -> bytes:
