@@ -49,7 +49,7 @@ def field_of_view(scene: LitScene, region: RegionBracket, light: SunLight) -> Di
     return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + region.spatial_share(spread))
 
 
-def wavelengths(scene: LitScene, region: RegionBracket) -> Disturbance:
+def wavelengths(scene: LitScene, region: RegionBracket, _light: SunLight) -> Disturbance:
     """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
 
     Notes
@@ -71,7 +71,7 @@ def wavelengths(scene: LitScene, region: RegionBracket) -> Disturbance:
     return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
 
 
-def falloff(scene: LitScene, region: RegionBracket) -> Disturbance:
+def falloff(scene: LitScene, region: RegionBracket, _light: SunLight) -> Disturbance:
     """Return mean and variance of cos^4 over the region's part of the field: both are closed integrals.
 
     Notes

@@ -6,10 +6,10 @@ from dataclasses import astuple, dataclass, field
 import numpy as np
 from scipy.special import chdtri
 
-from model.effects import light_bounds, noise_bounds, session_bounds
 from model.effects.air_bounds import bound_air
 from model.effects.bound import Bound, Disturbance
 from model.effects.consequences import bound_of, detection_bound
+from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import ALL, Effect
 from model.effects.radiance_bounds import RegionBracket, bracket
 from model.effects.sun_light import SunLight, beam_lighting, known_light, sun_light
@@ -20,7 +20,7 @@ from model.scene.scenario import RegionLight
 KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]
 
 # Effects of the light before the lens: those that cost time.
-LIGHT = frozenset({Effect.FIELD_OF_VIEW, Effect.SKYLIGHT, Effect.PATH_RADIANCE, Effect.WAVELENGTHS, Effect.ADJACENCY})
+LIGHT = frozenset(effect for effect, entry in EFFECT_MODELS.items() if entry.of_light)
 
 _NO_CHOICE: Mapping[Effect, bool] = {}
 
@@ -225,30 +225,8 @@ def _as_given(region: LitRegion) -> RegionLight:
 def _disturbances(
     effect: Effect, scene: LitScene, regions: Mapping[str, RegionBracket], lights: Mapping[str, SunLight]
 ) -> dict[str, Disturbance]:
-    of_light = {
-        Effect.SKYLIGHT: light_bounds.skylight,
-        Effect.PATH_RADIANCE: light_bounds.path_radiance,
-        Effect.ADJACENCY: light_bounds.adjacency,
-        Effect.FIELD_OF_VIEW: light_bounds.field_of_view,
-    }
-    if effect in of_light:
-        return {name: of_light[effect](scene, region, lights[name]) for name, region in regions.items()}
-    of_region = {
-        Effect.TEXTURE: noise_bounds.texture,
-        Effect.DARK_CURRENT: noise_bounds.dark_current,
-        Effect.SHOT_NOISE: noise_bounds.shot_noise,
-        Effect.READ_NOISE: noise_bounds.read_noise,
-        Effect.QUANTISATION: noise_bounds.quantisation,
-        Effect.NONUNIFORMITY: noise_bounds.nonuniformity,
-        Effect.SATURATION: noise_bounds.saturation,
-        Effect.WAVELENGTHS: light_bounds.wavelengths,
-        Effect.FALLOFF: light_bounds.falloff,
-        Effect.LEAKAGE: session_bounds.leakage,
-        Effect.POLARIZER_ANGLE: session_bounds.polarizer_angle,
-        Effect.MISREGISTRATION: session_bounds.misregistration,
-        Effect.DRIFT: session_bounds.drift,
-    }
-    return {name: of_region[effect](scene, region) for name, region in regions.items()}
+    bound = EFFECT_MODELS[effect].bound
+    return {name: bound(scene, region, lights[name]) for name, region in regions.items()}
 
 
 def _bound(scene: LitScene, regions: Mapping[str, RegionBracket], found: Mapping[str, Disturbance]) -> Bound:

@@ -81,24 +81,6 @@ def predict_with_errors(
     }
 
 
-def drifting_light(drift: float, order: NDArray[np.intp]) -> FloatArray:
-    """Return the light of each frame over its mean, where it drifts evenly through a cycle.
-
-    Parameters
-    ----------
-    drift
-        Relative change from the first frame of a cycle to the last, above -2 and below 2.
-    order
-        Place of each angle's frame in the cycle, from 0, shape (N,), N >= 2.
-
-    References
-    ----------
-    Definition.
-    """
-    places = np.asarray(order, dtype=np.float64)
-    return np.asarray(1.0 + drift * (places / (places.size - 1) - 0.5))
-
-
 def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> ChannelMoments:
     sensor = replace(scenario.sensor, exposure_s=scenario.sensor.exposure_s * errors.exposure_ratio)
     angles_rad = scenario.readout.angles_rad + errors.turned_rad

@@ -116,6 +116,31 @@ class LitRegion:
             raise ValueError(f"region {self.name}: needs either surface and tilt, or radiance")
 
 
+@dataclass(frozen=True, kw_only=True)
+class LightParts:
+    """Parts of the light before the lens that are computed.
+
+    Attributes
+    ----------
+    field_of_view
+        Over a region's part of the field; without it, in the axis alone.
+    skylight
+        Reflected by the regions.
+    path_radiance
+        Scattered by the air into the line of sight; without it and skylight no atmosphere is solved.
+    wavelengths
+        At several wavelengths of the band; without it, at their mean.
+    """
+
+    field_of_view: bool = True
+    skylight: bool = True
+    path_radiance: bool = True
+    wavelengths: bool = True
+
+
+ALL_LIGHT = LightParts()
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LitScene:
     """All that a scene is.
@@ -136,6 +161,8 @@ class LitScene:
         At which detection is predicted, each in (0, 1).
     imperfections
         Of the session.
+    parts
+        Of the light, that are computed.
 
     Raises
     ------
@@ -153,6 +180,7 @@ class LitScene:
     pairs: tuple[tuple[str, str], ...] = ()
     p_false_alarm: tuple[float, ...] = P_FALSE_ALARM
     imperfections: Imperfections = PERFECT
+    parts: LightParts = ALL_LIGHT
 
     def __post_init__(self) -> None:
         names = [region.name for region in self.regions]

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +81,21 @@ class Imperfections:
         order = self.drift_order or tuple(range(frames))
         if sorted(order) != list(range(frames)):
             raise ValueError(f"drift_order = {order}; allowed is each of 0 to {frames - 1} once")
-        return np.asarray(1.0 + self.drift * (np.array(order) / (frames - 1) - 0.5))
+        return drifting_light(self.drift, order)
+
+
+def drifting_light(drift: float, order: ArrayLike) -> FloatArray:
+    """Return the light of each frame over its mean, where it drifts evenly through a cycle.
+
+    Parameters
+    ----------
+    drift
+        Relative change from the first frame of a cycle to the last, above -2 and below 2.
+    order
+        Place of each angle's frame in the cycle, from 0, shape (N,), N >= 2.
+    """
+    places = np.asarray(order, dtype=np.float64)
+    return np.asarray(1.0 + drift * (places / (places.size - 1) - 0.5))
 
 
 def angle_variance(second_moment: FloatArray, *, angles_rad: FloatArray, std_rad: float) -> FloatArray:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from calibration.polarimeter.registration import Registration
 from model.moments import Moments
-from model.prediction.rig_errors import drifting_light
 from model.processing.bayesian_update import chi_square_tail
 from model.processing.block_means import block_means
 from model.processing.redundancy import linear_response, pair_sum_excess, residual_chi_square
+from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
 from rigctl.comparison.rig_inputs import frame_order
 from rigctl.errors import DataError

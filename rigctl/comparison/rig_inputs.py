@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.rig_errors import RigErrors, drifting_light
+from model.prediction.rig_errors import RigErrors
+from model.sensor.imperfections import drifting_light
 from rigctl.files.scene_file import RigSection, SceneFile
 from rigctl.measurement.measurement import Measurement
 from rigctl.scene.scene_inputs import Inputs, file_readout

@@ -7,6 +7,7 @@ from model.atmosphere.lighting.fidelity import TIERS
 from model.atmosphere.profile import column
 from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.transfer.phase import AerosolKind
+from model.effects.acting import acting_parts
 from model.scene.field_light import FieldLight
 from model.scene.illumination import Illumination
 from rigctl.errors import ConfigError
@@ -60,7 +61,7 @@ class SceneLight:
                 air_of(sky_request(scene, values)),
                 file_settings(scene),
                 sun_azimuth_rad=sun_azimuth_rad(values),
-                effects=acting_effects(scene),
+                parts=acting_parts(acting_effects(scene)),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
@@ -80,7 +81,7 @@ class SceneLight:
                 air=air_of(sky_request(scene, values)),
                 view=camera_view(scene, values),
                 sun_azimuth_rad=sun_azimuth_rad(values),
-                effects=acting_effects(scene),
+                parts=acting_parts(acting_effects(scene)),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error

@@ -4,7 +4,6 @@ from math import isqrt
 
 from model.accuracy.evaluation.chain import ChainResult, region_light
 from model.effects.acting import acting
-from model.effects.names import Effect
 from model.scene.adjacency import with_surroundings
 from model.scene.aperture_radiance import aperture_lights
 from model.scene.field_light import FieldLight
@@ -39,6 +38,7 @@ def on_more_tiles(scene: LitScene, result: ChainResult, name: str) -> RegionLigh
     own = result.lights[name].lights
     if region.part is None or len(own) == 1:
         return None
+    seen = acting(scene, result.effects)
     more = tiles(region.part, view, per_side=isqrt(len(own)) + 1, rule=result.settings.tile_rule)
     lights = aperture_lights(
         illumination,
@@ -46,11 +46,10 @@ def on_more_tiles(scene: LitScene, result: ChainResult, name: str) -> RegionLigh
         tilt=region.tilt,
         views=tuple(tile.view for tile in more),
         rules=own[0].rules,
-        skylight=Effect.SKYLIGHT in result.effects,
-        path=Effect.PATH_RADIANCE in result.effects,
+        skylight=seen.parts.skylight,
+        path=seen.parts.path_radiance,
     )
     field = FieldLight(lights=lights, weights=tuple(tile.weight for tile in more), spread=result.lights[name].spread)
-    seen = acting(scene, result.effects)
     around = seen.imperfections.surround_albedo
     if around is not None:
         field = with_surroundings(field, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)

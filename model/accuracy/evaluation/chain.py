@@ -92,12 +92,13 @@ def evaluate(
     [MK14] eq. (1)-(30).
     """
     lights = LightStore() if store is None else store
-    seen, used = acting(scene, effects), _acting_settings(settings, effects)
+    seen = acting(scene, effects)
+    used = _acting_settings(settings, seen)
     taken = dict.fromkeys(STAGES, 0.0)
     with _timed(taken, SKY, clock):
-        illumination = _illumination(seen, used, effects, lights)
+        illumination = _illumination(seen, used, lights)
     with _timed(taken, LIGHT, clock):
-        fields = _fields(seen, used, effects, lights)
+        fields = _fields(seen, used, lights)
     with _timed(taken, STATISTICS, clock):
         scenario = _scenario(seen, fields)
         predictions = predict(scenario, tolerance=used.dolp_tolerance)
@@ -138,8 +139,9 @@ def scenario_of(
     [MK14] eq. (1)-(10).
     """
     lights = LightStore() if store is None else store
-    seen, used = acting(scene, effects), _acting_settings(settings, effects)
-    return _scenario(seen, _fields(seen, used, effects, lights))
+    seen = acting(scene, effects)
+    used = _acting_settings(settings, seen)
+    return _scenario(seen, _fields(seen, used, lights))
 
 
 def region_light(seen: LitScene, region: LitRegion, field: FieldLight) -> RegionLight:
@@ -175,37 +177,33 @@ def region_light(seen: LitScene, region: LitRegion, field: FieldLight) -> Region
     return _with_falloff(light, region, seen)
 
 
-def _illumination(
-    scene: LitScene, settings: Settings, effects: frozenset[Effect], lights: LightStore
-) -> Illumination | None:
+def _illumination(scene: LitScene, settings: Settings, lights: LightStore) -> Illumination | None:
     if scene.air is None or not _materials(scene):
         return None
-    return lights.illumination(scene.air, settings, sun_azimuth_rad=scene.sun_azimuth_rad, effects=effects)
+    return lights.illumination(scene.air, settings, sun_azimuth_rad=scene.sun_azimuth_rad, parts=scene.parts)
 
 
-def _fields(
-    scene: LitScene, settings: Settings, effects: frozenset[Effect], lights: LightStore
-) -> dict[str, FieldLight]:
+def _fields(scene: LitScene, settings: Settings, lights: LightStore) -> dict[str, FieldLight]:
     """Light of the regions that are given by a material; they have air and view, or the record was refused."""
     air, view, azimuth = scene.air, scene.view, scene.sun_azimuth_rad
     if air is None or view is None:
         return {}
     found = {
-        one.name: lights.region(one, settings, air=air, view=view, sun_azimuth_rad=azimuth, effects=effects)
+        one.name: lights.region(one, settings, air=air, view=view, sun_azimuth_rad=azimuth, parts=scene.parts)
         for one in _materials(scene)
     }
     around = scene.imperfections.surround_albedo
     if around is None or not found:
         return found
-    illumination = lights.illumination(air, settings, sun_azimuth_rad=azimuth, effects=effects)
+    illumination = lights.illumination(air, settings, sun_azimuth_rad=azimuth, parts=scene.parts)
     return {
         name: with_surroundings(light, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
         for name, light in found.items()
     }
 
 
-def _acting_settings(settings: Settings, effects: frozenset[Effect]) -> Settings:
-    return settings if Effect.WAVELENGTHS in effects else replace(settings, wavelengths=1)
+def _acting_settings(settings: Settings, scene: LitScene) -> Settings:
+    return settings if scene.parts.wavelengths else replace(settings, wavelengths=1)
 
 
 def _materials(scene: LitScene) -> tuple[LitRegion, ...]:

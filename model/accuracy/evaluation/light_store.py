@@ -15,13 +15,12 @@ from model.atmosphere.lighting.mixed_lighting import MixedLighting
 from model.atmosphere.lighting.solve_column import LightSolver
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.atmosphere.solver import solve
-from model.effects.names import ALL, Effect
 from model.scene.aperture_radiance import ApertureLight, aperture_lights
 from model.scene.field_light import FieldLight, light_over_field, light_over_tiles
 from model.scene.field_of_view import FieldPart
 from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination, illuminate, require_sun_zenith
-from model.scene.lit_scene import Air, LitRegion
+from model.scene.lit_scene import ALL_LIGHT, Air, LightParts, LitRegion
 from model.scene.sampled_sky import MixedSky, sample_sky
 from model.scene.sky import Sky
 from model.scene.view import View
@@ -55,7 +54,7 @@ class LightStore:
         return self._solver
 
     def illumination(
-        self, air: Air, settings: Settings, *, sun_azimuth_rad: float, effects: frozenset[Effect] = ALL
+        self, air: Air, settings: Settings, *, sun_azimuth_rad: float, parts: LightParts = ALL_LIGHT
     ) -> Illumination:
         """Return sun, sky and air for given settings.
 
@@ -67,8 +66,8 @@ class LightStore:
             Of solver, wavelengths and sky grid.
         sun_azimuth_rad
             Clockwise from north [rad].
-        effects
-            Without SKYLIGHT the sky is black; without PATH_RADIANCE too, no light is scattered and nothing is solved.
+        parts
+            Without skylight the sky is black; without path radiance too, no light is scattered and nothing is solved.
 
         Raises
         ------
@@ -76,7 +75,7 @@ class LightStore:
             A number is outside its range, such as a sun below 85 deg from the zenith.
         """
         require_sun_zenith(air.sun_zenith_rad)
-        lit = self._kept_sky(air, settings, effects)
+        lit = self._kept_sky(air, settings, parts)
         return illuminate(
             lit.lighting,
             sun_zenith_rad=air.sun_zenith_rad,
@@ -94,7 +93,7 @@ class LightStore:
         air: Air,
         view: View,
         sun_azimuth_rad: float,
-        effects: frozenset[Effect] = ALL,
+        parts: LightParts = ALL_LIGHT,
     ) -> FieldLight:
         """Return the light of a region that is given by its material.
 
@@ -106,40 +105,40 @@ class LightStore:
             Of the sky, the integral over the hemisphere, and the tiles.
         air, view, sun_azimuth_rad
             Of the scene.
-        effects
-            SKYLIGHT, PATH_RADIANCE and FIELD_OF_VIEW act here.
+        parts
+            Of the light, that are computed.
 
         Raises
         ------
         ValueError
             The region's radiance is given, or a number is outside its range.
         """
-        part = region.part if Effect.FIELD_OF_VIEW in effects else None
+        part = region.part if parts.field_of_view else None
         key = (
-            _sky_key(air, settings, effects),
+            _sky_key(air, settings, parts),
             (sun_azimuth_rad, view, region.surface, region.tilt, part),
             (settings.hemisphere_tolerance, settings.tiles_per_side, settings.tile_rule, settings.negligible_spread),
         )
 
         def made() -> FieldLight:
-            illumination = self.illumination(air, settings, sun_azimuth_rad=sun_azimuth_rad, effects=effects)
+            illumination = self.illumination(air, settings, sun_azimuth_rad=sun_azimuth_rad, parts=parts)
             try:
-                return _over_field(illumination, region, view, part, settings, effects)
+                return _over_field(illumination, region, view, part, settings, parts)
             except ValueError as error:
                 raise ValueError(f"region {region.name}: {error}") from error
 
         return _kept(self._lights, key, _LIGHTS, made)
 
-    def _kept_sky(self, air: Air, settings: Settings, effects: frozenset[Effect]) -> _Lit:
-        key = _sky_key(air, settings, effects)
-        return _kept(self._skies, key, _SKIES, lambda: self._lit(air, settings, effects))
+    def _kept_sky(self, air: Air, settings: Settings, parts: LightParts) -> _Lit:
+        key = _sky_key(air, settings, parts)
+        return _kept(self._skies, key, _SKIES, lambda: self._lit(air, settings, parts))
 
-    def _lit(self, air: Air, settings: Settings, effects: frozenset[Effect]) -> _Lit:
+    def _lit(self, air: Air, settings: Settings, parts: LightParts) -> _Lit:
         if air.alternative is not None:
-            alone = self._kept_sky(replace(air, alternative=None, share=0.0), settings, effects)
-            return _mixed(air, alone, self._kept_sky(air.alternative, settings, effects))
-        lighting = self._lighting(air, settings, effects)
-        if Effect.SKYLIGHT not in effects:
+            alone = self._kept_sky(replace(air, alternative=None, share=0.0), settings, parts)
+            return _mixed(air, alone, self._kept_sky(air.alternative, settings, parts))
+        lighting = self._lighting(air, settings, parts)
+        if not parts.skylight:
             return _Lit(air=air, lighting=lighting, sky=_black, sky_error=0.0)
         if air.table is not None or settings.sky_zeniths == 0:
             return _Lit(air=air, lighting=lighting, sky=lighting.sky, sky_error=0.0)
@@ -151,7 +150,7 @@ class LightStore:
         )
         return _Lit(air=air, lighting=lighting, sky=sampled, sky_error=sampled.relative_error)
 
-    def _lighting(self, air: Air, settings: Settings, effects: frozenset[Effect]) -> Lighting:
+    def _lighting(self, air: Air, settings: Settings, parts: LightParts) -> Lighting:
         if air.table is not None:
             return air.table
         if air.state is None:
@@ -166,7 +165,7 @@ class LightStore:
             wavelengths=settings.wavelengths,
             split_at_kinks=settings.split_at_kinks,
             dolp_max=air.dolp_max,
-            solver=self._solver if _scatters(effects) else unlit_solution,
+            solver=self._solver if _scatters(parts) else unlit_solution,
             settings=settings.solver,
         )
 
@@ -186,7 +185,7 @@ def _over_field(
     view: View,
     part: FieldPart | None,
     settings: Settings,
-    effects: frozenset[Effect],
+    parts: LightParts,
 ) -> FieldLight:
     surface, tilt = region.surface, region.tilt
     if surface is None or tilt is None:
@@ -200,8 +199,8 @@ def _over_field(
             views=views,
             tolerance=settings.hemisphere_tolerance,
             rules=rules,
-            skylight=Effect.SKYLIGHT in effects,
-            path=Effect.PATH_RADIANCE in effects,
+            skylight=parts.skylight,
+            path=parts.path_radiance,
         )
 
     if part is not None and settings.negligible_spread == 0.0:
@@ -218,13 +217,12 @@ def _over_field(
     )
 
 
-def _scatters(effects: frozenset[Effect]) -> bool:
+def _scatters(parts: LightParts) -> bool:
     """Whether light scattered by the air counts at all."""
-    return not effects.isdisjoint({Effect.SKYLIGHT, Effect.PATH_RADIANCE})
+    return parts.skylight or parts.path_radiance
 
 
-def _sky_key(air: Air, settings: Settings, effects: frozenset[Effect]) -> object:
-    acting = effects & {Effect.SKYLIGHT, Effect.PATH_RADIANCE}
+def _sky_key(air: Air, settings: Settings, parts: LightParts) -> object:
     numbers = (
         settings.wavelengths,
         settings.split_at_kinks,
@@ -232,7 +230,7 @@ def _sky_key(air: Air, settings: Settings, effects: frozenset[Effect]) -> object
         settings.sky_zeniths,
         settings.sky_azimuths,
     )
-    return (air.key, numbers, acting)
+    return (air.key, numbers, parts.skylight, parts.path_radiance)
 
 
 def _black(*, zenith_rad: object, phi_rad: object) -> np.ndarray:

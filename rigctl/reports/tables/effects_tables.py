@@ -7,7 +7,7 @@ from typing import Any
 from rich.table import Table
 
 from model.effects.bound import Bound
-from model.effects.facts import FACTS
+from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import Effect
 from model.effects.planner import Decision, EffectPlan
 from rigctl.scene.effect_plan import Verification
@@ -76,7 +76,7 @@ def _actual(checked: Verification | None) -> dict[Effect, Bound]:
 
 
 def _cells(decision: Decision, actual: Bound | None) -> list[str]:
-    facts = FACTS[decision.effect]
+    facts = EFFECT_MODELS[decision.effect]
     limits = asdict(decision.bound)
     shown = [_number(limits[kind]) for kind in _KINDS]
     if actual is not None:
@@ -92,7 +92,7 @@ def _cells(decision: Decision, actual: Bound | None) -> list[str]:
 
 
 def _entry(decision: Decision, actual: Bound | None) -> dict[str, Any]:
-    facts = FACTS[decision.effect]
+    facts = EFFECT_MODELS[decision.effect]
     entry: dict[str, Any] = {
         "effect": decision.effect.value,
         "acts": decision.acts,

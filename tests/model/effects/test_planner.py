@@ -3,7 +3,7 @@ import pytest
 
 from model.accuracy.evaluation.chain import evaluate
 from model.effects.bound import Bound
-from model.effects.facts import FACTS
+from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import ALL, Effect
 from model.effects.planner import plan
 from tests.model.effects.scenes import COARSE, panel_scene, radiance_scene
@@ -85,8 +85,8 @@ def test_tolerance_below_zero_is_refused(tolerance):
 
 
 def test_every_effect_has_its_record():
-    assert set(FACTS) == set(Effect)
-    assert all(one.changes and one.place and one.cost for one in FACTS.values())
+    assert set(EFFECT_MODELS) == set(Effect)
+    assert all(one.changes and one.place and one.cost for one in EFFECT_MODELS.values())
 
 
 def test_bounds_add_and_compare():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from model.prediction.prediction import predict
-from model.prediction.rig_errors import RigErrors, drifting_light, predict_with_errors
+from model.prediction.rig_errors import RigErrors, predict_with_errors
 from model.scene.scenario import Readout, RegionLight, Scenario
-from model.sensor.imperfections import Imperfections
+from model.sensor.imperfections import Imperfections, drifting_light
 from tests.model.sensors import sensor
 
 ANGLES = np.deg2rad([0.0, 45.0, 90.0, 135.0])
