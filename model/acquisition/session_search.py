@@ -109,7 +109,7 @@ def detection(target: CycleLight, background: CycleLight, *, cycles: int, p_fals
 
     References
     ----------
-    [MK14] eq. (30), (31).
+    [MK14] eq. (30).
     """
     found = rx_p_detection(
         p_false_alarm,

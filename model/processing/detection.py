@@ -193,7 +193,7 @@ def rx_roc(
 
     References
     ----------
-    [MK14] eq. (30), (31); definition.
+    [MK14] eq. (30); the area: definition.
     """
     law = detection_law(target_mean, target_cov, background_mean, background_cov)
     threshold = _threshold(p_false_alarm, law)

@@ -69,7 +69,7 @@ def rx_draws(
 
     References
     ----------
-    [MK14] eq. (30), section II-C.
+    [MK14] eq. (30), section IV-B.
     """
     p = np.asarray(p_false_alarm, dtype=np.float64)
     _require_draws(p, draws, draw_threshold)
