@@ -3,13 +3,15 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from rigctl.config import describe
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
+
+Record = TypeVar("Record")
 
 
 def write_content(path: Path, content: Mapping[str, Any]) -> None:
@@ -26,30 +28,28 @@ def write_content(path: Path, content: Mapping[str, Any]) -> None:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
 
 
-def read_content(path: Path, model: type[BaseModel], *, made_by: str) -> dict[str, Any]:
-    """Return the content of a calibration file.
+def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
+    """Return the record of a calibration file.
 
     Parameters
     ----------
     path : Path
-        The file.
-    model : type
-        What has to be right of it.
+        The file. Keys that the record does not have are for those who put them there.
+    record : type
+        A frozen dataclass: its annotations say what has to be right.
     made_by : str
         What makes such a file, for the message, such as "a noise calibration is made by `rigctl calibrate noise`".
 
     Raises
     ------
     DataError
-        The file cannot be read, or is not as the model says: every problem at once.
+        The file cannot be read, or is not as the record says: every problem at once, each with its key.
     """
     try:
         text = path.read_bytes()
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     try:
-        model.model_validate_json(text)
+        return TypeAdapter(record).validate_json(text)
     except ValidationError as error:
         raise DataError(f"{describe(path, error)}\n  {made_by}") from error
-    content: dict[str, Any] = json.loads(text)
-    return content

@@ -1,8 +1,8 @@
 """Whether a calibration may be used for frames: refused for another camera or setting, warned of where it is stale."""
 
 from collections.abc import Iterable
-from datetime import datetime
 
+from rigctl.calibrations.checked_values import utc_moment
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.errors import DataError
 
@@ -65,7 +65,7 @@ def _differ(one: object, other: object) -> bool:
 
 def _doubts(what: str, calibration: MadeFor, used: MadeFor) -> Iterable[str]:
     if calibration.taken_utc is not None and used.taken_utc is not None and calibration.valid_days is not None:
-        days = abs((_time(used.taken_utc) - _time(calibration.taken_utc)).total_seconds()) / _SECONDS_A_DAY
+        days = abs((utc_moment(used.taken_utc) - utc_moment(calibration.taken_utc)).total_seconds()) / _SECONDS_A_DAY
         if days > calibration.valid_days:
             yield (
                 f"{what}: {days:.0f} days lie between it and the frames, and it holds for "
@@ -80,8 +80,3 @@ def _doubts(what: str, calibration: MadeFor, used: MadeFor) -> Iterable[str]:
             )
     if _differ(calibration.pixel_format, used.pixel_format):
         yield f"{what}: made with pixel format {calibration.pixel_format}, used with {used.pixel_format}"
-
-
-def _time(text: str) -> datetime:
-    # Nanoseconds are more than the standard library reads.
-    return datetime.fromisoformat(text[:19] + "+00:00")

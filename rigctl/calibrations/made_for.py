@@ -3,12 +3,16 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import fmean
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
+from pydantic import Field
+
+from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_folder import FrameRecord, Run
 
 _Fact = TypeVar("_Fact")
+Count = Annotated[int, Field(ge=1)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,13 +43,13 @@ class MadeFor:
     camera_serial: str | None = None
     stage_model: str | None = None
     stage_serial: str | None = None
-    gain_db: float | None = None
-    bit_depth: int | None = None
+    gain_db: Bounded | None = None
+    bit_depth: Count | None = None
     pixel_format: str | None = None
-    binning: int | None = None
-    temperature_c: float | None = None
-    taken_utc: str | None = None
-    valid_days: float | None = None
+    binning: Count | None = None
+    temperature_c: Bounded | None = None
+    taken_utc: UtcText | None = None
+    valid_days: NotNegative | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return it as calibration files hold it, under ``made_for``."""
@@ -100,35 +104,38 @@ def made_for_rig(rig: RigFile, *, now_utc: str) -> MadeFor:
     )
 
 
-def read_made_for(content: Mapping[str, Any], *, valid_days: float) -> MadeFor:
-    """Return what a calibration file says that it was made for.
+@dataclass(frozen=True, kw_only=True)
+class CameraOfVersion1:
+    """The camera of a noise calibration of version 1, which has it in place of `MadeFor`."""
+
+    model: str | None = None
+    serial: str | None = None
+    gain_db: Bounded | None = None
+    bit_depth: Count | None = None
+
+    def made_for(self) -> MadeFor:
+        """Return what it says of devices and settings."""
+        return MadeFor(
+            camera_model=self.model, camera_serial=self.serial, gain_db=self.gain_db, bit_depth=self.bit_depth
+        )
+
+
+def made_for_of_file(made_for: MadeFor | None, *, created_utc: str | None, valid_days: float) -> MadeFor:
+    """Return what a calibration was made for, completed by what is known of its file.
 
     Parameters
     ----------
-    content : mapping
-        Of the file, once it has been found right. Files of version 1 say less: camera or devices, and when they were
-        written.
+    made_for : MadeFor or None
+        As the file says it.
+    created_utc : str or None
+        When the file was written: taken where it does not say when the frames were.
     valid_days : float
-        Taken where the file does not say for how long it holds.
+        Taken where the file does not say for how long it holds [days].
     """
-    facts = content.get("made_for")
-    found = _of_version_1(content) if facts is None else MadeFor(**facts)
+    found = MadeFor() if made_for is None else made_for
     if found.valid_days is None:
         found = replace(found, valid_days=valid_days)
-    return found if found.taken_utc is not None else replace(found, taken_utc=content.get("created_utc"))
-
-
-def _of_version_1(content: Mapping[str, Any]) -> MadeFor:
-    camera = content.get("camera") or {}
-    devices = content.get("devices") or {}
-    return MadeFor(
-        camera_model=camera.get("model", devices.get("camera_model")),
-        camera_serial=camera.get("serial", devices.get("camera_serial")),
-        stage_model=devices.get("stage_model"),
-        stage_serial=devices.get("stage_serial"),
-        gain_db=camera.get("gain_db"),
-        bit_depth=camera.get("bit_depth"),
-    )
+    return found if found.taken_utc is not None else replace(found, taken_utc=created_utc)
 
 
 def _options(address: str) -> dict[str, str]:

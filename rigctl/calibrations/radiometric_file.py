@@ -1,32 +1,75 @@
-"""The file that a radiometric calibration is kept in: ``radiometric.json``."""
+"""The file that a radiometric calibration is kept in: ``radiometric.json``, as a record."""
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from rigctl.calibrations.content_file import read_content
+from rigctl.calibrations.checked_values import MeasuredOverFrames, Positive, UtcText
+from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
-from rigctl.calibrations.made_for import MadeFor, read_made_for
+from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
+from rigctl.runs.run_folder import Run
 
 SCHEMA_VERSION = 1
 # For how long it is trusted where it does not say so itself: lenses and filters gather dust. A choice.
 VALID_DAYS = 90.0
 
+Response = MeasuredOverFrames[Positive]
 
-def read_radiometric_file(path: Path) -> dict[str, Any]:
-    """Return the content of a radiometric calibration, once all that the program uses has been found right.
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """What was looked at."""
+
+    name: str = "a panel"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadiometricResponse:
+    """A radiometric calibration as its file holds it.
+
+    Attributes
+    ----------
+    exposure_s : float
+        Of its frames [s].
+    f_number : float
+        Of its lens.
+    response_dn_per_radiance : MeasuredOverFrames
+        Counts of a frame per unit of unpolarized radiance in band [DN per W m-2 sr-1].
+    panel : Panel
+        What it was made on.
+    made_for : MadeFor
+        Devices, settings and time.
+    created_utc : str or None
+        When the file was written.
+    """
+
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
+    kind: Literal["radiometric"]
+    made_for: MadeFor
+    exposure_s: Positive
+    f_number: Positive
+    response_dn_per_radiance: Response
+    panel: Panel = Panel()
+    created_utc: UtcText | None = None
+
+
+def read_radiometric_file(path: Path) -> RadiometricResponse:
+    """Return a radiometric calibration.
 
     Raises
     ------
     DataError
         The file cannot be read, is no radiometric calibration, or is of another version: every problem at once.
     """
-    return read_content(path, _Content, made_by="a radiometric calibration is made by `rigctl calibrate radiometric`")
+    return read_record(
+        path, RadiometricResponse, made_by="a radiometric calibration is made by `rigctl calibrate radiometric`"
+    )
 
 
-def require_radiometric_fits(content: Mapping[str, Any], used: MadeFor) -> tuple[str, ...]:
+def require_radiometric_fits(calibration: RadiometricResponse, used: MadeFor) -> tuple[str, ...]:
     """Return what is doubtful about using a radiometric calibration for frames, in words.
 
     Raises
@@ -34,24 +77,17 @@ def require_radiometric_fits(content: Mapping[str, Any], used: MadeFor) -> tuple
     DataError
         It is of another camera, gain, bit depth or binning.
     """
-    return require_fit("radiometric calibration", read_made_for(content, valid_days=VALID_DAYS), used)
+    made = made_for_of_file(calibration.made_for, created_utc=calibration.created_utc, valid_days=VALID_DAYS)
+    return require_fit("radiometric calibration", made, used)
 
 
-class _Part(BaseModel):
-    # Keys that are not known are for those who put them there.
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+def read_fitting_radiometric(path: Path, run: Run) -> tuple[RadiometricResponse, tuple[str, ...]]:
+    """Return a radiometric calibration for the scene frames of a run, and what is doubtful about it, in words.
 
-
-class _Response(_Part):
-    value: Annotated[float, Field(gt=0)]
-    std_error: Annotated[float, Field(ge=0)]
-    n: Annotated[int, Field(ge=1)]
-
-
-class _Content(_Part):
-    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
-    kind: Literal["radiometric"]
-    made_for: MadeFor
-    exposure_s: Annotated[float, Field(gt=0)]
-    f_number: Annotated[float, Field(gt=0)]
-    response_dn_per_radiance: _Response
+    Raises
+    ------
+    DataError
+        As `read_radiometric_file` and `require_radiometric_fits`.
+    """
+    found = read_radiometric_file(path)
+    return found, require_radiometric_fits(found, made_for(run, [one for one in run.frames if one.kind == "scene"]))

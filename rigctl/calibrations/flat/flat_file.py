@@ -11,11 +11,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
+from rigctl.calibrations.checked_values import UtcText
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.flat.run_flat import RunFlat
-from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
+from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.config import describe, sha256_of
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
@@ -31,24 +32,51 @@ VALID_DAYS = 30.0
 _NEAR_DEG = 0.5
 
 
+@dataclass(frozen=True, kw_only=True)
+class FlatFacts:
+    """What the file says beside its pictures, as far as anything is made of it."""
+
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
+    kind: Literal["flat"]
+    made_for: MadeFor
+    created_utc: UtcText | None = None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Flats:
+class FlatFields:
     """Flat fields as their file holds them.
 
     Attributes
     ----------
-    facts : dict
-        What they were made for and from, and their numbers.
+    facts : FlatFacts
+        What they were made for.
     angles_deg : (N,) array
         Polarizer angles [deg].
     response, std_error : (N, H, W) arrays
         Of each pixel over the mean of its angle.
+
+    Raises
+    ------
+    ValueError
+        Pictures and angles do not belong together, or hold what is no number.
     """
 
-    facts: dict[str, Any]
+    facts: FlatFacts
     angles_deg: FloatArray
     response: FloatArray
     std_error: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.angles_deg.ndim != 1 or not len(self.angles_deg):
+            raise ValueError(f"angles_deg has the shape {self.angles_deg.shape}, must be a row of one or more")
+        for name, pictures in (("response", self.response), ("std_error", self.std_error)):
+            if pictures.ndim != 3 or pictures.shape != (len(self.angles_deg), *self.response.shape[1:]):
+                raise ValueError(f"{name} has the shape {pictures.shape}, must be a picture for each of its angles")
+        for name in ("angles_deg", "response", "std_error"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ValueError(f"{name} holds what is no finite number")
+        if np.any(self.std_error < 0.0):
+            raise ValueError("std_error is below 0 somewhere")
 
     def place(self, polarizer_deg: float) -> int:
         """Return which flat is that of a polarizer angle.
@@ -112,7 +140,7 @@ def flat_npz(found: RunFlat, facts: dict[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
-def read_fitting_flats(path: Path, run: Run) -> tuple[Flats, tuple[str, ...]]:
+def read_fitting_flats(path: Path, run: Run) -> tuple[FlatFields, tuple[str, ...]]:
     """Return flat fields for the scene frames of a run, and what is doubtful about them, in words.
 
     Raises
@@ -127,29 +155,19 @@ def read_fitting_flats(path: Path, run: Run) -> tuple[Flats, tuple[str, ...]]:
         raise DataError(
             f"{path}: its pictures have (rows, columns) {flats.response.shape[1:]}, the run {sorted(sizes)}"
         )
-    made = read_made_for(flats.facts, valid_days=VALID_DAYS)
+    made = made_for_of_file(flats.facts.made_for, created_utc=flats.facts.created_utc, valid_days=VALID_DAYS)
     return flats, require_fit("flat field", made, made_for(run, frames), stage=True)
 
 
-def _read(path: Path) -> Flats:
+def _read(path: Path) -> FlatFields:
     try:
         with np.load(path, allow_pickle=False) as kept:
-            text = kept["facts"].tobytes()
+            facts = TypeAdapter(FlatFacts).validate_json(kept["facts"].tobytes())
             arrays = {name: kept[name].astype(np.float64) for name in ("angles_deg", "response", "std_error")}
-        _Facts.model_validate_json(text)
+        return FlatFields(facts=facts, **arrays)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValidationError as error:
         raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
     except (KeyError, ValueError, zipfile.BadZipFile) as error:
         raise DataError(f"{path}: holds no flat fields ({error}); they are made by `rigctl calibrate flat`") from error
-    return Flats(facts=json.loads(text), **arrays)
-
-
-class _Facts(BaseModel):
-    # Keys that are not known are for those who put them there.
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-
-    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
-    kind: Literal["flat"]
-    made_for: MadeFor

@@ -1,27 +1,23 @@
-"""The file that a noise calibration is kept in: ``noise.json``."""
+"""The file that a noise calibration is kept in: ``noise.json``, as a record."""
 
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from numpy.typing import NDArray
+from pydantic import Field
 
 from calibration.flags import Flag
-from calibration.sensor.brighter_fatter import brighter_fatter
-from calibration.sensor.emva1288 import EMVA_SYMBOLS
-from calibration.sensor.noise import NoiseCalibration
-from calibration.sensor.photon_transfer import PhotonTransfer
-from rigctl.calibrations.content_file import read_content
+from model.sensor import SensorNoise
+from rigctl.calibrations.checked_values import Bounded, MeasuredOverFrames, UtcText
+from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
-from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
-from rigctl.calibrations.noise.noise_frames import FrameSet
-from rigctl.calibrations.noise.pattern_json import dark_json, performance_json
+from rigctl.calibrations.made_for import CameraOfVersion1, MadeFor, made_for, made_for_of_file
 from rigctl.runs.run_folder import Run
-from rigctl.utc_time import utc_text
-from rigctl.version import VERSION
+
+FloatArray = NDArray[np.float64]
 
 SCHEMA_VERSION = 2
 # Version 1 has "camera" in place of "made_for".
@@ -39,146 +35,28 @@ QUANTITIES = (
 )
 # Asymmetry and negative eigenvalues of a covariance that rounding of its printed digits can make.
 _ROUNDING = 1e-9
+# Of an estimate's square in any unit; see the largest number of a file.
+_LARGEST_COVARIANCE = 1e24
+
+Estimate = MeasuredOverFrames[Bounded]
+Gain = MeasuredOverFrames[Annotated[float, Field(gt=0, le=1e6)]]
+# A pixel that answers ten times as much as the others is a defect, not their non-uniformity.
+Ratio = MeasuredOverFrames[Annotated[float, Field(ge=-10, le=10)]]
+_Covariance = Annotated[float, Field(ge=-_LARGEST_COVARIANCE, le=_LARGEST_COVARIANCE)]
 
 
-def noise_json(
-    calibration: NoiseCalibration, frames: FrameSet, *, utc_ns: Callable[[], int] = time.time_ns
-) -> dict[str, Any]:
-    """Return the content of the file.
+@dataclass(frozen=True, kw_only=True)
+class JointErrors:
+    """Covariance of the errors of several quantities."""
 
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        The calibration.
-    frames : FrameSet
-        What it was made from.
-    utc_ns : callable
-        The clock that dates it [ns].
-    """
-    estimates = {name: getattr(calibration, name) for name in QUANTITIES}
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(utc_ns()),
-        "source": asdict(frames.source),
-        "made_for": frames.made_for.as_json(),
-        **{name: None if found is None else asdict(found) for name, found in estimates.items()},
-        "covariance": {
-            "names": list(calibration.covariance.names),
-            "matrix": calibration.covariance.matrix.tolist(),
-        },
-        "flags": flags_json(calibration.flags),
-        "performance": performance_json(calibration),
-        "dark_levels": dark_json(calibration),
-        "photon_transfer": _curve(calibration.transfer),
-        "linearity": _linearity(calibration.transfer),
-        "emva1288": {
-            name: None if figure is None else asdict(figure) | {"symbol": EMVA_SYMBOLS[name]}
-            for name, figure in calibration.emva1288.items()
-        },
-    }
+    names: tuple[str, ...]
+    matrix: tuple[tuple[_Covariance, ...], ...]
 
-
-def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Any]]:
-    """Return flags as the file holds them."""
-    return [asdict(flag) for flag in flags]
-
-
-def _curve(transfer: PhotonTransfer) -> dict[str, Any]:
-    points = transfer.points
-    return {
-        "signal_dn": points.signal_dn.tolist(),
-        "variance_dn2": points.variance_dn2.tolist(),
-        "std_error_dn2": points.std_error_dn2.tolist(),
-        "used": transfer.used.tolist(),
-        "fit": "variance_dn2 = gain_dn_per_e * signal_dn + bend * signal_dn**2 + cubic * signal_dn**3",
-        "gain_dn_per_e": transfer.gain_dn_per_e,
-        "bend": transfer.bend,
-        "cubic": transfer.cubic,
-        "relative_scatter": transfer.fit.scatter / transfer.gain_dn_per_e,
-        "chi2_per_dof": transfer.fit.chi2_per_dof,
-    }
-
-
-def _linearity(transfer: PhotonTransfer) -> dict[str, Any] | None:
-    curve, spreading = transfer.linearity, brighter_fatter(transfer)
-    if curve is None:
-        return None
-    return {
-        "fit": "signal_dn = x * (1 + quadratic_per_dn * x + cubic_per_dn2 * x**2), x proportional to the light",
-        "light": curve.light,
-        "quadratic_per_dn": curve.quadratic_per_dn,
-        "cubic_per_dn2": curve.cubic_per_dn2,
-        "covariance": curve.covariance.tolist(),
-        "relative_scatter": curve.relative_scatter,
-        "brighter_fatter": None if spreading is None else asdict(spreading),
-    }
-
-
-def read_noise_file(path: Path) -> dict[str, Any]:
-    """Return the content of a noise calibration file, once all that the program uses has been found right.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is no noise calibration, or is of another version: every problem at once.
-    """
-    return read_content(path, _NoiseContent, made_by="a noise calibration is made by `rigctl calibrate noise`")
-
-
-def require_noise_fits(noise: Mapping[str, Any], used: MadeFor) -> tuple[str, ...]:
-    """Return what is doubtful about using a noise calibration for frames, in words.
-
-    Parameters
-    ----------
-    noise : mapping
-        Content of its file.
-    used : MadeFor
-        What the frames were, or will be, taken with.
-
-    Raises
-    ------
-    DataError
-        It is of another camera, gain, bit depth or binning.
-    """
-    return require_fit("noise calibration", read_made_for(noise, valid_days=VALID_DAYS), used)
-
-
-def read_fitting_noise(path: Path, run: Run) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return a noise calibration for the scene frames of a run, and what is doubtful about it, in words.
-
-    Raises
-    ------
-    DataError
-        As `read_noise_file` and `require_noise_fits`.
-    """
-    noise = read_noise_file(path)
-    return noise, require_noise_fits(noise, made_for(run, [one for one in run.frames if one.kind == "scene"]))
-
-
-class _Part(BaseModel):
-    # Keys that are not known are for those who put them there.
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-
-
-class _Value(_Part):
-    value: float
-    std_error: Annotated[float, Field(ge=0)]
-    n: Annotated[int, Field(ge=1)]
-
-
-class _PositiveValue(_Value):
-    value: Annotated[float, Field(gt=0)]
-
-
-class _Covariance(_Part):
-    names: list[str]
-    matrix: list[list[float]]
-
-    @model_validator(mode="after")
-    def _is_a_covariance(self) -> Self:
+    def __post_init__(self) -> None:
         if unknown := [name for name in self.names if name not in QUANTITIES]:
             raise ValueError(f"names {unknown} are none of {', '.join(QUANTITIES)}")
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"names {list(self.names)} hold one twice")
         if [len(row) for row in self.matrix] != [len(self.names)] * len(self.names):
             raise ValueError(f"the matrix has to have {len(self.names)} rows and columns, one for each name")
         matrix = np.array(self.matrix)
@@ -188,32 +66,127 @@ class _Covariance(_Part):
         correlation = matrix / np.where(scale > 0.0, np.outer(scale, scale), 1.0)
         if len(matrix) and np.linalg.eigvalsh(correlation).min() < -_ROUNDING:
             raise ValueError("the matrix is no covariance: it has a negative eigenvalue")
-        return self
 
 
-class _Flag(_Part):
-    name: str
-    message: str
-    refuses: bool
+@dataclass(frozen=True, kw_only=True)
+class Performance:
+    """Figures of merit, as far as anything is made of them."""
+
+    dark_current_variance_e_per_s: Estimate | None = None
 
 
-class _Camera(_Part):
-    model: str | None = None
-    serial: str | None = None
-    gain_db: float | None = None
-    bit_depth: int | None = None
+@dataclass(frozen=True, kw_only=True)
+class NoiseParameters:
+    """A noise calibration as its file holds it.
 
+    Attributes
+    ----------
+    gain_dn_per_e, read_noise_e, dark_current_e_per_s, black_level_dn, saturation_e, prnu, dsnu_e : estimate or None
+        Each in the unit that its name ends in; None is not known. What cannot be below 0 may be, by its error.
+    covariance : JointErrors or None
+        Of their errors.
+    performance : Performance or None
+        Figures of merit.
+    flags : tuple of Flag
+        What was odd in the frames.
+    made_for : MadeFor or None
+        Devices, settings and time; files of version 1 have ``camera`` instead.
+    created_utc : str or None
+        When the file was written.
+    """
 
-class _NoiseContent(_Part):
     schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
-    gain_dn_per_e: _PositiveValue
-    read_noise_e: _Value | None
-    dark_current_e_per_s: _Value | None
-    black_level_dn: _Value
-    saturation_e: _Value | None
-    prnu: _Value | None
-    dsnu_e: _Value | None
-    covariance: _Covariance | None = None
-    flags: list[_Flag] = []
-    camera: _Camera | None = None
+    gain_dn_per_e: Gain
+    read_noise_e: Estimate | None
+    dark_current_e_per_s: Estimate | None
+    black_level_dn: Estimate
+    saturation_e: Estimate | None
+    prnu: Ratio | None
+    dsnu_e: Estimate | None
+    covariance: JointErrors | None = None
+    performance: Performance | None = None
+    flags: tuple[Flag, ...] = ()
     made_for: MadeFor | None = None
+    camera: CameraOfVersion1 | None = None
+    created_utc: UtcText | None = None
+
+    @property
+    def known(self) -> dict[str, Estimate]:
+        """Its quantities by name, those that are known."""
+        return {name: found for name in QUANTITIES if (found := getattr(self, name)) is not None}
+
+    @property
+    def below_zero(self) -> dict[str, float]:
+        """Estimates below 0 of what is never below 0 in a sensor."""
+        return {
+            name: self.known[name].value
+            for name in ("read_noise_e", "dark_current_e_per_s", "prnu", "dsnu_e")
+            if name in self.known and self.known[name].value < 0.0
+        }
+
+    def sensor_noise(self) -> SensorNoise:
+        """Return the noise of the sensor; what is not known, or below 0 by its error, is 0."""
+        values = {name: 0.0 if name in self.below_zero else one.value for name, one in self.known.items()}
+        return SensorNoise(
+            gain_dn_per_e=self.gain_dn_per_e.value,
+            read_noise_e=values.get("read_noise_e", 0.0),
+            dark_current_e_per_s=values.get("dark_current_e_per_s", 0.0),
+            black_level_dn=self.black_level_dn.value,
+            prnu=values.get("prnu", 0.0),
+            dsnu_e=values.get("dsnu_e", 0.0),
+        )
+
+    def covariance_of(self, names: Sequence[str]) -> FloatArray:
+        """Return the covariance of the errors of some quantities, (n, n); 0 of those that are not known."""
+        known, joint = self.known, self.covariance
+        cov = np.diag([known[name].std_error ** 2 if name in known else 0.0 for name in names])
+        if joint is not None:
+            here = [k for k, name in enumerate(names) if name in joint.names]
+            there = [joint.names.index(names[k]) for k in here]
+            cov[np.ix_(here, here)] = np.array(joint.matrix)[np.ix_(there, there)]
+        return cov
+
+
+def read_noise_file(path: Path) -> NoiseParameters:
+    """Return a noise calibration.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no noise calibration, or is of another version: every problem at once.
+    """
+    return read_record(path, NoiseParameters, made_by="a noise calibration is made by `rigctl calibrate noise`")
+
+
+def require_noise_fits(noise: NoiseParameters, used: MadeFor) -> tuple[str, ...]:
+    """Return what is doubtful about using a noise calibration for frames, in words.
+
+    Parameters
+    ----------
+    noise : NoiseParameters
+        The calibration.
+    used : MadeFor
+        What the frames were, or will be, taken with.
+
+    Raises
+    ------
+    DataError
+        It is of another camera, gain, bit depth or binning.
+    """
+    origin = noise.made_for
+    if origin is None and noise.camera is not None:
+        origin = noise.camera.made_for()
+    made = made_for_of_file(origin, created_utc=noise.created_utc, valid_days=VALID_DAYS)
+    return require_fit("noise calibration", made, used)
+
+
+def read_fitting_noise(path: Path, run: Run) -> tuple[NoiseParameters, tuple[str, ...]]:
+    """Return a noise calibration for the scene frames of a run, and what is doubtful about it, in words.
+
+    Raises
+    ------
+    DataError
+        As `read_noise_file` and `require_noise_fits`.
+    """
+    noise = read_noise_file(path)
+    return noise, require_noise_fits(noise, made_for(run, [one for one in run.frames if one.kind == "scene"]))

@@ -1,18 +1,20 @@
-"""The file that the walk of the picture is kept in: ``registration.json``."""
+"""The file that an image registration is kept in: ``registration.json``, as a record."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from calibration.polarimeter.registration import Wander
-from rigctl.calibrations.content_file import read_content
+from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText
+from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
-from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
+from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.calibrations.registration.run_registration import RunRegistration
 from rigctl.config import sha256_of
 from rigctl.errors import DataError
@@ -28,6 +30,85 @@ VALID_DAYS = 180.0
 _CIRCLE_PIXELS = 0.05
 # A frame this near to an angle of the table has its shift.
 _NEAR_DEG = 1.0
+# No picture is larger.
+_Pixels = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleShift:
+    """Shift (x, y) of the picture at an angle against that at the first."""
+
+    angle_deg: Bounded
+    shift_pixels: tuple[_Pixels, _Pixels]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle:
+    """The circle that the picture walks on, as `Wander` has it."""
+
+    turning_pixels: tuple[_Pixels, _Pixels]
+    sense: Literal[1, -1]
+    residual_pixels: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageRegistration:
+    """A registration as its file holds it.
+
+    Attributes
+    ----------
+    angles : tuple of AngleShift
+        What was measured.
+    wander : Circle or None
+        Through the shifts; None of two angles.
+    made_for : MadeFor
+        Devices, settings and time.
+    created_utc : str or None
+        When the file was written.
+    """
+
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
+    kind: Literal["registration"]
+    made_for: MadeFor
+    angles: Annotated[tuple[AngleShift, ...], Field(min_length=2)]
+    wander: Circle | None
+    created_utc: UtcText | None = None
+
+    def shift_pixels(self, angle_deg: float, *, against_deg: float) -> FloatArray:
+        """Return the shift (x, y) of the picture at one angle against that at another.
+
+        Parameters
+        ----------
+        angle_deg, against_deg : float
+            Stage angles; polarizer angles where there is no stage [deg].
+
+        Raises
+        ------
+        DataError
+            No circle describes the shifts, and an angle is not among those that were measured.
+        """
+        circle = self.wander
+        if circle is not None and circle.residual_pixels <= _CIRCLE_PIXELS:
+            wander = Wander(
+                centre_pixels=0j,
+                turning_pixels=complex(*circle.turning_pixels),
+                sense=circle.sense,
+                residual_pixels=circle.residual_pixels,
+            )
+            return wander.shift_pixels(float(np.radians(angle_deg)), against_rad=float(np.radians(against_deg)))
+        return self._looked_up(angle_deg) - self._looked_up(against_deg)
+
+    def _looked_up(self, angle_deg: float) -> FloatArray:
+        angles = np.array([row.angle_deg for row in self.angles])
+        apart = np.abs((angles - angle_deg + 180.0) % 360.0 - 180.0)
+        nearest = int(np.argmin(apart))
+        if apart[nearest] > _NEAR_DEG:
+            raise DataError(
+                f"the registration has no shift for {angle_deg:.2f} deg: it was measured at "
+                f"{', '.join(f'{angle:.1f}' for angle in angles)} deg, and no circle goes through its shifts: measure "
+                "it at the angles that are used"
+            )
+        return np.array(self.angles[nearest].shift_pixels)
 
 
 def registration_json(
@@ -45,103 +126,28 @@ def registration_json(
     }
 
 
-def read_registration_file(path: Path) -> dict[str, Any]:
-    """Return the content of the file, once all that the program uses has been found right.
+def read_registration_file(path: Path) -> ImageRegistration:
+    """Return a registration.
 
     Raises
     ------
     DataError
         The file cannot be read, is none, or is of another version: every problem at once.
     """
-    return read_content(
-        path, _Content, made_by="a registration is made by `rigctl calibrate registration RUN --out FILE`"
+    return read_record(
+        path, ImageRegistration, made_by="a registration is made by `rigctl calibrate registration RUN --out FILE`"
     )
 
 
-def require_registration_fits(content: Mapping[str, Any], used: MadeFor) -> tuple[str, ...]:
-    """Return what is doubtful about using a registration for frames, in words.
-
-    Raises
-    ------
-    DataError
-        It is of another camera or stage.
-    """
-    calibration = read_made_for(content, valid_days=VALID_DAYS)
-    return require_fit("registration", calibration, used, stage=True, gain=False)
-
-
-def read_fitting_registration(path: Path, run: Run) -> tuple[dict[str, Any], tuple[str, ...]]:
+def read_fitting_registration(path: Path, run: Run) -> tuple[ImageRegistration, tuple[str, ...]]:
     """Return a registration for the scene frames of a run, and what is doubtful about it, in words.
 
     Raises
     ------
     DataError
-        As `read_registration_file` and `require_registration_fits`.
+        As `read_registration_file`; or it is of another camera or stage.
     """
-    content = read_registration_file(path)
+    found = read_registration_file(path)
     used = made_for(run, [record for record in run.frames if record.kind == "scene"])
-    return content, require_registration_fits(content, used)
-
-
-def shift_pixels(content: Mapping[str, Any], angle_deg: float, *, against_deg: float) -> FloatArray:
-    """Return the shift (x, y) of the picture at one angle against that at another, by a registration.
-
-    Parameters
-    ----------
-    content : mapping
-        Of its file. Where a circle describes the shifts it is taken; else they are looked up by angle.
-    angle_deg, against_deg : float
-        Stage angles; polarizer angles where there is no stage [deg].
-
-    Raises
-    ------
-    DataError
-        No circle describes the shifts, and an angle is not among those that were measured.
-    """
-    circle = content["wander"]
-    if circle is not None and circle["residual_pixels"] <= _CIRCLE_PIXELS:
-        wander = Wander(
-            centre_pixels=0j,
-            turning_pixels=complex(*circle["turning_pixels"]),
-            sense=circle["sense"],
-            residual_pixels=circle["residual_pixels"],
-        )
-        return wander.shift_pixels(float(np.radians(angle_deg)), against_rad=float(np.radians(against_deg)))
-    return _looked_up(content, angle_deg) - _looked_up(content, against_deg)
-
-
-def _looked_up(content: Mapping[str, Any], angle_deg: float) -> FloatArray:
-    angles = np.array([row["angle_deg"] for row in content["angles"]])
-    apart = np.abs((angles - angle_deg + 180.0) % 360.0 - 180.0)
-    nearest = int(np.argmin(apart))
-    if apart[nearest] > _NEAR_DEG:
-        raise DataError(
-            f"the registration has no shift for {angle_deg:.2f} deg: it was measured at "
-            f"{', '.join(f'{angle:.1f}' for angle in angles)} deg, and no circle goes through its shifts: measure it "
-            "at the angles that are used"
-        )
-    return np.array(content["angles"][nearest]["shift_pixels"])
-
-
-class _Part(BaseModel):
-    # Keys that are not known are for those who put them there.
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-
-
-class _Angle(_Part):
-    angle_deg: float
-    shift_pixels: tuple[float, float]
-
-
-class _Circle(_Part):
-    turning_pixels: tuple[float, float]
-    sense: Literal[1, -1]
-    residual_pixels: Annotated[float, Field(ge=0)]
-
-
-class _Content(_Part):
-    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
-    kind: Literal["registration"]
-    made_for: MadeFor
-    angles: Annotated[list[_Angle], Field(min_length=2)]
-    wander: _Circle | None
+    made = made_for_of_file(found.made_for, created_utc=found.created_utc, valid_days=VALID_DAYS)
+    return found, require_fit("registration", made, used, stage=True, gain=False)

@@ -1,0 +1,56 @@
+"""Values of calibration files: each finite and inside its range, or the file is refused with its key."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import AfterValidator, Field
+
+# No quantity of a camera or a stage is larger, in any unit that a file has it in, and the square of it is finite.
+_LARGEST = 1e12
+
+Bounded = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=_LARGEST)]
+
+_Number = TypeVar("_Number", bound=float)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured(Generic[_Number]):
+    """A number with the standard deviation of its error, in the unit that its name ends in."""
+
+    value: _Number
+    std_error: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredOverFrames(Generic[_Number]):
+    """As `Measured`, and from how many frames it was made."""
+
+    value: _Number
+    std_error: NotNegative
+    n: Annotated[int, Field(ge=1)]
+
+
+def utc_moment(text: str) -> datetime:
+    """Return the time that a UTC text says, to the second.
+
+    Raises
+    ------
+    ValueError
+        It is no time.
+    """
+    # Nanoseconds are more than the standard library reads.
+    return datetime.fromisoformat(text[:19] + "+00:00")
+
+
+def _checked_utc(text: str) -> str:
+    try:
+        utc_moment(text)
+    except ValueError as error:
+        raise ValueError(f"is {text!r}, must be a time such as 2026-05-04T10:00:00Z") from error
+    return text
+
+
+UtcText = Annotated[str, AfterValidator(_checked_utc)]

@@ -1,0 +1,164 @@
+"""The content of ``noise.json``, of a calibration and the frames that it was made from."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from calibration.flags import Flag
+from calibration.sensor.brighter_fatter import brighter_fatter
+from calibration.sensor.defects import Defect
+from calibration.sensor.emva1288 import EMVA_SYMBOLS
+from calibration.sensor.fixed_pattern import FixedPattern
+from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.pattern_histogram import PatternHistogram
+from calibration.sensor.photon_transfer import PhotonTransfer
+from calibration.sensor.spectrogram import Spectrogram
+from rigctl.calibrations.noise.noise_file import QUANTITIES, SCHEMA_VERSION
+from rigctl.calibrations.noise.noise_frames import FrameSet
+from rigctl.utc_time import utc_text
+from rigctl.version import VERSION
+
+# So many defects are listed one by one; the map has all.
+_LISTED = 1000
+
+
+def noise_json(
+    calibration: NoiseCalibration, frames: FrameSet, *, utc_ns: Callable[[], int] = time.time_ns
+) -> dict[str, Any]:
+    """Return the content of the file.
+
+    Parameters
+    ----------
+    calibration : NoiseCalibration
+        The calibration.
+    frames : FrameSet
+        What it was made from.
+    utc_ns : callable
+        The clock that dates it [ns].
+    """
+    estimates = {name: getattr(calibration, name) for name in QUANTITIES}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "created_by": f"rigctl {VERSION}",
+        "created_utc": utc_text(utc_ns()),
+        "source": asdict(frames.source),
+        "made_for": frames.made_for.as_json(),
+        **{name: None if found is None else asdict(found) for name, found in estimates.items()},
+        "covariance": {
+            "names": list(calibration.covariance.names),
+            "matrix": calibration.covariance.matrix.tolist(),
+        },
+        "flags": flags_json(calibration.flags),
+        "performance": asdict(calibration.performance),
+        "dark_levels": _dark_levels(calibration),
+        "photon_transfer": _curve(calibration.transfer),
+        "linearity": _linearity(calibration.transfer),
+        "emva1288": {
+            name: None if figure is None else asdict(figure) | {"symbol": EMVA_SYMBOLS[name]}
+            for name, figure in calibration.emva1288.items()
+        },
+    }
+
+
+def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Any]]:
+    """Return flags as the file holds them."""
+    return [asdict(flag) for flag in flags]
+
+
+def _curve(transfer: PhotonTransfer) -> dict[str, Any]:
+    points = transfer.points
+    return {
+        "signal_dn": points.signal_dn.tolist(),
+        "variance_dn2": points.variance_dn2.tolist(),
+        "std_error_dn2": points.std_error_dn2.tolist(),
+        "used": transfer.used.tolist(),
+        "fit": "variance_dn2 = gain_dn_per_e * signal_dn + bend * signal_dn**2 + cubic * signal_dn**3",
+        "gain_dn_per_e": transfer.gain_dn_per_e,
+        "bend": transfer.bend,
+        "cubic": transfer.cubic,
+        "relative_scatter": transfer.fit.scatter / transfer.gain_dn_per_e,
+        "chi2_per_dof": transfer.fit.chi2_per_dof,
+    }
+
+
+def _linearity(transfer: PhotonTransfer) -> dict[str, Any] | None:
+    curve, spreading = transfer.linearity, brighter_fatter(transfer)
+    if curve is None:
+        return None
+    return {
+        "fit": "signal_dn = x * (1 + quadratic_per_dn * x + cubic_per_dn2 * x**2), x proportional to the light",
+        "light": curve.light,
+        "quadratic_per_dn": curve.quadratic_per_dn,
+        "cubic_per_dn2": curve.cubic_per_dn2,
+        "covariance": curve.covariance.tolist(),
+        "relative_scatter": curve.relative_scatter,
+        "brighter_fatter": None if spreading is None else asdict(spreading),
+    }
+
+
+def _dark_levels(noise: NoiseCalibration) -> list[dict[str, Any]]:
+    return [
+        {
+            "exposure_s": level.exposure_s,
+            "mean_dn": level.mean_dn,
+            "temporal_variance_dn2": level.temporal_variance_dn2,
+            "temporal_std_error_dn2": level.temporal_std_error_dn2,
+            "n": level.n_frames,
+        }
+        for level in noise.darks
+    ]
+
+
+def pattern_json(pattern: FixedPattern) -> dict[str, Any]:
+    """Return spectrograms, histograms and defects."""
+    return {
+        "signal_dn": pattern.signal_dn,
+        "n_dark_frames": pattern.n_dark_frames,
+        "n_flat_frames": pattern.n_flat_frames,
+        "spectrograms": {
+            "dark_rows_dn": _spectrum(pattern.dark_rows),
+            "dark_columns_dn": _spectrum(pattern.dark_columns),
+            "response_rows": _spectrum(pattern.response_rows),
+            "response_columns": _spectrum(pattern.response_columns),
+        },
+        "histograms": {
+            "dark_dn": _histogram(pattern.dark_histogram),
+            "response": _histogram(pattern.response_histogram),
+        },
+        "defects": _defects(pattern),
+    }
+
+
+def _spectrum(found: Spectrogram) -> dict[str, Any]:
+    return {
+        "frequency_per_pixel": [round(float(value), 6) for value in found.frequency_per_pixel],
+        "amplitude": [float(f"{value:.5g}") for value in found.amplitude],
+    }
+
+
+def _histogram(found: PatternHistogram) -> dict[str, Any]:
+    return {
+        "centres": [float(f"{value:.6g}") for value in found.centres],
+        "counts": found.counts.tolist(),
+        "sigma": found.sigma,
+    }
+
+
+def _defects(pattern: FixedPattern) -> dict[str, Any]:
+    found = pattern.defects
+    rows, columns = np.nonzero(found.mask)
+    return {
+        "n": found.n_defect,
+        "counts": found.counts,
+        "dark_limit_dn": found.dark_limit_dn,
+        "response_limit": found.response_limit,
+        "noise_limit_dn2": found.noise_limit_dn2,
+        "kinds": {str(defect.name).lower(): defect.value for defect in Defect},
+        "listed": [
+            {"x": int(x), "y": int(y), "kind": int(found.mask[y, x])}
+            for y, x in zip(rows[:_LISTED], columns[:_LISTED], strict=True)
+        ],
+    }
