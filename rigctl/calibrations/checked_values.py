@@ -14,6 +14,7 @@ NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
 Positive = Annotated[float, Field(gt=0, le=_LARGEST)]
 
 _Number = TypeVar("_Number", bound=float)
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,17 @@ class MeasuredOverFrames(Generic[_Number]):
     value: _Number
     std_error: NotNegative
     n: Annotated[int, Field(ge=1)]
+
+
+def at_least(count: int) -> AfterValidator:
+    """Return what refuses a list that has fewer items, once all that it has are right."""
+
+    def checked(items: tuple[_Item, ...]) -> tuple[_Item, ...]:
+        if len(items) < count:
+            raise ValueError(f"has {len(items)} items, must have at least {count}")
+        return items
+
+    return AfterValidator(checked)
 
 
 def utc_moment(text: str) -> datetime:

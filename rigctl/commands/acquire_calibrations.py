@@ -1,13 +1,12 @@
 """The calibrations that a session is to be processed with: looked at once its devices are open, before any frame."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 from rigctl.calibrations.made_for import made_for_rig
-from rigctl.calibrations.noise.noise_file import require_noise_fits
-from rigctl.calibrations.polarizer.polarizer_file import require_polarizer_fits
+from rigctl.calibrations.noise.noise_file import NoiseParameters, require_noise_fits
+from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, require_polarizer_fits
 from rigctl.devices.rig import Rig, open_rig
 from rigctl.files.rig_file import RigFile
 from rigctl.terminal import warn
@@ -18,8 +17,8 @@ def open_calibrated_rig(
     rig_file: RigFile,
     *,
     session_name: str,
-    noise: Mapping[str, Any] | None,
-    polarizer: Mapping[str, Any] | None,
+    noise: NoiseParameters | None,
+    polarizer: PolarizerParameters | None,
     now_utc: str,
 ) -> Iterator[Rig]:
     """Give the open devices of a rig, once calibrations are found to be theirs; warn of what is doubtful.
@@ -28,8 +27,8 @@ def open_calibrated_rig(
     ----------
     rig_file, session_name
         As `open_rig` takes them.
-    noise, polarizer : mapping or None
-        Contents of calibration files.
+    noise, polarizer : NoiseParameters, PolarizerParameters or None
+        Calibrations.
     now_utc : str
         When the session begins.
 

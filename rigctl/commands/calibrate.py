@@ -15,8 +15,9 @@ from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration, calibrate_frames
 from rigctl.calibrations.noise.folder_frames import folder_frames
 from rigctl.calibrations.noise.frame_table import table_frames
-from rigctl.calibrations.noise.noise_file import QUANTITIES, flags_json
+from rigctl.calibrations.noise.noise_file import QUANTITIES
 from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
+from rigctl.calibrations.noise.noise_json import flags_json
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat

@@ -15,7 +15,7 @@ from rigctl.calibrations.polarizer.polarizer_calibration import (
     from_generator,
     from_references,
 )
-from rigctl.calibrations.polarizer.polarizer_file import (
+from rigctl.calibrations.polarizer.polarizer_json import (
     HARMONIC_MEANING,
     polarizer_json,
     region_json,

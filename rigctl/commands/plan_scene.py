@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from model.prediction.prediction import RegionPrediction
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.scene_prediction import EXPOSURE, ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection
@@ -18,7 +19,7 @@ _MS_PER_S = 1000.0
 
 
 def predict_rounds(
-    scene: SceneFile, noise: dict[str, Any] | None, planned: SessionPlan, rig: RigFile, metering: MeteringSection
+    scene: SceneFile, noise: NoiseParameters | None, planned: SessionPlan, rig: RigFile, metering: MeteringSection
 ) -> list[dict[str, Any]]:
     """Return what each region gives in each round and at each exposure, as JSON holds it.
 

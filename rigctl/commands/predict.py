@@ -4,14 +4,14 @@ import json
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from model.scene.field_light import Source
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
-from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file, require_noise_fits
+from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
 from rigctl.comparison.performance import performance_of
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.comparison.propagated_rows import only_uncertain
@@ -107,7 +107,7 @@ def command(
     _show(predictor, uncertainty=uncertainty, as_json=as_json)
 
 
-def _fitting_noise(path: Path, *, bit_depth: int) -> dict[str, Any]:
+def _fitting_noise(path: Path, *, bit_depth: int) -> NoiseParameters:
     """Return a noise calibration; a prediction names no camera, so that only format and age can be unfit."""
     calibration = read_noise_file(path)
     for doubt in require_noise_fits(calibration, MadeFor(bit_depth=bit_depth, taken_utc=utc_text(time.time_ns()))):
@@ -115,7 +115,7 @@ def _fitting_noise(path: Path, *, bit_depth: int) -> dict[str, Any]:
     return calibration
 
 
-def _fitting_radiometric(path: Path, bit_depth: int) -> dict[str, Any]:
+def _fitting_radiometric(path: Path, bit_depth: int) -> RadiometricResponse:
     calibration = read_radiometric_file(path)
     used = MadeFor(bit_depth=bit_depth, taken_utc=utc_text(time.time_ns()))
     for doubt in require_radiometric_fits(calibration, used):

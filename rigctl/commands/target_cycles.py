@@ -1,15 +1,15 @@
 """``rigctl acquire --scene S --target-dolp-sigma T``: as many cycles as bring the error of DoLP to a target."""
 
 from pathlib import Path
-from typing import Any
 
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.session_file import SessionFile
 from rigctl.terminal import progress
 
 
 def with_target(
-    session: SessionFile, noise: dict[str, Any] | None, *, scene: Path | None, target_dolp_sigma: float | None
+    session: SessionFile, noise: NoiseParameters | None, *, scene: Path | None, target_dolp_sigma: float | None
 ) -> SessionFile:
     """Return a session with the cycles that a target asks for; the session itself where there is no target.
 

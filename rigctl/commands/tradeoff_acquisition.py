@@ -3,10 +3,10 @@
 import json
 from math import pi
 from pathlib import Path
-from typing import Any
 
 from model.acquisition.session_design import Disturbances, Session
 from model.acquisition.session_search import Reached, Wanted, fewest_cycles
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.acquisition_tradeoff import (
     MORNING,
     OVERHEAD_S,
@@ -36,7 +36,7 @@ _RAD_PER_DEG = pi / 180.0
 
 def show_acquisition_tradeoff(
     scene: SceneFile,
-    noise: dict[str, Any] | None,
+    noise: NoiseParameters | None,
     *,
     target_dolp_sigma: float | None = None,
     p_detection: float | None = None,
@@ -55,7 +55,7 @@ def show_acquisition_tradeoff(
     Parameters
     ----------
     scene, noise
-        Scene file, and a noise calibration as its file holds it or None.
+        Scene file, and a noise calibration or None.
     target_dolp_sigma
         Largest error of DoLP: noise, with drift and settling in square to it.
     p_detection, p_false_alarm
@@ -118,7 +118,7 @@ def show_acquisition_tradeoff(
 
 
 def with_cycles_for(
-    session: SessionFile, scene: SceneFile, noise: dict[str, Any] | None, *, target_dolp_sigma: float
+    session: SessionFile, scene: SceneFile, noise: NoiseParameters | None, *, target_dolp_sigma: float
 ) -> tuple[SessionFile, tuple[str, ...]]:
     """Return a session with as many cycles as bring the error of DoLP of every region down to a target.
 

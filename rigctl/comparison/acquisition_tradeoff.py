@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import degrees
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from model.acquisition.angle_design import equispaced_rad
 from model.acquisition.frame_order import PATTERNS, Pattern, least_drifting_order
 from model.acquisition.session_design import Disturbances, DolpBudget, Session, dolp_budget
 from model.acquisition.session_search import SATURATED, Reached, Wanted, fewest_cycles, shortest
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
@@ -115,7 +115,7 @@ class AcquisitionTradeoff:
 
 
 def acquisition_tradeoff(
-    scene: SceneFile, noise: dict[str, Any] | None, request: TradeoffRequest, *, light: SceneLight | None = None
+    scene: SceneFile, noise: NoiseParameters | None, request: TradeoffRequest, *, light: SceneLight | None = None
 ) -> AcquisitionTradeoff:
     """Return what sessions of a scene give for their time, and the shortest that reaches what is wanted.
 
@@ -123,8 +123,8 @@ def acquisition_tradeoff(
     ----------
     scene : SceneFile
         What is looked at; its noise is assumed where no calibration is given.
-    noise : dict or None
-        A noise calibration as its file holds it.
+    noise : NoiseParameters or None
+        A noise calibration.
     request : TradeoffRequest
         What is asked.
     light : SceneLight or None

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from model.processing.agreement import propagate_inputs
 from model.processing.distribution_check import check_dolp_law
 from model.processing.sample_moments import Sample, deviation
 from model.sensor.channels import ChannelMoments
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose
@@ -29,15 +29,15 @@ NOT_TESTED = (
 )
 
 
-def compare_closed_loop(measurement: Measurement, *, noise: dict[str, Any] | None, alpha: float) -> Comparison:
+def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | None, alpha: float) -> Comparison:
     """Return what each region's own channel means and texture predict beside what its pixels show.
 
     Parameters
     ----------
     measurement : Measurement
         With one region at least.
-    noise : dict or None
-        A noise calibration as its file holds it: it predicts the temporal deviations. Without it only the law of
+    noise : NoiseParameters or None
+        A noise calibration: it predicts the temporal deviations. Without it only the law of
         DoLP is tested.
     alpha : float
         Chance of any false disagreement.

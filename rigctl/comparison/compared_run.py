@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from model.effects.names import Effect
 from model.effects.planner import EffectPlan
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.performance import Performance
 from rigctl.comparison.scale import ScaleKind
@@ -83,7 +83,7 @@ class ComparedRun:
     regions: list[Region]
     performance: Performance
     provenance: Provenance
-    noise: dict[str, Any] | None = None
+    noise: NoiseParameters | None = None
     effects: EffectsTaken | None = None
 
 

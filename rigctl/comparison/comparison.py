@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,8 @@ from model.prediction.prediction import RegionPrediction, predict
 from model.prediction.rig_errors import predict_with_errors
 from model.processing.input_propagation import Propagation
 from model.scene.field_light import FieldLight
+from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
@@ -108,10 +109,10 @@ def compare_with_scene(
     measurement: Measurement,
     *,
     scene: SceneFile,
-    noise: dict[str, Any] | None,
+    noise: NoiseParameters | None,
     alpha: float,
     scale: ScaleKind = "absolute",
-    radiometric: dict[str, Any] | None = None,
+    radiometric: RadiometricResponse | None = None,
 ) -> Comparison:
     """Return what a scene file predicts for a run beside what the run shows.
 
@@ -121,14 +122,14 @@ def compare_with_scene(
         With the regions of the scene file.
     scene : SceneFile
         What the model is told. Angles, cycles and exposure are the run's own.
-    noise : dict or None
-        A noise calibration as its file holds it.
+    noise : NoiseParameters or None
+        A noise calibration.
     alpha : float
         Chance of any false disagreement.
     scale : {"absolute", "panel", "free"}
         What the counts are scaled by: the scene file, a radiometric calibration, or the run itself.
-    radiometric : dict or None
-        A radiometric calibration as its file holds it, for "panel".
+    radiometric : RadiometricResponse or None
+        A radiometric calibration, for "panel".
 
     Raises
     ------
@@ -189,7 +190,7 @@ def _lights(scene: SceneFile, light: SceneLight, inputs: Inputs) -> dict[str, Fi
 
 
 def predict_run(
-    measurement: Measurement, *, scene: SceneFile, noise: dict[str, Any] | None
+    measurement: Measurement, *, scene: SceneFile, noise: NoiseParameters | None
 ) -> dict[str, RegionPrediction]:
     """Return what a scene file predicts for the angles, cycles and exposure of a run.
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.radiometric import PanelScale, panel_scale
 from model.prediction.prediction import predict
 from model.processing.agreement import input_jacobian
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.run_readout import one_exposure_s, run_readout
 from rigctl.comparison.throughput import modelled_response, without_throughput
@@ -72,7 +73,7 @@ class PanelResponse:
 
 
 def panel_response(
-    measurement: Measurement, *, scene: SceneFile, panel: str, noise: dict[str, Any] | None
+    measurement: Measurement, *, scene: SceneFile, panel: str, noise: NoiseParameters | None
 ) -> PanelResponse:
     """Return the counts that a radiance makes, by a panel of known reflectance.
 
@@ -84,8 +85,8 @@ def panel_response(
         Says what the panel is made of, or which radiance it sends; the sun is that of the run.
     panel : str
         Name of its region.
-    noise : dict or None
-        A noise calibration as its file holds it.
+    noise : NoiseParameters or None
+        A noise calibration.
 
     Raises
     ------

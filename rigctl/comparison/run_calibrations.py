@@ -3,14 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from rigctl.calibrations.flat.flat_file import Flats, read_fitting_flats
-from rigctl.calibrations.made_for import made_for
-from rigctl.calibrations.noise.noise_file import read_fitting_noise
-from rigctl.calibrations.polarizer.polarizer_file import read_fitting_polarizer
-from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
-from rigctl.calibrations.registration.registration_file import read_fitting_registration
+from rigctl.calibrations.flat.flat_file import FlatFields, read_fitting_flats
+from rigctl.calibrations.noise.noise_file import NoiseParameters, read_fitting_noise
+from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_fitting_polarizer
+from rigctl.calibrations.radiometric_file import RadiometricResponse, read_fitting_radiometric
+from rigctl.calibrations.registration.registration_file import ImageRegistration, read_fitting_registration
 from rigctl.files.regions import Region
 from rigctl.measurement.flat_division import flat_remarks
 from rigctl.measurement.measurement import Measurement, measure
@@ -41,11 +40,11 @@ class CalibrationPaths:
 class RunCalibrations:
     """Contents of calibration files, as far as there are any, and doubts about using them for a run, in words."""
 
-    noise: dict[str, Any] | None
-    radiometric: dict[str, Any] | None
-    registration: dict[str, Any] | None
-    flats: Flats | None
-    polarizer: dict[str, Any] | None
+    noise: NoiseParameters | None
+    radiometric: RadiometricResponse | None
+    registration: ImageRegistration | None
+    flats: FlatFields | None
+    polarizer: PolarizerParameters | None
     doubts: tuple[str, ...]
 
     def measure(self, run: Run, regions: list[Region]) -> Measurement:
@@ -79,7 +78,7 @@ def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
 
     return RunCalibrations(
         noise=read(paths.noise, read_fitting_noise),
-        radiometric=read(paths.radiometric, _read_fitting_radiometric),
+        radiometric=read(paths.radiometric, read_fitting_radiometric),
         registration=read(paths.registration, read_fitting_registration),
         flats=read(paths.flat, read_fitting_flats),
         polarizer=read(paths.polarizer, read_fitting_polarizer),
@@ -103,9 +102,3 @@ def _of_throughput(throughput: Throughput) -> str:
         f"frames were divided by the throughput of their angle, {min(values):.4f} to {max(values):.4f}, known to "
         f"{throughput.error.max():.2%}"
     )
-
-
-def _read_fitting_radiometric(path: Path, run: Run) -> tuple[dict[str, Any], tuple[str, ...]]:
-    content = read_radiometric_file(path)
-    used = made_for(run, [record for record in run.frames if record.kind == "scene"])
-    return content, require_radiometric_fits(content, used)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.free_scale import FreeScale, fit_free_scale
 from model.prediction.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
+from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.comparison.run_readout import one_exposure_s
 from rigctl.comparison.throughput import GAIN, modelled_response, rescaled, without_throughput
 from rigctl.errors import ConfigError, DataError
@@ -57,7 +58,7 @@ def scale_inputs(
     *,
     measurement: Measurement,
     scene: SceneFile,
-    radiometric: Mapping[str, Any] | None,
+    radiometric: RadiometricResponse | None,
     predicted: Predicted,
 ) -> tuple[Inputs, Scale]:
     """Return the inputs of a prediction with the counts scaled, and the scale.
@@ -109,7 +110,7 @@ def _of_file(inputs: Inputs, scene: SceneFile, exposure_s: float) -> Scale:
 
 
 def panel_scaled(
-    inputs: Inputs, radiometric: Mapping[str, Any], *, scene: SceneFile, exposure_s: float
+    inputs: Inputs, radiometric: RadiometricResponse, *, scene: SceneFile, exposure_s: float
 ) -> tuple[Inputs, Scale]:
     """Return the inputs of a prediction with the counts scaled by a radiometric calibration, and the scale.
 
@@ -118,22 +119,24 @@ def panel_scaled(
     DataError
         The calibration is of another f-number, or the scale needs more electrons than photons.
     """
-    named, response = inputs.named, radiometric["response_dn_per_radiance"]
-    if abs(radiometric["f_number"] / named["sensor.f_number"] - 1.0) > _F_NUMBER_STEP:
+    named, response = inputs.named, radiometric.response_dn_per_radiance
+    if abs(radiometric.f_number / named["sensor.f_number"] - 1.0) > _F_NUMBER_STEP:
         raise DataError(
-            f"the radiometric calibration was made at f/{radiometric['f_number']:g}, the scene file says "
+            f"the radiometric calibration was made at f/{radiometric.f_number:g}, the scene file says "
             f"f/{named['sensor.f_number']:g}: calibrate at the stop that is used"
         )
-    counts = response["value"] * exposure_s / radiometric["exposure_s"]
+    counts = response.value * exposure_s / radiometric.exposure_s
     factor = counts / modelled_response(scene, named, exposure_s=exposure_s)
-    relative = response["std_error"] / response["value"]
+    relative = response.std_error / response.value
     # Counts are what is known: with a larger gain there are fewer electrons.
     common = -inputs.cov[inputs.names.index(GAIN)] / named[GAIN]
     variance = relative**2 + inputs.cov[inputs.names.index(GAIN), inputs.names.index(GAIN)] / named[GAIN] ** 2
     found = rescaled(inputs, factor, variance=variance, common=common)
-    panel = radiometric.get("panel", {}).get("name", "a panel")
     return found, Scale(
-        kind="panel", value=factor, std_error=factor * relative, source=f"radiometric calibration on {panel}"
+        kind="panel",
+        value=factor,
+        std_error=factor * relative,
+        source=f"radiometric calibration on {radiometric.panel.name}",
     )
 
 

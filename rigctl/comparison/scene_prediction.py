@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,8 @@ from model.prediction.prediction import RegionPrediction, predict
 from model.prediction.rig_errors import RigErrors, predict_with_errors
 from model.scene.field_light import FieldLight, Source
 from model.scene.lit_scene import LitScene
+from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.comparison.rig_inputs import IDEAL_RIG, cycle_of_file, rig_errors, with_rig
 from rigctl.comparison.scale import panel_scaled
 from rigctl.errors import ConfigError
@@ -71,11 +72,11 @@ class ScenePredictor:
     def __init__(
         self,
         scene: SceneFile,
-        noise: dict[str, Any] | None,
+        noise: NoiseParameters | None,
         *,
         light: SceneLight | None = None,
         source: Source = "total",
-        radiometric: Mapping[str, Any] | None = None,
+        radiometric: RadiometricResponse | None = None,
     ) -> None:
         if source != "total" and not scene.has_materials:
             raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")

@@ -1,13 +1,13 @@
 """The light of a scene as sessions see it: what one cycle of frames shows of each region."""
 
 from dataclasses import replace
-from typing import Any
 
 from model.acquisition.angle_design import equispaced_rad
 from model.acquisition.session_design import CycleLight, Session, cycle_light
 from model.acquisition.session_search import Scheme
 from model.moments import Moments
 from model.sensor.sensor import Sensor
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.scene_inputs import build_scenario, file_readout, gather
@@ -20,7 +20,7 @@ _FILLING = 0.8
 class SceneSessions:
     """Makes the schemes of a scene: what one cycle shows of its regions at given angles and exposure."""
 
-    def __init__(self, scene: SceneFile, noise: dict[str, Any] | None, *, light: SceneLight | None = None) -> None:
+    def __init__(self, scene: SceneFile, noise: NoiseParameters | None, *, light: SceneLight | None = None) -> None:
         self._scene, self._inputs = scene, gather(scene, noise)
         scenario = build_scenario(
             scene,

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from model.sensor.sensor import SensorNoise
 from model.sensor.temporal_noise import temporal_variance_dn2
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 
 _NEEDED = ("gain_dn_per_e", "read_noise_e", "black_level_dn")
@@ -33,7 +33,7 @@ class MeanNoise:
         return float(temporal_variance_dn2(signal_dn, noise=self.sensor, exposure_s=exposure_s)) / pixels
 
 
-def noise_numbers(calibration: Mapping[str, Any]) -> dict[str, float]:
+def noise_numbers(calibration: NoiseParameters) -> dict[str, float]:
     """Return the numbers of a noise calibration that a session needs: they go into the run.
 
     Raises
@@ -41,14 +41,16 @@ def noise_numbers(calibration: Mapping[str, Any]) -> dict[str, float]:
     ConfigError
         The calibration lacks one.
     """
-    missing = [name for name in _NEEDED if calibration.get(name) is None]
+    missing = [name for name in _NEEDED if name not in calibration.known]
     if missing:
         raise ConfigError(f"--noise: the calibration has no {', '.join(missing)}")
-    dark = calibration.get("dark_current_e_per_s")
-    numbers = {name: float(calibration[name]["value"]) for name in _NEEDED}
-    # An estimate may lie below 0 by its error; no sensor does.
-    numbers["dark_current_e_per_s"] = 0.0 if dark is None else max(0.0, float(dark["value"]))
-    return numbers
+    sensor = calibration.sensor_noise()
+    return {
+        "gain_dn_per_e": sensor.gain_dn_per_e,
+        "read_noise_e": sensor.read_noise_e,
+        "black_level_dn": sensor.black_level_dn,
+        "dark_current_e_per_s": sensor.dark_current_e_per_s,
+    }
 
 
 def mean_noise(numbers: Mapping[str, float]) -> MeanNoise:

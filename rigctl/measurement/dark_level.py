@@ -1,11 +1,11 @@
 """What is taken off the counts of a run before anything is made of them, and where it comes from."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import DataError
 from rigctl.measurement.frame_grid import FrameGrid
 from rigctl.runs.run_folder import FrameRecord, Run
@@ -32,7 +32,7 @@ class DarkLevel:
     source: str
 
 
-def find_dark_level(run: Run, grid: FrameGrid, noise: dict[str, Any] | None) -> DarkLevel:
+def find_dark_level(run: Run, grid: FrameGrid, noise: NoiseParameters | None) -> DarkLevel:
     """Return the dark level by the best source there is.
 
     In this order: dark frames of the run at the exposure of its scene frames; the black level that the frames
@@ -52,7 +52,7 @@ def find_dark_level(run: Run, grid: FrameGrid, noise: dict[str, Any] | None) -> 
         return DarkLevel(
             level_dn=np.array(known), std_error_dn=0.0, source="the black level that the frames state, taken as exact"
         )
-    if noise is not None and noise["black_level_dn"] is not None:
+    if noise is not None:
         return _from_calibration(grid, noise)
     raise DataError(
         f"{run.path}: nothing says how many counts there are without light: add dark frames of the same exposure "
@@ -95,12 +95,11 @@ def _from_dark_frames(run: Run, grid: FrameGrid, darks: list[FrameRecord]) -> Da
     )
 
 
-def _from_calibration(grid: FrameGrid, noise: dict[str, Any]) -> DarkLevel:
-    black = noise["black_level_dn"]
-    gain, dark_current = noise["gain_dn_per_e"], noise["dark_current_e_per_s"]
-    level = np.full(grid.angles, float(black["value"]))
-    known = gain is not None and dark_current is not None and grid.exposures_s is not None
-    if known and grid.exposures_s is not None:
-        level += gain["value"] * dark_current["value"] * grid.exposures_s
+def _from_calibration(grid: FrameGrid, noise: NoiseParameters) -> DarkLevel:
+    black, dark_current = noise.black_level_dn, noise.dark_current_e_per_s
+    level = np.full(grid.angles, black.value)
+    known = dark_current is not None and grid.exposures_s is not None
+    if dark_current is not None and grid.exposures_s is not None:
+        level += noise.gain_dn_per_e.value * dark_current.value * grid.exposures_s
     what = "black level and dark current" if known else "black level (the dark current is not known and stays in)"
-    return DarkLevel(level_dn=level, std_error_dn=float(black["std_error"]), source=f"the noise calibration: {what}")
+    return DarkLevel(level_dn=level, std_error_dn=black.std_error, source=f"the noise calibration: {what}")

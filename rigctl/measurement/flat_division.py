@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.calibrations.flat.flat_file import Flats
+from rigctl.calibrations.flat.flat_file import FlatFields
 from rigctl.files.regions import Region, masks
 from rigctl.measurement.frame_grid import FrameGrid
 
@@ -44,7 +44,7 @@ class FlatDivision:
         return np.asarray(signal / self.response[channel])
 
 
-def flat_division(grid: FrameGrid, flats: Flats) -> FlatDivision:
+def flat_division(grid: FrameGrid, flats: FlatFields) -> FlatDivision:
     """Return what the frames of a run are to be divided by.
 
     Raises

@@ -1,14 +1,15 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.reconstruction import Design, design
-from rigctl.calibrations.flat.flat_file import Flats
+from rigctl.calibrations.flat.flat_file import FlatFields
+from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters
+from rigctl.calibrations.registration.registration_file import ImageRegistration
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.corrections import NOTHING, Corrections
@@ -82,10 +83,10 @@ def measure(
     run: Run,
     *,
     regions: list[Region],
-    noise: dict[str, Any] | None = None,
-    registration: Mapping[str, Any] | None = None,
-    flats: Flats | None = None,
-    polarizer: Mapping[str, Any] | None = None,
+    noise: NoiseParameters | None = None,
+    registration: ImageRegistration | None = None,
+    flats: FlatFields | None = None,
+    polarizer: PolarizerParameters | None = None,
 ) -> Measurement:
     """Return the Stokes pictures of a run and the numbers of its regions.
 
@@ -95,14 +96,14 @@ def measure(
         With scene frames of at least three angles that differ modulo 180 deg.
     regions : list of Region
         May be empty.
-    noise : dict or None
-        A noise calibration as its file holds it: its black level serves where the run says nothing of one.
-    registration : mapping or None
-        A registration as its file holds it: frames are moved back by it.
-    flats : Flats or None
+    noise : NoiseParameters or None
+        A noise calibration: its black level serves where the run says nothing of one.
+    registration : ImageRegistration or None
+        A registration: frames are moved back by it.
+    flats : FlatFields or None
         Flat fields: frames are divided by them, before they are moved.
-    polarizer : mapping or None
-        A polarizer calibration as its file holds it: frames are divided by the throughput of their angle.
+    polarizer : PolarizerParameters or None
+        A polarizer calibration: frames are divided by the throughput of their angle.
 
     Raises
     ------

@@ -1,13 +1,13 @@
 """What a noise calibration says of the temporal variance of a run's frames."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.sensor.sensor import SensorNoise
 from model.sensor.temporal_noise import temporal_variance_dn2
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
@@ -37,24 +37,28 @@ class TemporalNoise:
     remarks: tuple[str, ...]
 
 
-def temporal_noise(noise: dict[str, Any]) -> TemporalNoise:
-    """Return what temporal noise rests on, of a noise calibration as its file holds it.
+def temporal_noise(noise: NoiseParameters) -> TemporalNoise:
+    """Return what temporal noise rests on, by a noise calibration.
 
     Raises
     ------
     DataError
         The calibration has no read noise.
     """
-    if noise["read_noise_e"] is None:
+    if noise.read_noise_e is None:
         raise DataError("the noise calibration has no read_noise_e: it cannot predict a temporal deviation")
     remarks = []
-    values = [0.0 if noise[name] is None else float(noise[name]["value"]) for name in INPUTS]
-    if noise["dark_current_e_per_s"] is None:
+    dark = noise.dark_current_e_per_s
+    if dark is None:
         remarks.append("dark current: not calibrated, taken as 0")
-    elif values[2] < 0.0:
-        remarks.append(f"dark current: the calibration's {values[2]:.3g} e-/s is below 0 by its error; 0 is used")
-        values[2] = 0.0
-    return TemporalNoise(values=np.array(values), cov=_covariance(noise), remarks=tuple(remarks))
+    elif dark.value < 0.0:
+        remarks.append(f"dark current: the calibration's {dark.value:.3g} e-/s is below 0 by its error; 0 is used")
+    sensor = noise.sensor_noise()
+    return TemporalNoise(
+        values=np.array([sensor.gain_dn_per_e, sensor.read_noise_e, sensor.dark_current_e_per_s]),
+        cov=noise.covariance_of(INPUTS),
+        remarks=tuple(remarks),
+    )
 
 
 def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: FloatArray) -> FloatArray:
@@ -82,17 +86,3 @@ def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: 
     signal_dn = region.channels_mean.mean / grid.to_unit
     variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s)
     return np.asarray(variance * grid.to_unit**2 * measurement.noise_factor)
-
-
-def _covariance(noise: dict[str, Any]) -> FloatArray:
-    errors = [0.0 if noise[name] is None else float(noise[name]["std_error"]) for name in INPUTS]
-    cov = np.diag(np.square(errors))
-    joint = noise.get("covariance")
-    if joint is None:
-        return cov
-    places = {name: k for k, name in enumerate(joint["names"])}
-    known = [(k, places[name]) for k, name in enumerate(INPUTS) if name in places]
-    for here, there in known:
-        for also_here, also_there in known:
-            cov[here, also_here] = joint["matrix"][there][also_there]
-    return cov

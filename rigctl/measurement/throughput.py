@@ -1,12 +1,12 @@
 """Frames divided by the throughput of their polarizer angle, as a polarizer calibration has measured it."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.calibrations.polarizer.polarizer_file import Channel, PolarizerParameters
 from rigctl.errors import DataError
 from rigctl.measurement.frame_grid import FrameGrid
 from rigctl.runs.run_folder import FrameRecord
@@ -25,33 +25,32 @@ class Throughput:
     error: FloatArray
 
 
-def throughput_of(grid: FrameGrid, polarizer: Mapping[str, Any]) -> Throughput | None:
+def throughput_of(grid: FrameGrid, polarizer: PolarizerParameters) -> Throughput | None:
     """Return the throughput of each channel of a run; None where the calibration did not measure it.
 
     Parameters
     ----------
     grid : FrameGrid
         Of the run.
-    polarizer : mapping
-        A polarizer calibration as its file holds it. References alone do not measure throughput; a generator does.
+    polarizer : PolarizerParameters
+        A polarizer calibration. References alone do not measure throughput; a generator does.
 
     Raises
     ------
     DataError
         It was measured, but not at a stage angle of the run.
     """
-    channels = polarizer.get("channels")
-    if channels is None:
+    if polarizer.channels is None:
         return None
-    found = [_nearest(channels, record) for record in grid.records[0]]
+    found = [_nearest(polarizer.channels, record).throughput for record in grid.records[0]]
     return Throughput(
-        value=np.array([one["throughput"]["value"] for one in found]),
-        error=np.array([one["throughput"]["std_error"] for one in found]),
+        value=np.array([one.value for one in found]),
+        error=np.array([one.std_error for one in found]),
     )
 
 
-def _nearest(channels: list[dict[str, Any]], record: FrameRecord) -> dict[str, Any]:
-    known = np.array([one["stage_angle_deg"] for one in channels])
+def _nearest(channels: Sequence[Channel], record: FrameRecord) -> Channel:
+    known = np.array([one.stage_angle_deg for one in channels])
     if record.stage_angle_deg is None:
         raise DataError(f"{record.file} has no stage angle; the throughput of a polarizer goes by it")
     apart = np.abs((known - record.stage_angle_deg + 180.0) % 360.0 - 180.0)

@@ -1,14 +1,12 @@
 """Frames moved back to where the first polarizer angle sees the scene, and what that does to noise."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.registration import moved_back
-from rigctl.calibrations.registration.registration_file import shift_pixels
+from rigctl.calibrations.registration.registration_file import ImageRegistration
 from rigctl.calibrations.registration.run_registration import angle_deg
 from rigctl.measurement.frame_grid import FrameGrid
 from rigctl.runs.run_folder import FrameRecord, Run
@@ -54,8 +52,8 @@ class WalkBack:
         return outside
 
 
-def walk_back(run: Run, grid: FrameGrid, registration: Mapping[str, Any]) -> WalkBack:
-    """Return how the frames of a run are to be moved, by a registration as its file holds it.
+def walk_back(run: Run, grid: FrameGrid, registration: ImageRegistration) -> WalkBack:
+    """Return how the frames of a run are to be moved, by a registration.
 
     Raises
     ------
@@ -64,7 +62,7 @@ def walk_back(run: Run, grid: FrameGrid, registration: Mapping[str, Any]) -> Wal
     """
     first = angle_deg(run, grid.records[0][0])
     shifts = {
-        record.sequence: shift_pixels(registration, angle_deg(run, record), against_deg=first)
+        record.sequence: registration.shift_pixels(angle_deg(run, record), against_deg=first)
         for cycle in grid.records
         for record in cycle
     }

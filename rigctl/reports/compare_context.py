@@ -2,12 +2,12 @@
 
 import math
 import platform
-from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
 from model.effects.names import Effect
 from model.effects.planner import Decision
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.reports.number_text import to_digits
 from rigctl.reports.report import NOTHING, Table
@@ -18,15 +18,15 @@ from rigctl.version import VERSION
 _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
 
 
-def calibration_table(noise: Mapping[str, Any] | None) -> Table | None:
+def calibration_table(noise: NoiseParameters | None) -> Table | None:
     """Return the numbers of a noise calibration with their errors; nothing without one."""
     if noise is None:
         return None
-    rows = []
-    for name in NOISE_NAMES:
-        found = noise.get(name)
-        if isinstance(found, Mapping):
-            rows.append((name, to_digits(found["value"], found["std_error"]), f"{found['std_error']:.2g}"))
+    rows = [
+        (name, to_digits(found.value, found.std_error), f"{found.std_error:.2g}")
+        for name in NOISE_NAMES
+        if (found := noise.known.get(name)) is not None
+    ]
     return Table(header=("noise calibration", "value", "its standard error"), rows=tuple(rows))
 
 

@@ -1,8 +1,6 @@
 """Which effects a scene file calls for, and what leaving them out truly changes."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
 from model.accuracy.evaluation.chain import scenario_of
@@ -11,6 +9,7 @@ from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, plan
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.effect_choice import forced_effects
@@ -66,7 +65,7 @@ class Verification:
 
 
 def plan_effects(
-    scene: SceneFile, noise: Mapping[str, Any] | None, *, tolerance: float, light: SceneLight | None = None
+    scene: SceneFile, noise: NoiseParameters | None, *, tolerance: float, light: SceneLight | None = None
 ) -> PlannedScene:
     """Return which effects a scene file calls for at a tolerance, of which these may take one half.
 
@@ -75,7 +74,7 @@ def plan_effects(
     ConfigError
         A number is outside its range.
     """
-    inputs = gather(scene, None if noise is None else dict(noise))
+    inputs = gather(scene, noise)
     values, settings = inputs.named, file_settings(scene)
     sensor = build_sensor(scene, values, scene.acquisition.exposure_ms / _MS_PER_S)
     lit = lit_scene(scene, values, sensor=sensor, readout=file_readout(scene))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from model.accuracy.evaluation.chain import scenario_of
 from model.scene.field_light import Source
 from model.scene.scenario import Readout, Scenario
 from model.sensor.sensor import Sensor, SensorNoise
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import NoiseSection, SceneFile
 from rigctl.scene.effect_choice import acting_effects, choice_remarks
@@ -67,15 +67,15 @@ class Inputs:
         return dict(zip(self.names, self.values.tolist(), strict=True))
 
 
-def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
+def gather(scene: SceneFile, noise: NoiseParameters | None) -> Inputs:
     """Return the numbers of a scene file; those of a noise calibration take the place of the assumed noise.
 
     Parameters
     ----------
     scene : SceneFile
         The scene.
-    noise : dict or None
-        A noise calibration as its file holds it.
+    noise : NoiseParameters or None
+        A noise calibration.
 
     Raises
     ------
@@ -88,8 +88,9 @@ def gather(scene: SceneFile, noise: dict[str, Any] | None) -> Inputs:
     deviations = {name: number.std for name, number in stated.items()}
     calibrated: dict[str, float] = {}
     if noise is not None:
-        calibrated = {f"noise.{n}": float(noise[n]["value"]) for n in NOISE_NAMES if noise.get(n) is not None}
-        deviations |= {f"noise.{n}": float(noise[n]["std_error"]) for n in NOISE_NAMES if noise.get(n) is not None}
+        known = {f"noise.{name}": noise.known[name] for name in NOISE_NAMES if name in noise.known}
+        calibrated = {name: one.value for name, one in known.items()}
+        deviations |= {name: one.std_error for name, one in known.items()}
     values |= {name: _physical(name, value, remarks) for name, value in calibrated.items()}
     assumed = [name for name in values if name.startswith("noise.") and name not in _CHOSEN.union(calibrated)]
     if assumed:
@@ -176,17 +177,13 @@ def _physical(name: str, value: float, remarks: list[str]) -> float:
     return 0.0
 
 
-def _covariance(names: tuple[str, ...], deviations: Mapping[str, float], noise: dict[str, Any] | None) -> FloatArray:
+def _covariance(names: tuple[str, ...], deviations: Mapping[str, float], noise: NoiseParameters | None) -> FloatArray:
     cov = np.diag([deviations[name] ** 2 for name in names])
-    joint = None if noise is None else noise.get("covariance")
-    if joint is None:
+    if noise is None:
         return cov
-    places = {name: k for k, name in enumerate(names)}
-    known = [(k, places[f"noise.{name}"]) for k, name in enumerate(joint["names"]) if f"noise.{name}" in places]
-    matrix = np.asarray(joint["matrix"], dtype=np.float64)
-    for here, there in known:
-        for also_here, also_there in known:
-            cov[there, also_there] = matrix[here, also_here]
+    known = [name for name in NOISE_NAMES if name in noise.known]
+    places = [names.index(f"noise.{name}") for name in known]
+    cov[np.ix_(places, places)] = noise.covariance_of(known)
     return cov
 
 

@@ -14,9 +14,8 @@ from calibration.sensor.frame_statistics import LevelStatistics, level_statistic
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from calibration.sensor.pattern_checks import pattern_flags
 from rigctl.calibrations.content_file import write_content
-from rigctl.calibrations.noise.noise_file import noise_json
 from rigctl.calibrations.noise.noise_frames import FrameGroup, FrameSet, run_frames
-from rigctl.calibrations.noise.pattern_json import pattern_json
+from rigctl.calibrations.noise.noise_json import noise_json, pattern_json
 from rigctl.errors import DataError
 
 # Levels that are measured at a time; more only press on the memory.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from calibration.flags import Flag
-from model.sensor import SensorNoise
+from model.sensor.sensor import SensorNoise
 from rigctl.calibrations.checked_values import Bounded, MeasuredOverFrames, UtcText
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
@@ -55,10 +55,10 @@ class JointErrors:
     def __post_init__(self) -> None:
         if unknown := [name for name in self.names if name not in QUANTITIES]:
             raise ValueError(f"names {unknown} are none of {', '.join(QUANTITIES)}")
-        if len(set(self.names)) < len(self.names):
-            raise ValueError(f"names {list(self.names)} hold one twice")
         if [len(row) for row in self.matrix] != [len(self.names)] * len(self.names):
             raise ValueError(f"the matrix has to have {len(self.names)} rows and columns, one for each name")
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"names {list(self.names)} hold one twice")
         matrix = np.array(self.matrix)
         scale = np.sqrt(np.abs(np.diag(matrix)))
         if np.any(np.abs(matrix - matrix.T) > _ROUNDING * np.outer(scale, scale)):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rigctl.calibrations.checked_values import Bounded, Measured, UtcText
+from rigctl.calibrations.checked_values import Bounded, Measured, UtcText, at_least
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
@@ -57,7 +57,7 @@ class PolarizerParameters:
     schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
     sense: Literal[1, -1]
     offset_deg: Angle
-    channels: Annotated[tuple[Channel, ...], Field(min_length=1)] | None = None
+    channels: Annotated[tuple[Channel, ...], at_least(1)] | None = None
     made_for: MadeFor | None = None
     devices: MadeFor | None = None
     created_utc: UtcText | None = None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from calibration.polarimeter.registration import Wander
-from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText
+from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText, at_least
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
@@ -70,7 +70,7 @@ class ImageRegistration:
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["registration"]
     made_for: MadeFor
-    angles: Annotated[tuple[AngleShift, ...], Field(min_length=2)]
+    angles: Annotated[tuple[AngleShift, ...], at_least(2)]
     wander: Circle | None
     created_utc: UtcText | None = None
 

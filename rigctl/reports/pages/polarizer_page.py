@@ -10,7 +10,7 @@ from jinja2 import Environment, StrictUndefined
 
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
-from rigctl.calibrations.polarizer.polarizer_file import HARMONIC_MEANING, rig_lines
+from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING, rig_lines
 from rigctl.reports.figures.polarizer_figures import channels_png, curves_png, harmonics_png, maps_png
 
 

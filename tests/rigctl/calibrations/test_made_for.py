@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pydantic import TypeAdapter
 
 from rigctl.calibrations.fitness import require_fit
-from rigctl.calibrations.made_for import MadeFor, made_for, read_made_for
+from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_writer import RunWriter
@@ -110,11 +111,10 @@ def test_a_run_says_what_it_was_taken_with(tmp_path: Path) -> None:
 
 
 def test_a_file_says_again_what_was_written() -> None:
-    assert read_made_for({"made_for": CALIBRATED.as_json()}, valid_days=1.0) == CALIBRATED
+    read = TypeAdapter(MadeFor).validate_python(CALIBRATED.as_json())
+    assert made_for_of_file(read, created_utc="2027-05-04T10:00:00Z", valid_days=1.0) == CALIBRATED
 
 
-def test_a_file_of_version_1_says_its_devices_and_its_date() -> None:
-    content = {"created_utc": "2026-05-04T10:00:00Z", "devices": {"camera_serial": "11", "stage_serial": "7"}}
-    assert read_made_for(content, valid_days=90.0) == MadeFor(
-        camera_serial="11", stage_serial="7", taken_utc="2026-05-04T10:00:00Z", valid_days=90.0
-    )
+def test_a_file_that_does_not_say_when_was_made_when_it_was_written() -> None:
+    found = made_for_of_file(MadeFor(stage_serial="7"), created_utc="2026-05-04T10:00:00Z", valid_days=90.0)
+    assert found == MadeFor(stage_serial="7", taken_utc="2026-05-04T10:00:00Z", valid_days=90.0)

@@ -6,6 +6,7 @@ from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import measure
 from tests.rigctl.made_runs import at, make_run
+from tests.rigctl.noise_records import noise_parameters
 
 SIZE = (80, 90)
 REGION = Region(name="a", rectangle=Rectangle(x=5, y=5, width=70, height=60))
@@ -33,7 +34,8 @@ def _run(tmp_path, *, cycles, seed=1, gain=GAIN, dolp=0.3, level_e=3000.0):
     return make_run(tmp_path / "run", frames)
 
 
-def _compared(run, noise, **options):
+def _compared(run, content, **options):
+    noise = None if content is None else noise_parameters(content)
     return compare_closed_loop(measure(run, regions=[REGION], noise=noise), noise=noise, alpha=1e-3, **options)
 
 

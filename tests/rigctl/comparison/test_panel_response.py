@@ -72,7 +72,8 @@ def test_the_file_says_all_that_is_needed_later(tmp_path: Path, capsys: pytest.C
     facts = {"camera_serial": "11", "gain_db": 3.0, "start_utc": "2026-05-04T10:00:00.000000000Z"}
     code, out = calibrate(tmp_path, "--panel", "white", "--valid-days", "30", facts=facts)
     assert code == 0
-    content = read_radiometric_file(out)
+    content, found = json.loads(out.read_text()), read_radiometric_file(out)
+    assert found.panel.name == "white"
     assert content["response_dn_per_radiance"]["n"] == 8
     assert [channel["name"] for channel in content["channels"]] == ["dn_0", "dn_45", "dn_90", "dn_135"]
     assert set(content["source"]) == {"run", "scene"}
@@ -80,9 +81,9 @@ def test_the_file_says_all_that_is_needed_later(tmp_path: Path, capsys: pytest.C
     assert "regions.white.stokes_radiance.0" in shown
     assert "times what the scene file says" in shown
     used = MadeFor(camera_serial="11", gain_db=3.0, taken_utc="2026-06-05T10:00:00.000000000Z")
-    assert "holds for 30" in require_radiometric_fits(content, used)[0]
+    assert "holds for 30" in require_radiometric_fits(found, used)[0]
     with pytest.raises(DataError, match="gain setting"):
-        require_radiometric_fits(content, MadeFor(camera_serial="11", gain_db=0.0))
+        require_radiometric_fits(found, MadeFor(camera_serial="11", gain_db=0.0))
 
 
 def test_a_panel_of_another_name_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,6 +98,10 @@ def test_a_panel_of_another_name_is_a_usage_error(tmp_path: Path, capsys: pytest
         ({"kind": "noise"}, "kind"),
         ({"exposure_s": 0.0}, "exposure_s"),
         ({"response_dn_per_radiance": {"value": -1.0, "std_error": 0.0, "n": 1}}, "response_dn_per_radiance.value"),
+        ({"panel": {"name": 3}}, "panel.name"),
+        ({"panel": "white"}, "panel"),
+        ({"f_number": 1e300}, "f_number"),
+        ({"made_for": {"taken_utc": "x"}}, "made_for.taken_utc"),
     ],
 )
 def test_a_wrong_file_is_refused_with_its_problem(tmp_path: Path, change: dict[str, Any], problem: str) -> None:

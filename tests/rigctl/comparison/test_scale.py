@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from calibration.errors import CalibrationError
 from calibration.free_scale import fit_free_scale
+from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
 from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.panel_response import panel_response
@@ -30,11 +32,12 @@ def scene(folder: Path, **options: Any) -> SceneFile:
     return load_scene(written(folder, scene_text(**options)))
 
 
-def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> dict[str, Any]:
+def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> RadiometricResponse:
     run = panel_run(folder / "panel-run", seed=9, efficiency=TRUE, exposure_s=exposure_s / 4.0)
     measurement = measure(run, regions=list(told.regions))
     found = panel_response(measurement, scene=told, panel="white", noise=None)
-    return radiometric_json(found, measurement, files={})
+    content = radiometric_json(found, measurement, files={})
+    return TypeAdapter(RadiometricResponse).validate_python(content)
 
 
 def compared(folder: Path, told: SceneFile, **options: Any) -> Comparison:

@@ -12,6 +12,7 @@ from rigctl.imports.import_request import ImportRequest
 from rigctl.measurement.measurement import measure
 from rigctl.runs.run_folder import read_run
 from tests.rigctl.made_runs import at, make_run
+from tests.rigctl.noise_records import noise_parameters
 
 SIZE = (40, 50)
 REGION = Region(name="middle", rectangle=Rectangle(x=5, y=5, width=30, height=30))
@@ -63,11 +64,13 @@ def test_dark_frames_of_the_same_exposure_are_taken_off(tmp_path):
 
 def test_a_calibration_gives_the_dark_level_where_the_run_says_nothing(tmp_path):
     frames = [(at(a, exposure_s=0.5, black_level_dn=None), np.full(SIZE, 500)) for a in (0, 60, 120)]
-    noise = {
-        "black_level_dn": {"value": 60.0, "std_error": 0.1},
-        "gain_dn_per_e": {"value": 0.25, "std_error": 0.01},
-        "dark_current_e_per_s": {"value": 40.0, "std_error": 1.0},
-    }
+    noise = noise_parameters(
+        {
+            "black_level_dn": {"value": 60.0, "std_error": 0.1, "n": 2},
+            "gain_dn_per_e": {"value": 0.25, "std_error": 0.01, "n": 2},
+            "dark_current_e_per_s": {"value": 40.0, "std_error": 1.0, "n": 2},
+        }
+    )
     found = measure(make_run(tmp_path / "run", frames), regions=[], noise=noise)
     assert found.dark_level.level_dn == pytest.approx([65, 65, 65])
 

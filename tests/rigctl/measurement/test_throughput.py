@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
-from rigctl.calibrations.polarizer.polarizer_file import read_fitting_polarizer
+from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_fitting_polarizer
 from rigctl.cli import main
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
@@ -15,6 +16,7 @@ from rigctl.measurement.measurement import measure
 from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
 from rigctl.runs.run_folder import Run
 from tests.rigctl.made_runs import at, make_run
+from tests.rigctl.noise_records import noise_parameters
 
 ANGLES_DEG, PASSED, ERROR = (0.0, 45.0, 90.0, 135.0), (1.03, 0.97, 1.0, 0.99), 2e-3
 GAIN, LIGHT_E, SIZE, CYCLES = 0.25, 8000.0, (70, 80), 6
@@ -29,12 +31,14 @@ POLARIZER: dict[str, Any] = {
         for angle, passed in zip(ANGLES_DEG, PASSED, strict=True)
     ],
 }
-NOISE = {
-    "gain_dn_per_e": {"value": GAIN, "std_error": 1e-5, "n": 10},
-    "read_noise_e": {"value": 0.0, "std_error": 1e-3, "n": 10},
-    "dark_current_e_per_s": None,
-    "covariance": None,
-}
+NOISE = noise_parameters(
+    {
+        "gain_dn_per_e": {"value": GAIN, "std_error": 1e-5, "n": 10},
+        "read_noise_e": {"value": 0.0, "std_error": 1e-3, "n": 10},
+        "dark_current_e_per_s": None,
+        "covariance": None,
+    }
+)
 
 
 def dim_run(path: Path, *, offset_deg: float = 10.0, **facts: Any) -> Run:
@@ -48,6 +52,10 @@ def dim_run(path: Path, *, offset_deg: float = 10.0, **facts: Any) -> Run:
     return make_run(path, frames, session={"origin": "device", "rig": rig})
 
 
+def parameters(content: dict[str, Any]) -> PolarizerParameters:
+    return TypeAdapter(PolarizerParameters).validate_python(content)
+
+
 def kept(folder: Path, content: dict[str, Any]) -> Path:
     path = folder / "polarizer.json"
     path.write_text(json.dumps(content))
@@ -57,7 +65,7 @@ def kept(folder: Path, content: dict[str, Any]) -> Path:
 def test_false_polarization_goes_away_and_its_error_is_carried(tmp_path: Path) -> None:
     run = dim_run(tmp_path / "run")
     before = measure(run, regions=[REGION]).regions["a"].quantities["s1n"]["mean"]
-    found = measure(run, regions=[REGION], polarizer=POLARIZER).regions["a"].quantities["s1n"]["mean"]
+    found = measure(run, regions=[REGION], polarizer=parameters(POLARIZER)).regions["a"].quantities["s1n"]["mean"]
     # (1.03 - 1.00) / 2 of the mean light; counts of 4875 pixels and 6 cycles are good to 1e-4.
     assert before.value == pytest.approx(0.015, abs=1e-3)
     # Two frames with 2e-3 each, over twice their mean.
@@ -66,7 +74,7 @@ def test_false_polarization_goes_away_and_its_error_is_carried(tmp_path: Path) -
 
 
 def test_noise_is_predicted_with_the_throughput(tmp_path: Path) -> None:
-    found = measure(dim_run(tmp_path / "run"), regions=[REGION], polarizer=POLARIZER)
+    found = measure(dim_run(tmp_path / "run"), regions=[REGION], polarizer=parameters(POLARIZER))
     region = found.regions["a"]
     predicted = np.sqrt(temporal_variance(found, region, temporal_noise(NOISE).values))
     for name, deviation in zip(found.grid.channel_names, predicted, strict=True):
@@ -77,7 +85,7 @@ def test_noise_is_predicted_with_the_throughput(tmp_path: Path) -> None:
 def test_an_angle_that_was_not_calibrated_is_refused(tmp_path: Path) -> None:
     some = POLARIZER | {"channels": POLARIZER["channels"][:3]}
     with pytest.raises(DataError, match="calibrate at the angles that are used"):
-        measure(dim_run(tmp_path / "run"), regions=[], polarizer=some)
+        measure(dim_run(tmp_path / "run"), regions=[], polarizer=parameters(some))
 
 
 def test_a_run_that_was_taken_with_another_axis_is_refused(tmp_path: Path) -> None:

@@ -1,13 +1,13 @@
 """Frames that walk while the polarizer turns, moved back by a registration: a scene that is known at every point."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
-from rigctl.calibrations.registration.registration_file import registration_json, shift_pixels
+from rigctl.calibrations.registration.registration_file import ImageRegistration, registration_json
 from rigctl.calibrations.registration.run_registration import register_run
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
@@ -15,6 +15,7 @@ from rigctl.measurement.measurement import Measurement, measure
 from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
 from rigctl.runs.run_folder import Run
 from tests.rigctl.made_runs import at, make_run
+from tests.rigctl.noise_records import noise_parameters
 
 FloatArray = NDArray[np.float64]
 
@@ -23,13 +24,15 @@ STAGE_DEG = (0.0, 45.0, 90.0, 135.0)
 RADIUS = 0.6
 GAIN, READ_NOISE_E, BLACK_DN, DOLP, AOLP_DEG = 0.25, 8.0, 64.0, 0.2, 30.0
 REGION = Region(name="a", rectangle=Rectangle(x=10, y=10, width=170, height=150))
-NOISE = {
-    "gain_dn_per_e": {"value": GAIN, "std_error": 1e-5, "n": 10},
-    "read_noise_e": {"value": READ_NOISE_E, "std_error": 1e-3, "n": 10},
-    "dark_current_e_per_s": None,
-    "black_level_dn": {"value": BLACK_DN, "std_error": 0.0, "n": 10},
-    "covariance": None,
-}
+NOISE = noise_parameters(
+    {
+        "gain_dn_per_e": {"value": GAIN, "std_error": 1e-5, "n": 10},
+        "read_noise_e": {"value": READ_NOISE_E, "std_error": 1e-3, "n": 10},
+        "dark_current_e_per_s": None,
+        "black_level_dn": {"value": BLACK_DN, "std_error": 0.0, "n": 10},
+        "covariance": None,
+    }
+)
 
 
 def shift(stage_deg: float) -> FloatArray:
@@ -72,12 +75,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 @pytest.fixture(scope="module")
-def registration(run: Run) -> dict[str, Any]:
-    return registration_json(register_run(run), run)
+def registration(run: Run) -> ImageRegistration:
+    return TypeAdapter(ImageRegistration).validate_python(registration_json(register_run(run), run))
 
 
 @pytest.fixture(scope="module")
-def moved(run: Run, registration: dict[str, Any]) -> Measurement:
+def moved(run: Run, registration: ImageRegistration) -> Measurement:
     return measure(run, regions=[REGION], noise=NOISE, registration=registration)
 
 
@@ -86,10 +89,11 @@ def dolp(measurement: Measurement) -> FloatArray:
     return np.asarray(np.hypot(s1, s2) / s0)
 
 
-def test_the_walk_is_known_to_a_fiftieth_of_a_pixel(registration: dict[str, Any]) -> None:
-    assert registration["wander"]["radius_pixels"] == pytest.approx(RADIUS, abs=0.02)
+def test_the_walk_is_known_to_a_fiftieth_of_a_pixel(registration: ImageRegistration) -> None:
+    assert registration.wander is not None
+    assert np.hypot(*registration.wander.turning_pixels) == pytest.approx(RADIUS, abs=0.02)
     for stage_deg in STAGE_DEG:
-        np.testing.assert_allclose(shift_pixels(registration, stage_deg, against_deg=0.0), shift(stage_deg), atol=0.03)
+        np.testing.assert_allclose(registration.shift_pixels(stage_deg, against_deg=0.0), shift(stage_deg), atol=0.03)
 
 
 def test_false_polarization_at_edges_goes_away(run: Run, moved: Measurement) -> None:
@@ -119,7 +123,9 @@ def test_the_margin_that_not_every_frame_shows_is_missing(moved: Measurement) ->
     assert not moved.missing[2:-2, 2:-2].any()
 
 
-def test_pixels_that_take_part_of_a_saturated_one_are_saturated(tmp_path: Path, registration: dict[str, Any]) -> None:
+def test_pixels_that_take_part_of_a_saturated_one_are_saturated(
+    tmp_path: Path, registration: ImageRegistration
+) -> None:
     found = measure(
         walking_run(tmp_path / "run", cycles=1, bad=True), regions=[], noise=NOISE, registration=registration
     )
@@ -131,18 +137,22 @@ def test_pixels_that_take_part_of_a_saturated_one_are_saturated(tmp_path: Path, 
 
 def test_shifts_without_a_circle_are_looked_up_by_angle() -> None:
     content = {
+        "schema_version": 1,
+        "kind": "registration",
+        "made_for": {},
         "wander": {"turning_pixels": [0.5, 0.0], "sense": 1, "residual_pixels": 0.3},
         "angles": [
             {"angle_deg": 0.0, "shift_pixels": [0.0, 0.0]},
             {"angle_deg": 359.5, "shift_pixels": [0.8, 0.1]},
         ],
     }
-    assert shift_pixels(content, -0.7, against_deg=0.1) == pytest.approx([0.8, 0.1])
+    found = TypeAdapter(ImageRegistration).validate_python(content)
+    assert found.shift_pixels(-0.7, against_deg=0.1) == pytest.approx([0.8, 0.1])
     with pytest.raises(DataError, match="no shift for 45"):
-        shift_pixels(content, 45.0, against_deg=0.0)
+        found.shift_pixels(45.0, against_deg=0.0)
 
 
-def test_a_shift_that_shows_is_a_finding(run: Run, registration: dict[str, Any]) -> None:
+def test_a_shift_that_shows_is_a_finding(run: Run, registration: ImageRegistration) -> None:
     assert registration["finding"].startswith("shifted_frames: the picture at 135.0 deg lies 1.1")
     first = [record for record in run.frames if record.stage_angle_deg == 0.0][:2]
     still = make_run(

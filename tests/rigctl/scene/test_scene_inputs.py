@@ -4,17 +4,20 @@ import pytest
 from rigctl.files.scene_file import load_scene
 from rigctl.scene.scene_inputs import build_scenario, file_readout, gather
 from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.noise_records import noise_parameters
 
-NOISE = {
-    "gain_dn_per_e": {"value": 0.25, "std_error": 0.001, "n": 10},
-    "read_noise_e": {"value": 9.0, "std_error": 0.05, "n": 10},
-    "dark_current_e_per_s": {"value": -3.0, "std_error": 5.0, "n": 10},
-    "black_level_dn": {"value": 60.0, "std_error": 0.01, "n": 10},
-    "saturation_e": None,
-    "prnu": {"value": 0.004, "std_error": 1e-5, "n": 10},
-    "dsnu_e": None,
-    "covariance": {"names": ["read_noise_e", "gain_dn_per_e"], "matrix": [[0.0025, -2e-5], [-2e-5, 1e-6]]},
-}
+NOISE = noise_parameters(
+    {
+        "gain_dn_per_e": {"value": 0.25, "std_error": 0.001, "n": 10},
+        "read_noise_e": {"value": 9.0, "std_error": 0.05, "n": 10},
+        "dark_current_e_per_s": {"value": -3.0, "std_error": 5.0, "n": 10},
+        "black_level_dn": {"value": 60.0, "std_error": 0.01, "n": 10},
+        "saturation_e": None,
+        "prnu": {"value": 0.004, "std_error": 1e-5, "n": 10},
+        "dsnu_e": None,
+        "covariance": {"names": ["read_noise_e", "gain_dn_per_e"], "matrix": [[0.0025, -2e-5], [-2e-5, 1e-6]]},
+    }
+)
 
 
 @pytest.fixture

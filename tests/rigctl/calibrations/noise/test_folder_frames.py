@@ -48,7 +48,7 @@ def test_gives_what_a_run_of_the_same_frames_gives(tmp_path: Path, option: str, 
     by_images, by_run = read_noise_file(tmp_path / "images.json"), read_noise_file(tmp_path / "run.json")
     for name in QUANTITIES:
         # The same frames in the same order; exposures are products of decimal fractions.
-        assert by_images[name]["value"] == pytest.approx(by_run[name]["value"], rel=1e-6)
+        assert by_images.known[name].value == pytest.approx(by_run.known[name].value, rel=1e-6)
 
 
 @pytest.mark.parametrize(

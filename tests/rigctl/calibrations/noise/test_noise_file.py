@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from calibration.sensor.frame_statistics import level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.noise.noise_file import QUANTITIES, noise_json, read_noise_file, require_noise_fits
+from rigctl.calibrations.noise.noise_file import QUANTITIES, read_noise_file, require_noise_fits
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameSet, FrameSource
+from rigctl.calibrations.noise.noise_json import noise_json
 from rigctl.errors import ConfigError, DataError
 from tests.rigctl.noise_sessions import frames
 
@@ -43,7 +45,11 @@ def content() -> dict[str, Any]:
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     path = tmp_path / "noise.json"
     write_content(path, content())
-    assert read_noise_file(path) == content()
+    found = read_noise_file(path)
+    for name in QUANTITIES:
+        assert asdict(found.known[name]) == content()[name]
+    assert [asdict(flag) for flag in found.flags] == content()["flags"]
+    assert found.made_for == FRAMES.made_for
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
@@ -71,9 +77,27 @@ def test_the_response_is_kept_where_there_are_levels_for_it() -> None:
 def test_the_covariance_is_kept_to_the_last_digit(tmp_path: Path) -> None:
     path = tmp_path / "noise.json"
     write_content(path, content())
-    joint = read_noise_file(path)["covariance"]
-    assert tuple(joint["names"]) == calibration().covariance.names
-    np.testing.assert_array_equal(joint["matrix"], calibration().covariance.matrix)
+    found, joint = read_noise_file(path), calibration().covariance
+    np.testing.assert_array_equal(found.covariance_of(joint.names), joint.matrix)
+    backwards = tuple(reversed(joint.names))
+    np.testing.assert_array_equal(found.covariance_of(backwards), joint.matrix[::-1, ::-1])
+
+
+def test_errors_that_do_not_go_together_stand_on_the_diagonal(tmp_path: Path) -> None:
+    path = tmp_path / "noise.json"
+    path.write_bytes(spoilt(lambda c: c.update(covariance=None, prnu=None)))
+    found = read_noise_file(path)
+    error = found.gain_dn_per_e.std_error
+    np.testing.assert_array_equal(found.covariance_of(("prnu", "gain_dn_per_e")), np.diag([0.0, error**2]))
+
+
+def test_the_sensor_has_nothing_below_zero(tmp_path: Path) -> None:
+    path = tmp_path / "noise.json"
+    path.write_bytes(spoilt(lambda c: c["dark_current_e_per_s"].update(value=-3.0)))
+    found = read_noise_file(path)
+    assert found.below_zero == {"dark_current_e_per_s": -3.0}
+    assert found.sensor_noise().dark_current_e_per_s == 0.0
+    assert found.sensor_noise().read_noise_e == content()["read_noise_e"]["value"]
 
 
 def test_the_file_says_what_it_was_made_from_and_when() -> None:
@@ -113,6 +137,16 @@ def spoilt(change: Callable[[dict[str, Any]], object]) -> bytes:
         (spoilt(lambda c: c["covariance"]["names"].__setitem__(0, "gain")), "names"),
         (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(1, 1.0)), "not symmetric"),
         (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(0, -1.0)), "negative eigenvalue"),
+        (spoilt(lambda c: c["covariance"]["names"].__setitem__(1, c["covariance"]["names"][0])), "hold one twice"),
+        (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(0, 1e300)), "covariance.matrix.0.0"),
+        (spoilt(lambda c: c["prnu"].update(value=1e40)), "prnu.value"),
+        (spoilt(lambda c: c["read_noise_e"].update(value=1e300)), "read_noise_e.value"),
+        (spoilt(lambda c: c["black_level_dn"].update(std_error=1e300)), "black_level_dn.std_error"),
+        (spoilt(lambda c: c["made_for"].update(taken_utc="x")), "made_for.taken_utc: is 'x', must be a time"),
+        (spoilt(lambda c: c["made_for"].update(binning=0)), "made_for.binning"),
+        (spoilt(lambda c: c["made_for"].update(valid_days=-1)), "made_for.valid_days"),
+        (spoilt(lambda c: c.update(created_utc="x")), "created_utc"),
+        (spoilt(lambda c: c["performance"].update(dark_current_variance_e_per_s=1.0)), "performance.dark_current"),
     ],
 )
 def test_a_wrong_file_is_refused_with_its_problem(tmp_path: Path, data: bytes, problem: str) -> None:
@@ -130,7 +164,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 def test_quantities_that_are_not_known_are_allowed(tmp_path: Path) -> None:
     path = tmp_path / "noise.json"
     path.write_bytes(spoilt(lambda c: c.update(saturation_e=None, dsnu_e=None, covariance=None)))
-    assert read_noise_file(path)["dsnu_e"] is None
+    assert read_noise_file(path).dsnu_e is None
 
 
 def version_1(made: dict[str, Any]) -> None:
@@ -147,7 +181,9 @@ def test_a_file_of_version_1_is_read_and_says_of_which_camera_it_is(tmp_path: Pa
         require_noise_fits(noise, MadeFor(camera_serial="43"))
 
 
-def test_it_is_too_old_after_a_year() -> None:
+def test_it_is_too_old_after_a_year(tmp_path: Path) -> None:
+    write_content(tmp_path / "noise.json", content())
+    noise = read_noise_file(tmp_path / "noise.json")
     young, old = (MadeFor(taken_utc=f"{day}T00:00:00.000000000Z") for day in ("2024-11-13", "2024-11-15"))
-    assert require_noise_fits(content(), young) == ()
-    assert "holds for 365" in require_noise_fits(content(), old)[0]
+    assert require_noise_fits(noise, young) == ()
+    assert "holds for 365" in require_noise_fits(noise, old)[0]

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.cli import main
 from rigctl.reports.tables.calibration_table import calibration_rows
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
@@ -42,7 +41,7 @@ def test_the_page_of_a_run_says_which_camera(tmp_path: Path) -> None:
 
 
 def test_numbers_are_shown_to_the_digits_of_their_errors(tmp_path: Path) -> None:
-    content = read_noise_file(write(tmp_path))
+    content = json.loads(write(tmp_path).read_text())
     rows = {(row.title, row.unit): row for row in calibration_rows(content)}
     gain = rows["gain", "DN/e-"]
     assert gain.symbol == "K"
