@@ -62,34 +62,6 @@ def angle_between_rad(first: ArrayLike, second: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * np.arctan2(apart, np.linalg.norm(a + b, axis=-1)))
 
 
-def relative_azimuth_rad(*, sun_azimuth_rad: ArrayLike, sensor_azimuth_rad: ArrayLike) -> FloatArray:
-    """Return phi, the azimuth of the sun minus that of the sensor.
-
-    Parameters
-    ----------
-    sun_azimuth_rad, sensor_azimuth_rad
-        As seen from the target, clockwise from north [rad].
-
-    Returns
-    -------
-    ndarray
-        In (-pi, pi]; pi is forward (glint). Counted counter-clockwise from above it is sensor minus sun.
-
-    Raises
-    ------
-    ValueError
-        If an angle is not finite.
-
-    References
-    ----------
-    Definition.
-    """
-    difference = _angle("sun_azimuth_rad", sun_azimuth_rad) - _angle("sensor_azimuth_rad", sensor_azimuth_rad)
-    wrapped = np.pi - np.mod(np.pi - difference, 2.0 * np.pi)
-    # A difference just above pi may round to -pi, which is the direction pi.
-    return np.asarray(np.where(wrapped <= -np.pi, np.pi, wrapped))
-
-
 def horizontal_axis(azimuth_rad: ArrayLike, *, travels_to_target: bool) -> FloatArray:
     """Return h, the horizontal axis of the Stokes parameters of a ray between target and a point of an azimuth.
 

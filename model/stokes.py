@@ -10,27 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 
-def polarized_intensity(stokes: ArrayLike) -> FloatArray:
-    """Return Q = sqrt(S1^2 + S2^2), without overflow.
-
-    Parameters
-    ----------
-    stokes
-        Shape (..., 3).
-
-    Returns
-    -------
-    ndarray
-        Shape (...), in the unit of `stokes`.
-
-    References
-    ----------
-    Definition.
-    """
-    array = checked_stokes(stokes)
-    return np.asarray(np.hypot(array[..., 1], array[..., 2]))
-
-
 def dolp(stokes: ArrayLike) -> FloatArray:
     """Return the degree of linear polarization sqrt(S1^2 + S2^2) / S0.
 
@@ -80,31 +59,6 @@ def aolp_rad(stokes: ArrayLike) -> FloatArray:
     wrapped = np.where(angle < 0.0, angle + np.pi, angle)
     # A tiny negative angle plus pi rounds to pi itself, which is the direction 0.
     return np.asarray(np.where(wrapped >= np.pi, 0.0, wrapped) + 0.0)
-
-
-def from_dolp(*, intensity: ArrayLike, dolp_value: ArrayLike, aolp_rad_value: ArrayLike) -> FloatArray:
-    """Return the Stokes parameters of light of given intensity, degree and angle of polarization.
-
-    Parameters
-    ----------
-    intensity
-        S0, any unit.
-    dolp_value
-        Degree of linear polarization, 0 to 1 for light.
-    aolp_rad_value
-        Angle of linear polarization [rad].
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 3), the arguments broadcast.
-
-    References
-    ----------
-    Definition.
-    """
-    s0, degree, angle = np.broadcast_arrays(np.asarray(intensity, dtype=np.float64), dolp_value, aolp_rad_value)
-    return np.stack([s0, s0 * degree * np.cos(2.0 * angle), s0 * degree * np.sin(2.0 * angle)], axis=-1)
 
 
 def analyzer_row(angle_rad: ArrayLike, tau_parallel: ArrayLike = 1.0, tau_perpendicular: ArrayLike = 0.0) -> FloatArray:

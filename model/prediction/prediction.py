@@ -229,7 +229,8 @@ def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray
 def _ratios(stokes: Moments) -> Quantities:
     """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel."""
     normalized = normalized_moments(stokes)
-    deviations = np.sqrt(np.diag(normalized.cov))
+    # Where nothing fluctuates but rounding is left, it may be negative.
+    deviations = np.sqrt(np.maximum(np.diag(normalized.cov), 0.0))
     found = {
         "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
         "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},

@@ -36,14 +36,6 @@ class RxRoc:
     warnings: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RxMoments:
-    """Mean and variance of the RX statistic of a target."""
-
-    mean: FloatArray
-    variance: FloatArray
-
-
 def rx_threshold(p_false_alarm: ArrayLike, dim: int = 3) -> FloatArray:
     """Return the threshold that the RX statistic of the background exceeds with the given probability.
 
@@ -78,33 +70,6 @@ def rx_threshold(p_false_alarm: ArrayLike, dim: int = 3) -> FloatArray:
     if dim < 1:
         raise ValueError(f"dim is {dim}; allowed is 1 or more")
     return chi_square.upper_quantile(p, dim)
-
-
-def rx_p_false_alarm(threshold: ArrayLike, dim: int = 3) -> FloatArray:
-    """Return the probability that the RX statistic of the background exceeds the threshold.
-
-    Parameters
-    ----------
-    threshold
-        Any shape, 0 or more.
-    dim
-        Number of components of the vector.
-
-    Raises
-    ------
-    ValueError
-        If a threshold is negative or not a number, or `dim` is below 1.
-
-    References
-    ----------
-    [MK14] eq. (30); definition.
-    """
-    level = np.asarray(threshold, dtype=np.float64)
-    if not np.all(level >= 0.0):
-        raise ValueError(f"threshold has values down to {np.min(level)}; allowed is 0 or more")
-    if dim < 1:
-        raise ValueError(f"dim is {dim}; allowed is 1 or more")
-    return chi_square.upper_tail(level, dim)
 
 
 def rx_p_detection(
@@ -211,22 +176,6 @@ def rx_roc(
         background_condition=law.condition,
         warnings=condition_warnings(law.condition),
     )
-
-
-def rx_moments(
-    target_mean: ArrayLike, target_cov: ArrayLike, background_mean: ArrayLike, background_cov: ArrayLike
-) -> RxMoments:
-    """Return mean and variance of the RX statistic of a target; arguments as for `rx_p_detection`.
-
-    References
-    ----------
-    Definition: trace and trace of the square of the whitened covariance, plus the distance of the means.
-    """
-    law = detection_law(target_mean, target_cov, background_mean, background_cov)
-    squared = law.offsets**2
-    mean = law.constant + np.sum(law.weights * (1.0 + squared), axis=-1)
-    variance = 2.0 * np.sum(law.weights**2 * (1.0 + 2.0 * squared), axis=-1)
-    return RxMoments(mean=mean, variance=variance)
 
 
 def _threshold(p_false_alarm: ArrayLike, law: DetectionLaw) -> FloatArray:

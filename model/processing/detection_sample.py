@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betainc, betaincc, betainccinv, betaincinv
+from scipy.special import betainccinv, betaincinv
 
 from model.processing.detection_distribution import condition_warnings, detection_law
 from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
@@ -81,30 +81,7 @@ def sample_threshold(
     return np.asarray((n_pixels - 1) * (n_pixels + 1) / n_pixels * odds, dtype=np.float64)
 
 
-def sample_p_false_alarm(
-    threshold: ArrayLike, n_pixels: int, dim: int = 3, *, pixel_in_sample: bool = False
-) -> FloatArray:
-    """Return the probability that the RX statistic of a background pixel exceeds the threshold.
-
-    Parameters, errors and references are those of `sample_threshold`, whose inverse it is; `threshold` is 0 or
-    more. With the threshold for a known background it says what the false alarm rate really is: larger by the
-    relative amount (t^2/4 + t)/n, about, for large n and three components.
-    """
-    level = np.asarray(threshold, dtype=np.float64)
-    if not np.all(level >= 0.0):
-        raise ValueError(f"threshold has values down to {np.min(level)}; allowed is 0 or more")
-    first, second = _beta_orders(n_pixels, dim, pixel_in_sample)
-    if pixel_in_sample:
-        share = np.minimum(level * n_pixels / (n_pixels - 1) ** 2, 1.0)
-        return np.asarray(betaincc(first, second, share), dtype=np.float64)
-    odds = level * n_pixels / ((n_pixels - 1) * (n_pixels + 1))
-    rest = 1.0 / (1.0 + odds)
-    # of the two shares the smaller one carries the digits
-    small = betaincc(first, second, np.minimum(odds, 1.0) * rest)
-    return np.asarray(np.where(odds < 1.0, small, betainc(second, first, rest)), dtype=np.float64)
-
-
-def sample_p_detection(
+def sample_roc(
     p_false_alarm: ArrayLike,
     target_mean: ArrayLike,
     target_cov: ArrayLike,
@@ -114,8 +91,8 @@ def sample_p_detection(
     *,
     pixel_in_sample: bool = False,
     tolerance: float = _TOLERANCE,
-) -> FloatArray:
-    """Return the probability that the RX statistic of a target exceeds the threshold, background estimated.
+) -> SampleRxRoc:
+    """Return thresholds, detection and miss probabilities of a target, background estimated.
 
     Parameters
     ----------
@@ -140,26 +117,9 @@ def sample_p_detection(
 
     References
     ----------
-    Definition; the Wishart property is Muirhead, Aspects of Multivariate Statistical Theory (1982),
+    The Wishart property is Muirhead, Aspects of Multivariate Statistical Theory (1982),
     doi:10.1002/9780470316559, theorem 3.2.12.
     """
-    return _tails(
-        p_false_alarm, (target_mean, target_cov, background_mean, background_cov), n_pixels, pixel_in_sample, tolerance
-    )[0].upper
-
-
-def sample_roc(
-    p_false_alarm: ArrayLike,
-    target_mean: ArrayLike,
-    target_cov: ArrayLike,
-    background_mean: ArrayLike,
-    background_cov: ArrayLike,
-    n_pixels: int,
-    *,
-    pixel_in_sample: bool = False,
-    tolerance: float = _TOLERANCE,
-) -> SampleRxRoc:
-    """Return thresholds, detection and miss probabilities; arguments as for `sample_p_detection`."""
     moments = (target_mean, target_cov, background_mean, background_cov)
     tails, condition = _tails(p_false_alarm, moments, n_pixels, pixel_in_sample, tolerance)
     dim = np.shape(target_mean)[-1]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import i0e, i1e
 
-from model.processing.quadratic_forms.quadratic_form import lower_tail
+from model.processing.quadratic_forms.quadratic_form import tail_probabilities
 
 FloatArray = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def _square_of_median(measured: FloatArray) -> FloatArray:
     square = measured - 2.0 * np.log(2.0)
     for _ in range(_NEWTON_STEPS):
         true = np.sqrt(square)
-        below = lower_tail(measured, np.ones((measured.size, 1)), true[:, None], degrees=[2.0])
+        below = tail_probabilities(measured, np.ones((measured.size, 1)), true[:, None], degrees=[2.0]).lower
         # dP/dv = -r exp(-(r^2 + v^2)/2) I1(r v)
         slope = -length * np.exp(-0.5 * (length - true) ** 2) * i1e(length * true) / (2.0 * true)
         square = np.maximum(square - (below - 0.5) / slope, 0.5 * square)

@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import i0e
 
-from model.moments import checked_pair, require_covariance
 from model.processing.estimator_curves import share_curve, zero_threshold
 from model.quadrature import gauss_legendre
-from model.stokes import dolp
 
 FloatArray = NDArray[np.float64]
 
@@ -80,81 +78,6 @@ def true_snr(measured_snr: ArrayLike, estimator: Estimator) -> FloatArray:
     inverse = 1.0 / np.where(above, measured, np.inf) ** 2
     share = np.asarray(share_curve(estimator)(inverse), dtype=np.float64)
     return np.where(above, measured * np.sqrt(np.maximum(share, 0.0)), 0.0)
-
-
-def estimate_dolp(stokes: ArrayLike, stokes_cov: ArrayLike, estimator: Estimator = "mas") -> FloatArray:
-    """Return estimates of the true DoLP from measured Stokes parameters and their covariance.
-
-    Parameters
-    ----------
-    stokes
-        Measured (S0, S1, S2), shape (..., 3), S0 > 0, any unit.
-    stokes_cov
-        Covariance of its error, shape (..., 3, 3), that unit squared; leading axes broadcast.
-    estimator
-        See `true_snr`. "mas" is the one made for any covariance of S1 and S2; it is smooth and has no pile-up at 0,
-        and needs a true DoLP of twice its noise to be free of bias.
-
-    Returns
-    -------
-    ndarray
-        DoLP, leading shape.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, S0 is not positive, `stokes_cov` is no covariance or the estimator is unknown.
-
-    Notes
-    -----
-    The noise is that across the measured direction of polarization: to first order it alone causes the bias
-    V_tt/(2 S0 Q), whatever the covariance. So at high signal every estimator corrects it for any covariance; below a
-    true DoLP of about 3 times its noise all but "mas" presume equal, uncorrelated variances of S1 and S2, and
-    deviate noticeably where they differ by more than a tenth. S0 is taken as known: its noise adds a relative bias
-    of var(S0)/S0^2 - cov(S0, Q)/(S0 Q), which none removes.
-
-    References
-    ----------
-    Plaszczynski et al., MNRAS 439, 4048 (2014), doi:10.1093/mnras/stu270; Montier et al., A&A 574, A135 (2015),
-    doi:10.1051/0004-6361/201322271.
-    """
-    values, cov = checked_pair(stokes, stokes_cov)
-    require_covariance(cov, name="stokes_cov")
-    measured = dolp(values)
-    sigma = across_noise(values, cov)
-    measured, sigma = np.broadcast_arrays(measured, sigma)
-    noisy = sigma > 0.0
-    snr = measured / np.where(noisy, sigma, 1.0)
-    return np.where(noisy, sigma * true_snr(snr, estimator), measured)
-
-
-def across_noise(stokes: FloatArray, stokes_cov: FloatArray) -> FloatArray:
-    """Return the standard deviation of DoLP across the direction of polarization, S0 taken as known.
-
-    Parameters
-    ----------
-    stokes
-        Shape (..., 3), S0 > 0.
-    stokes_cov
-        Shape (..., 3, 3).
-
-    Returns
-    -------
-    ndarray
-        sqrt(S1^2 V22 + S2^2 V11 - 2 S1 S2 V12)/(Q S0); where S1 = S2 = 0, the mean over all directions.
-
-    References
-    ----------
-    Plaszczynski et al., MNRAS 439, 4048 (2014), doi:10.1093/mnras/stu270, eq. (23).
-    """
-    s1, s2 = stokes[..., 1], stokes[..., 2]
-    length = np.hypot(s1, s2)
-    polarized = length > 0.0
-    divisor = np.where(polarized, length, 1.0)
-    c, s = s1 / divisor, s2 / divisor
-    v11, v22, v12 = stokes_cov[..., 1, 1], stokes_cov[..., 2, 2], stokes_cov[..., 1, 2]
-    across = np.where(polarized, c * c * v22 + s * s * v11 - 2.0 * c * s * v12, 0.5 * (v11 + v22))
-    return np.asarray(np.sqrt(np.maximum(across, 0.0)) / stokes[..., 0], dtype=np.float64)
 
 
 def bias_and_rms(estimator: Estimator, true_snr_values: ArrayLike) -> EstimatorError:

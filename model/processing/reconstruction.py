@@ -15,8 +15,6 @@ from model.stokes import analyzer_row
 
 FloatArray = NDArray[np.float64]
 
-PICKERING_RAD = (0.0, np.pi / 4, np.pi / 2)
-FESSENKOV_RAD = (0.0, np.pi / 3, 2 * np.pi / 3)
 MODIFIED_PICKERING_RAD = (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4)
 
 # Beyond this the error of an angle's calibration outgrows every noise.
@@ -68,6 +66,39 @@ class Design:
         return int(self.null_basis.shape[1])
 
 
+def equispaced_rad(frames: int, *, start_rad: float = 0.0) -> FloatArray:
+    """Return angles that are equally spaced over 180 deg.
+
+    Parameters
+    ----------
+    frames
+        Number of frames, at least 3.
+    start_rad
+        First angle [rad].
+
+    Returns
+    -------
+    ndarray
+        Shape (frames,) [rad].
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three frames.
+
+    Notes
+    -----
+    Condition number sqrt 2 and equally weighted variance 20 / N for unit noise, whatever N and the start.
+
+    References
+    ----------
+    J. S. Tyo, Appl. Opt. 41 (2002) 619, doi:10.1364/AO.41.000619.
+    """
+    if frames < 3:
+        raise ValueError(f"frames = {frames}; allowed is 3 or more")
+    return start_rad + np.pi * np.arange(frames) / frames
+
+
 def design(
     angles_rad: ArrayLike,
     extinction_ratio: float = np.inf,
@@ -112,36 +143,6 @@ def design(
         raise ValueError(f"extinction_ratio = {extinction_ratio}; allowed is above 1 (infinite if ideal)")
     rows = analyzer_row(angles, tau_parallel, tau_parallel / extinction_ratio)
     return _inverted(rows, angles, variances)
-
-
-def design_from_system(system: ArrayLike, *, variances: ArrayLike | None = None) -> Design:
-    """Return the least-squares inverse of a measured system matrix.
-
-    Parameters
-    ----------
-    system
-        M, shape (N, 3), N >= 3: intensities = M Stokes.
-    variances
-        Variances of the channels, shape (N,), > 0, or None for equal ones.
-
-    Returns
-    -------
-    Design
-        With no angles.
-
-    Raises
-    ------
-    ValueError
-        If the matrix has rank below 3 or a condition number above 1e6.
-
-    References
-    ----------
-    [MK14] eq. (23).
-    """
-    rows = np.asarray(system, dtype=np.float64)
-    if rows.ndim != 2 or rows.shape[1] != 3 or rows.shape[0] < 3 or not np.all(np.isfinite(rows)):
-        raise ValueError(f"system has shape {rows.shape}; allowed is (N, 3) with N >= 3 and finite values")
-    return _inverted(rows, np.empty(0), variances)
 
 
 def reconstruct(plan: Design, channels: ArrayLike) -> FloatArray:

@@ -60,39 +60,6 @@ class ApertureLight:
         return self.reflected + self.path
 
 
-def aperture_light(
-    illumination: Illumination, *, surface: Surface, tilt: Tilt, view: View, tolerance: float = TOLERANCE
-) -> ApertureLight:
-    """Return the Stokes radiance that reaches the aperture from a panel, in the camera's own frame.
-
-    Parameters
-    ----------
-    illumination
-        Sun, sky and air.
-    surface, tilt
-        The panel; it must face the camera.
-    view
-        The camera.
-    tolerance
-        Of the hemisphere integral, share of its S0.
-
-    Raises
-    ------
-    ValueError
-        The panel turns its back to the camera.
-
-    Notes
-    -----
-    Shadows of other things, light from other panels and the sun's width are left out. The surface is that of one
-    wavelength, the light that of the band.
-
-    References
-    ----------
-    [MK14] eq. (1)-(7).
-    """
-    return aperture_lights(illumination, surface=surface, tilt=tilt, views=(view,), tolerance=tolerance)[0]
-
-
 def aperture_lights(
     illumination: Illumination,
     *,
@@ -104,14 +71,18 @@ def aperture_lights(
     skylight: bool = True,
     path: bool = True,
 ) -> tuple[ApertureLight, ...]:
-    """Return what `aperture_light` does for several views from one height, by rules that suffice for all of them.
+    """Return the Stokes radiance that reaches apertures from a panel, each in its camera's own frame.
 
     Parameters
     ----------
-    illumination, surface, tilt, tolerance
-        As in `aperture_light`.
+    illumination
+        Sun, sky and air.
+    surface, tilt
+        The panel; it must face the cameras.
     views
-        One or more, of one height.
+        One or more, of one height; one set of rules suffices for all of them.
+    tolerance
+        Of the hemisphere integral, share of its S0.
     rules
         Of the hemisphere integral, where they are known from a similar view; its error is then not estimated anew, but
         theirs.
@@ -122,6 +93,11 @@ def aperture_lights(
     ------
     ValueError
         The panel turns its back to a camera, or heights differ.
+
+    Notes
+    -----
+    Shadows of other things, light from other panels and the sun's width are left out. The surface is that of one
+    wavelength, the light that of the band.
 
     References
     ----------

@@ -51,12 +51,6 @@ class ChannelMoments:
     saturation_probability: FloatArray
     warnings: tuple[str, ...]
 
-    @property
-    def moments_dn(self) -> Moments:
-        """Mean and total covariance of the channels over pixels and frames [DN, DN^2]."""
-        temporal = self.temporal_var_dn2[..., :, None] * np.eye(self.mean_dn.shape[-1])
-        return Moments(mean=self.mean_dn, cov=self.scene_cov_dn2 + temporal + self.fixed_pattern_cov_dn2)
-
 
 def channel_moments(
     aperture: Moments,

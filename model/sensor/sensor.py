@@ -84,7 +84,7 @@ class Sensor:
     quantum_efficiency
         Electrons per photon in the band, in (0, 1].
     wavelength_m
-        Effective wavelength of the band [m], > 0; `model.sensor.spectral_response` gives it, and the form for a band
+        Effective wavelength of the band [m], > 0; `model.sensor.electrons` gives it, and the form for a band
         resolved into samples.
     exposure_s
         Exposure time of a frame [s], > 0.

@@ -6,10 +6,10 @@ from math import degrees
 
 import numpy as np
 
-from model.acquisition.angle_design import equispaced_rad
 from model.acquisition.frame_order import PATTERNS, Pattern, least_drifting_order
 from model.acquisition.session_design import Disturbances, DolpBudget, Session, dolp_budget
 from model.acquisition.session_search import SATURATED, Reached, Wanted, fewest_cycles, shortest
+from model.processing.reconstruction import equispaced_rad
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError

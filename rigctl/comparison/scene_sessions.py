@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from model.acquisition.angle_design import equispaced_rad
 from model.acquisition.session_design import CycleLight, Session, cycle_light
 from model.acquisition.session_search import Scheme
 from model.moments import Moments
+from model.processing.reconstruction import equispaced_rad
 from model.sensor.sensor import Sensor
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError

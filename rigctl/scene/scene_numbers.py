@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.sun import distance_factor
-from model.sensor.spectral_response import effective_wavelength_m
+from model.sensor.electrons import effective_wavelength_m
 from model.surface.lobe import SLOPE_RMS_MIN
 from model.surface.materials import Material, assumed_properties, properties
 from rigctl.config import Uncertain

@@ -36,32 +36,6 @@ def test_opposite_directions() -> None:
     assert geometry.angle_between_rad(up, up) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("sun_deg", "sensor_deg", "phi_deg"),
-    [(180, 180, 0), (180, 0, 180), (0, 180, 180), (180, 90, 90), (90, 180, -90), (350, 10, -20), (10, 350, 20)],
-)
-def test_relative_azimuth(sun_deg: float, sensor_deg: float, phi_deg: float) -> None:
-    phi = geometry.relative_azimuth_rad(sun_azimuth_rad=np.deg2rad(sun_deg), sensor_azimuth_rad=np.deg2rad(sensor_deg))
-    assert phi == pytest.approx(np.deg2rad(phi_deg), abs=1e-14)
-
-
-@given(sun=azimuths, sensor=azimuths)
-@settings(deadline=None, max_examples=200)
-def test_relative_azimuth_lies_in_its_interval(sun: float, sensor: float) -> None:
-    phi = geometry.relative_azimuth_rad(sun_azimuth_rad=sun, sensor_azimuth_rad=sensor)
-    assert -np.pi < phi <= np.pi
-    assert np.cos(phi) == pytest.approx(np.cos(sun - sensor), abs=1e-14)
-    assert np.sin(phi) == pytest.approx(np.sin(sun - sensor), abs=1e-14)
-
-
-def test_relative_azimuth_just_past_forward_is_forward() -> None:
-    # A difference a hair above pi, whose remainder rounds to 2 pi, and one at -pi: both are the closed end.
-    phi = geometry.relative_azimuth_rad(
-        sun_azimuth_rad=np.array([np.nextafter(np.pi, 4.0), 0.0]), sensor_azimuth_rad=np.array([0.0, np.pi])
-    )
-    np.testing.assert_array_equal(phi, np.pi)
-
-
 @pytest.mark.parametrize("to_target", [True, False])
 @given(zenith=st.floats(0.01, 3.1), azimuth=azimuths)
 @settings(deadline=None, max_examples=30)
@@ -100,7 +74,6 @@ def test_axis_rotation_is_what_stokes_rotation_takes(turn: float, polarization: 
     "call",
     [
         lambda bad: geometry.direction(zenith_rad=bad, azimuth_rad=0.0),
-        lambda bad: geometry.relative_azimuth_rad(sun_azimuth_rad=0.0, sensor_azimuth_rad=bad),
         lambda bad: geometry.horizontal_axis(bad, travels_to_target=True),
     ],
 )

@@ -89,27 +89,6 @@ def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol
     return _dust() if kind is AerosolType.DUST else _soot()
 
 
-def rural_of_nominal_radii() -> MieAerosol:
-    """Rural aerosol with the rounded radii 0.03 and 0.5 um that the model is often quoted with, and the dry substance.
-
-    References
-    ----------
-    Shettle & Fenn, AFGL-TR-79-0214 (1979), table 1.
-    """
-    modes = tuple(
-        ParticleMode(
-            number_share=share,
-            sizes=log_normal(number_median_radius_m=radius_m, log10_sigma=sigma),
-            index=_RURAL_SUBSTANCE,
-        )
-        for share, radius_m, sigma in (
-            (_FINE_SHARE, 0.03e-6, _FINE_LOG10_SIGMA),
-            (1.0 - _FINE_SHARE, 0.5e-6, _COARSE_LOG10_SIGMA),
-        )
-    )
-    return MieAerosol(name="rural, nominal radii", modes=modes, source=_SHETTLE_FENN, assumed=_GIVES_TABLE)
-
-
 def _dust() -> MieAerosol:
     """Dust carried far."""
     sizes = log_normal(number_median_radius_m=0.5e-6, log10_sigma=float(np.log10(2.2)), largest_radius_m=5e-6)

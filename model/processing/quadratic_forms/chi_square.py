@@ -11,28 +11,6 @@ _POLISHES = 2  # Newton steps; the start is good to 1e-8 or better in every rele
 _SERIES_TERMS = 30  # and two a degree of freedom: the last is below 1e-17 of the sum
 
 
-def upper_tail(value: ArrayLike, degrees: int) -> FloatArray:
-    """Return P(chi-square > value).
-
-    Parameters
-    ----------
-    value
-        Any shape, 0 to infinity.
-    degrees
-        Degrees of freedom, 1 or more.
-
-    References
-    ----------
-    Definition; a finite sum of exp(-x) x^a / Gamma(a + 1) with erfc(sqrt(x)) for odd degrees, x = value/2.
-    """
-    half = 0.5 * np.asarray(value, dtype=np.float64)
-    finite = np.where(np.isfinite(half), half, 0.0)
-    with np.errstate(under="ignore"):
-        # exp(-half) alone may underflow where the product does not
-        tail = np.exp(-0.5 * half) * (_scaled_tail(finite, degrees) * np.exp(-0.5 * half))
-    return np.asarray(np.where(np.isfinite(half), np.minimum(tail, 1.0), 0.0), dtype=np.float64)
-
-
 def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
     """Return the value that a chi-square variable exceeds with this probability.
 

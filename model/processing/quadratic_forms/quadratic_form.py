@@ -102,34 +102,6 @@ def tail_probabilities(
     return _both(log_tail, above, error)
 
 
-def upper_tail(
-    threshold: ArrayLike,
-    weights: ArrayLike,
-    offsets: ArrayLike,
-    *,
-    degrees: ArrayLike = 1.0,
-    constant: ArrayLike = 0.0,
-    tolerance: float = _TOLERANCE,
-) -> FloatArray:
-    """Return P(Q > threshold); arguments, errors and method are those of `tail_probabilities`."""
-    tails = tail_probabilities(threshold, weights, offsets, degrees=degrees, constant=constant, tolerance=tolerance)
-    return tails.upper
-
-
-def lower_tail(
-    threshold: ArrayLike,
-    weights: ArrayLike,
-    offsets: ArrayLike,
-    *,
-    degrees: ArrayLike = 1.0,
-    constant: ArrayLike = 0.0,
-    tolerance: float = _TOLERANCE,
-) -> FloatArray:
-    """Return P(Q <= threshold); arguments, errors and method are those of `tail_probabilities`."""
-    tails = tail_probabilities(threshold, weights, offsets, degrees=degrees, constant=constant, tolerance=tolerance)
-    return tails.lower
-
-
 def _require_tolerance(tolerance: float) -> None:
     if not _SMALLEST_TOLERANCE <= tolerance <= 0.01:
         raise ValueError(f"tolerance is {tolerance}; allowed is {_SMALLEST_TOLERANCE:g} to 0.01 (relative)")

@@ -5,7 +5,7 @@ from model.atmosphere.aerosol.mie_aerosol import aerosol_extinction_m2, aerosol_
 from model.atmosphere.aerosol.mie_sphere import efficiencies, sphere_coefficients
 from model.atmosphere.aerosol.models import TABULATED, AerosolType, aerosol_optics
 from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
-from model.atmosphere.aerosol.presets import preset_aerosol, rural_of_nominal_radii
+from model.atmosphere.aerosol.presets import preset_aerosol
 from model.atmosphere.aerosol.refractive_index import RefractiveIndex, mixed_index
 from model.atmosphere.aerosol.size_distribution import LogNormal, TabulatedSizes, log_normal
 from tests.model.atmosphere.mie_cases import NOMINAL_RURAL, REFERENCE, aerosol_of
@@ -54,9 +54,6 @@ def test_dry_rural_aerosol_of_nominal_radii():
     # Three digits of another code for the same modes.
     assert found.ssa == pytest.approx(0.940, abs=5e-4)
     assert found.matrix.g == pytest.approx(0.655, abs=5e-4)
-    preset, mode = rural_of_nominal_radii().modes, NOMINAL_RURAL.modes
-    assert [one.sizes for one in preset] == [one.sizes for one in mode]
-    assert preset[0].index.at(550e-9) == pytest.approx(1.53 + 0.0066j)
 
 
 @pytest.mark.parametrize(

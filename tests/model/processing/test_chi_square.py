@@ -8,14 +8,6 @@ from model.processing.quadratic_forms import chi_square
 
 
 @pytest.mark.parametrize("degrees", [1, 2, 3, 4, 13, 40])
-@pytest.mark.parametrize("value", [1e-9, 0.3, 7.0, 80.0, 1300.0])
-def test_upper_tail(degrees: int, value: float) -> None:
-    expected = mp.gammainc(mp.mpf(degrees) / 2, mp.mpf(value) / 2, regularized=True)
-    # positive terms only: each of up to 20 is rounded a few times
-    assert float(chi_square.upper_tail(value, degrees) / expected) == pytest.approx(1.0, abs=3e-15)
-
-
-@pytest.mark.parametrize("degrees", [1, 2, 3, 4, 13, 40])
 @pytest.mark.parametrize("p", [1e-300, 1e-12, 0.4, 0.6, 1.0 - 1e-12])
 def test_quantile(degrees: int, p: float) -> None:
     found = float(chi_square.upper_quantile(p, degrees))
@@ -34,8 +26,6 @@ def test_quantile(degrees: int, p: float) -> None:
 def test_ends() -> None:
     assert chi_square.upper_quantile(0.0, 3) == np.inf
     assert chi_square.upper_quantile(1.0, 3) == 0.0
-    assert chi_square.upper_tail(np.inf, 3) == 0.0
-    assert chi_square.upper_tail(0.0, 3) == 1.0
 
 
 @pytest.mark.parametrize("p", [-0.1, 1.1, np.nan])

@@ -8,10 +8,18 @@ from numpy.testing import assert_allclose
 from scipy.special import betainc, erfc, ndtr
 
 from model.processing.quadratic_forms import chi_square
-from model.processing.quadratic_forms.quadratic_form import lower_tail, tail_probabilities, upper_tail
+from model.processing.quadratic_forms.quadratic_form import tail_probabilities
 
 # Two or three roundings in the exponent and in the prefactor.
 ROUNDING = 1e-14
+
+
+def upper_tail(*arguments, **more):
+    return tail_probabilities(*arguments, **more).upper
+
+
+def lower_tail(*arguments, **more):
+    return tail_probabilities(*arguments, **more).lower
 
 
 def test_one_central_square_is_the_error_function() -> None:

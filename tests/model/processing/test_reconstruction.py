@@ -6,15 +6,15 @@ from hypothesis import strategies as st
 from model.moments import Moments
 from model.processing.dolp import first_order
 from model.processing.reconstruction import (
-    FESSENKOV_RAD,
     MODIFIED_PICKERING_RAD,
-    PICKERING_RAD,
     design,
-    design_from_system,
+    equispaced_rad,
     reconstruct,
     stokes_moments,
 )
-from model.stokes import analyzer_row, from_dolp
+
+PICKERING_RAD = (0.0, np.pi / 4, np.pi / 2)
+FESSENKOV_RAD = (0.0, np.pi / 3, 2 * np.pi / 3)
 
 
 @settings(deadline=None, max_examples=60)
@@ -98,17 +98,6 @@ def test_arguments_out_of_range_are_refused(angles, extinction):
         design(angles, extinction)
 
 
-def test_measured_system_needs_no_angles():
-    rows = analyzer_row(np.array(MODIFIED_PICKERING_RAD), 0.8, 0.01) * np.array([[1.0], [1.02], [0.97], [1.01]])
-    np.testing.assert_allclose(design_from_system(rows).inverse @ rows, np.eye(3), atol=1e-14)
-
-
-@pytest.mark.parametrize("shape", [(2, 3), (4, 4), (4,)])
-def test_system_of_another_shape_is_refused(shape):
-    with pytest.raises(ValueError, match=r"allowed is \(N, 3\)"):
-        design_from_system(np.ones(shape))
-
-
 def test_pictures_have_their_angles_first():
     plan = design(MODIFIED_PICKERING_RAD, 500.0)
     stokes = np.random.default_rng(1).normal(size=(3, 5, 6))
@@ -132,7 +121,7 @@ def test_wrong_number_of_channels_is_refused():
 @pytest.mark.parametrize(("degree", "angle"), [(0.05, 0.3), (0.6, 1.2), (1.0, 2.0)])
 def test_shot_noise_closed_form_of_modified_pickering(degree, angle):
     plan = design(MODIFIED_PICKERING_RAD)
-    s0, s1, s2 = from_dolp(intensity=1000.0, dolp_value=degree, aolp_rad_value=angle)
+    s0, s1, s2 = 1000.0 * np.array([1.0, degree * np.cos(2.0 * angle), degree * np.sin(2.0 * angle)])
     light = plan.system @ [s0, s1, s2]
     found = stokes_moments(plan, Moments(mean=light, cov=np.diag(light)))
     expected = 0.5 * np.array([[s0, s1, s2], [s1, 2 * s0, 0.0], [s2, 0.0, 2 * s0]])
@@ -147,3 +136,14 @@ def test_additive_closed_form_of_modified_pickering():
     np.testing.assert_allclose(found.cov, 9.0 * np.diag([1.0, 2.0, 2.0]), atol=1e-13)
     degree = np.hypot(20.0, 10.0) / 100.0
     np.testing.assert_allclose(first_order(found.mean, found.cov).variance, 9.0 * (2 + degree**2) / 1e4, rtol=1e-13)
+
+
+@pytest.mark.parametrize("frames", [3, 4, 5, 12])
+def test_equal_spacing_reaches_the_best_condition(frames):
+    plan = design(equispaced_rad(frames, start_rad=0.3))
+    np.testing.assert_allclose([plan.condition, plan.ewv], [np.sqrt(2.0), 20.0 / frames], rtol=1e-13)
+
+
+def test_two_angles_are_refused():
+    with pytest.raises(ValueError, match="allowed is 3"):
+        equispaced_rad(2)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.scene.aperture_radiance import aperture_light, aperture_lights
+from model.scene.aperture_radiance import aperture_lights
 from model.scene.hemisphere import Rules
 from model.scene.illumination import illuminate
 from model.scene.view import View
@@ -32,7 +32,7 @@ def view(zenith_deg, azimuth_deg, **more):
 
 
 def light(camera, *, surface=PAINT, tilt=LEVEL, sun=None, **more):
-    return aperture_light(sun or illumination(), surface=surface, tilt=tilt, view=camera, **more)
+    return aperture_lights(sun or illumination(), surface=surface, tilt=tilt, views=(camera,), **more)[0]
 
 
 def test_sign_of_s2_by_compass_azimuths():
