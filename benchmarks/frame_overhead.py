@@ -32,9 +32,8 @@ from rigctl.files.session_file import SessionFile
 from rigctl.runs import run_writer
 from rigctl.runs.journal import Journal
 from rigctl.session import acquisition
-from rigctl.session.frame_store import FrameStore
+from rigctl.session.frame_store import FrameStore, WriterThread
 from rigctl.session.take_session import take_session
-from rigctl.session.writer_thread import WriterThread
 
 TARGET_MS = 5.0
 _MS = 1e3

@@ -240,11 +240,23 @@ class CameraFacts:
     linear : bool or None
         True: what the camera has to bend its counts (gamma, look-up table, sharpening, noise reduction) was read back
         as switched off. None: it tells of nothing of that kind, so nothing is known. False: it bends them.
+    triggered : bool
+        It takes a picture only when it is asked for one, by software or by a line: then the numbers of its frames
+        follow each other, and a gap is a picture that was lost.
     """
 
     sample_format: str
     justified: Literal["right", "left"]
     linear: bool | None
+    triggered: bool = False
+
+
+@runtime_checkable
+class CameraWithFacts(Protocol):
+    """A camera that tells how its counts come about."""
+
+    def facts(self) -> CameraFacts:
+        """Return what is known of them."""
 
 
 @runtime_checkable

@@ -174,11 +174,16 @@ class SimCamera:
 
     def facts(self) -> CameraFacts:
         """Return that it is linear, up to its full well and its range."""
-        return CameraFacts(sample_format="none: within the program", justified="right", linear=True)
+        return CameraFacts(sample_format="none: within the program", justified="right", linear=True, triggered=True)
 
     def features(self) -> dict[str, str]:
         """Return nothing: it has no features with names of their own, and no thermometer."""
         return {}
+
+    @property
+    def next_sequence(self) -> int:
+        """The number of the next frame."""
+        return self._next_sequence
 
     def go_on_from(self, sequence: int) -> None:
         """Give the next frame this number, on which its noise hangs; ValueError where it is used up."""

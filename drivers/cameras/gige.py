@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from drivers.cameras.aravis_library import AravisLibrary, load_aravis
 from drivers.cameras.gige_frame import Asked, FrameNumbers, asked_now, frame_of
-from drivers.cameras.gige_link import GigeLink
+from drivers.cameras.gige_link import GigeLink, address_of
 from drivers.cameras.gige_options import GigeOptions, read_gige_place
 from drivers.cameras.gige_stream import Received
 from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
@@ -97,7 +97,12 @@ class GigeCamera:
         """Return how its samples come, and whether all that bends them is off."""
         setup = self._opened().setup
         pixel_format = setup.pixel_format
-        return CameraFacts(sample_format=pixel_format.name, justified=pixel_format.justified, linear=setup.linear)
+        return CameraFacts(
+            sample_format=pixel_format.name,
+            justified=pixel_format.justified,
+            linear=setup.linear,
+            triggered=self._options.trigger == "software",
+        )
 
     def features(self) -> dict[str, str]:
         """Return what was written to the camera, under its own names, and its temperature where it tells it."""
@@ -276,3 +281,14 @@ def open_gige(place: str) -> GigeCamera:
         The address is wrong, or the camera cannot be set to it.
     """
     return GigeCamera(load_aravis(), read_gige_place(place))
+
+
+def network_address(place: str) -> str:
+    """Return the IP address of a camera, by its place as `open_gige` takes it; the camera is not opened.
+
+    Raises
+    ------
+    NotConnectedError
+        It is not there, or libaravis is not installed.
+    """
+    return address_of(load_aravis(), place.partition("?")[0])

@@ -77,6 +77,7 @@ def command(
         open_calibrated_rig,
         rig_file,
         session_name=session_file.name,
+        run=out,
         noise=noise_content,
         polarizer=None if polarizer is None else read_polarizer_file(polarizer),
         now_utc=utc_text(time.time_ns()),

@@ -25,7 +25,7 @@ def open_calibrated_rig(
 
     Parameters
     ----------
-    rig_file, session_name
+    rig_file, session_name, run
         As `open_rig` takes them.
     noise, polarizer : NoiseParameters, PolarizerParameters or None
         Calibrations.
@@ -37,7 +37,7 @@ def open_calibrated_rig(
     DataError
         A calibration is of other devices or settings, or the rig file says another axis.
     """
-    with open_rig(rig_file, session_name=session_name) as rig:
+    with open_rig(rig_file, session_name=session_name, run=run) as rig:
         used = replace(
             made_for_rig(rig_file, now_utc=now_utc),
             camera_serial=rig.camera_identity.serial_number,

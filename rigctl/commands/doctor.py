@@ -9,9 +9,8 @@ import typer
 
 from drivers.errors import DeviceError
 from rigctl.cli import EXIT_DEVICE
-from rigctl.devices.checkup import Checkup
-from rigctl.devices.finding import Finding
-from rigctl.devices.host_checkup import clock, disk, receive_buffer, room
+from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
+from rigctl.devices.rig_checkup import RigCheckup
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.session.planning.disk_demand import DiskDemand, demand_of
@@ -55,7 +54,7 @@ def _findings(rig: Path | None, session: Path | None, folder: Path, frames: int)
     session_file = None if session is None else load_session(session)
     pixels, camera_s = _USUAL_PIXELS, None
     if rig_file is not None:
-        checkup = Checkup(rig_file, frames=frames)
+        checkup = RigCheckup(rig_file, frames=frames)
         try:
             yield from checkup.findings()
         except DeviceError as error:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import DeviceIdentity, RotationStage
+from rigctl.angles import difference_deg
 
 Side = Literal["forward", "backward"]
 SIDES: tuple[Side, ...] = ("forward", "backward")
@@ -180,11 +181,11 @@ def _visit(
     move = stage.move_to(angle_deg, way=side)
     readings = _watch(stage, watch_s=watch_s, now_s=now_s, sleep=sleep)
     rest_deg = readings[-1][1]
-    watched = tuple((time_s, _difference_deg(reading_deg, rest_deg)) for time_s, reading_deg in readings)
+    watched = tuple((time_s, difference_deg(reading_deg, rest_deg)) for time_s, reading_deg in readings)
     return Visit(
         angle_deg=angle_deg,
         side=side,
-        error_deg=_difference_deg(rest_deg, angle_deg),
+        error_deg=difference_deg(rest_deg, angle_deg),
         settle_s=max((time_s for time_s, off_deg in watched if abs(off_deg) > band_deg), default=0.0),
         tries=move.tries,
         duration_s=move.duration_s,
@@ -206,7 +207,3 @@ def _watch(
         readings.append((now_s() - start_s, angle_deg))
         sleep(_BETWEEN_READINGS_S)
     return readings
-
-
-def _difference_deg(a_deg: float, b_deg: float) -> float:
-    return (a_deg - b_deg + 180.0) % 360.0 - 180.0

@@ -6,15 +6,37 @@ import shutil
 import statistics
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.devices.finding import Finding
 from rigctl.errors import DataError
 
 _RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
 _WRITES = 20
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC
 _MAX_ERROR_PLACE, _STATUS_PLACE, _TIMEX_BYTES = 24, 40, 208  # in struct timex of 64-bit Linux
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What was looked at, what was found, and what to change.
+
+    Attributes
+    ----------
+    what : str
+        What was looked at.
+    found : str
+        What was found, with its unit.
+    advice : str or None
+        What to change; None where all is well.
+    hint : str or None
+        What may be changed, or left as it is.
+    """
+
+    what: str
+    found: str
+    advice: str | None = None
+    hint: str | None = None
 
 
 def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Finding:

@@ -1,19 +1,31 @@
 """Opens the devices of a rig file: the one place where a rig is put together."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from drivers.interfaces import Camera, DeviceIdentity, RotationStage
 from drivers.serial_ports import resolve_port
-from rigctl.devices.operator_at_rig import ask_operator
 from rigctl.devices.stages import SIMULATED, connect_stage, find_driver, require_serial
+from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_folder import FrameKind
 from rigctl.simulated.simulation import Simulation, simulate
 from rigctl.terminal import warn
-from sim_devices.camera import SimCamera
+
+_REQUESTS: dict[FrameKind, str] = {
+    "scene": "Point the camera at the scene, nothing before the lens",
+    "dark": "Cover the lens, so that no light comes in",
+    "flat": "Put the flat field (integrating sphere) before the lens",
+}
+
+
+def _do_nothing(_sequence: int) -> bool:
+    """Return that no numbers jump: a real camera's noise is its own."""
+    return False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,10 +42,9 @@ class Rig:
         Puts scene, dark or flat before the camera: a simulated world by itself, a real rig by asking its operator.
     origin : {"simulated", "device"}
         Where the frames come from.
-    source : SimCamera or None
-        What makes the pictures of a simulated camera: its numbers decide their noise.
-    is_networked : bool
-        Pictures of the source come over the network, under other numbers than the source's own.
+    begin_step : callable
+        To be told of each step, by its sequence number, before its first frame; says whether the numbers of the
+        camera's frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
     """
 
     stage: RotationStage
@@ -42,12 +53,11 @@ class Rig:
     camera_identity: DeviceIdentity
     present: Callable[[FrameKind], None]
     origin: Literal["simulated", "device"]
-    source: SimCamera | None = None
-    is_networked: bool = False
+    begin_step: Callable[[int], bool] = _do_nothing
 
 
 @contextmanager
-def open_rig(rig: RigFile, *, session_name: str) -> Iterator[Rig]:
+def open_rig(rig: RigFile, *, session_name: str, run: Path | None = None) -> Iterator[Rig]:
     """Give the open devices of a rig until the context is left; then they are closed.
 
     Parameters
@@ -56,6 +66,8 @@ def open_rig(rig: RigFile, *, session_name: str) -> Iterator[Rig]:
         Which devices, and where. A port or address that begins with "sim:" is a simulated device.
     session_name : str
         Decides the noise of a simulated camera.
+    run : Path or None
+        Run folder of the session, which may hold a part of it: simulated noise goes on from there.
 
     Raises
     ------
@@ -68,7 +80,7 @@ def open_rig(rig: RigFile, *, session_name: str) -> Iterator[Rig]:
         with _open_devices(rig, None) as opened:
             yield opened
         return
-    with simulate(rig, session_name=session_name) as simulation, _open_devices(rig, simulation) as opened:
+    with simulate(rig, session_name=session_name, run=run) as simulation, _open_devices(rig, simulation) as opened:
         yield opened
 
 
@@ -82,10 +94,9 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
             camera=camera,
             stage_identity=stage_identity,
             camera_identity=camera_identity,
-            present=ask_operator if simulation is None else simulation.world.present,
+            present=_ask_operator if simulation is None else simulation.world.present,
             origin="device" if simulation is None else "simulated",
-            source=_source(rig, simulation),
-            is_networked=simulation is not None and simulation.gige_place is not None,
+            begin_step=_do_nothing if simulation is None else simulation.begin_step,
         )
 
 
@@ -93,12 +104,6 @@ def _stage_port(rig: RigFile, simulation: Simulation | None) -> str:
     if simulation is not None and rig.stage.port.startswith(SIMULATED):
         return simulation.stage_port
     return resolve_port(rig.stage.port, warn=warn)
-
-
-def _source(rig: RigFile, simulation: Simulation | None) -> SimCamera | None:
-    if simulation is None or not rig.camera.address.startswith(SIMULATED):
-        return None
-    return simulation.camera
 
 
 def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
@@ -110,3 +115,23 @@ def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
     factory = find_driver("rigctl.cameras", scheme, key="camera.address").load()
     camera: Camera = factory(place)
     return camera
+
+
+def _ask_operator(kind: FrameKind) -> None:
+    """Return once the person at the terminal says that it is done.
+
+    Raises
+    ------
+    ConfigError
+        There is nobody at a terminal: a lens cap does not put itself on. A scene needs nobody.
+    """
+    if not sys.stdin.isatty():
+        if kind == "scene":
+            return  # what a camera sees when nobody has put anything before it
+        raise ConfigError(
+            f"a take of kind {kind!r} needs somebody at the rig, and there is no terminal to ask at: "
+            "run it by hand, or keep to takes of one kind"
+        )
+    sys.stderr.write(f"{_REQUESTS[kind]}, then press Enter: ")
+    sys.stderr.flush()
+    sys.stdin.readline()

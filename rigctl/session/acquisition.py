@@ -12,23 +12,19 @@ from rigctl.files.rig_file import RigFile
 from rigctl.live.frame_summary import frame_summary
 from rigctl.runs.run_folder import FrameRecord
 from rigctl.runs.run_writer import RunWriter
-from rigctl.session.captured_frame import CapturedFrame
-from rigctl.session.frame_record import record_of
-from rigctl.session.frame_store import FrameStore
+from rigctl.session.captured_frame import CapturedFrame, record_of
+from rigctl.session.cycle_interlocks import SumRule, drift_violation
+from rigctl.session.frame_interlocks import Taken, frame_violations
+from rigctl.session.frame_store import FrameStore, WriterThread
 from rigctl.session.guard import Guard
-from rigctl.session.interlock_violation import InterlockViolation
-from rigctl.session.interlocks import Taken, drift_violation, frame_violations
-from rigctl.session.pause import Pause, StopAskedError
+from rigctl.session.interlocks import InterlockViolation
+from rigctl.session.metering import RoundExposures
 from rigctl.session.planning.session_steps import BYTES_BESIDE_PIXELS, Step
 from rigctl.session.rig_work import RigWork
-from rigctl.session.round_exposures import RoundExposures
 from rigctl.session.session_clock import SteadyUtc
 from rigctl.session.session_context import SessionContext
-from rigctl.session.sum_rule import SumRule
-from rigctl.session.surroundings import Surroundings
-from rigctl.session.thermometer import Thermometer
-from rigctl.session.timing import Timing
-from rigctl.session.writer_thread import WriterThread
+from rigctl.session.surroundings import Surroundings, Thermometer
+from rigctl.session.timing import Pause, StopAskedError, Timing
 from rigctl.utc_time import NS_PER_S
 
 Progress = Callable[[Step], None]
@@ -106,7 +102,7 @@ class _Acquisition:
         self._utc = SteadyUtc(context.clock) if context.utc is None else context.utc
         self._timing = Timing(context, self._utc, self._pause, writer)
         self._guard = Guard(context.interlocks, self._pause, writer)
-        self._work = RigWork(rig, rig_file, writer, next_number=context.next_camera_frame)
+        self._work = RigWork(rig, rig_file, writer)
         self._thermometer = Thermometer(rig.camera, context.clock)
         self._surroundings = Surroundings(writer.path, self._guard, self._utc, self._thermometer, note=writer.event)
         self._exposures = RoundExposures(
@@ -124,28 +120,18 @@ class _Acquisition:
         if self._context.sun is not None:
             # The first position loads the libraries that know it, which takes a second: not between two frames.
             self._context.sun.at(self._utc.now_ns())
-        last: Step | None = None
         for step in self._steps:
             self._pause.answer()
             self._surroundings.look()
             if self._timing.is_time_for(step):
-                self._bring_camera_to(step, last)
+                self._work.begin_step(step.sequence)
                 self._take(step)
-                last = step
         return self._timing.missed
 
     def _home(self) -> None:
         violation = self._work.home()
         for watched in self._guard.watched(() if violation is None else (violation,)):
             self._guard.react(watched, cleared=lambda: self._work.home() is None)
-
-    def _bring_camera_to(self, step: Step, last: Step | None) -> None:
-        """Bring a simulated camera to the number that keys a step's noise, where steps are left out before it."""
-        if self._work.next_number is None:
-            return
-        number = self._work.next_number + (0 if last is None else step.sequence - last.sequence - 1)
-        if last is None or number > self._work.next_number:
-            self._work.bring_camera_to(number)
 
     def _take(self, step: Step) -> None:
         """Take one frame until its interlocks are satisfied, and hand it on to be stored."""

@@ -6,7 +6,6 @@ from rigctl.errors import RunFolderError
 from rigctl.runs.run_folder import FrameRecord, Run
 from rigctl.runs.run_state import read_event_lines
 from rigctl.session.planning.session_steps import Step
-from rigctl.simulated.frame_numbers import number_after
 
 _ANGLE_TOLERANCE_DEG = 1e-6
 
@@ -21,15 +20,12 @@ class Continuation:
         Those that have no frame.
     metered_s : dict
         Exposures that were metered, by round [s].
-    next_camera_frame : int
-        Number that a simulated camera has to give its next frame.
     is_finished : bool
         The session has noted its end.
     """
 
     steps: tuple[Step, ...]
     metered_s: dict[int, float]
-    next_camera_frame: int
     is_finished: bool
 
 
@@ -48,11 +44,9 @@ def continuation(run: Run, steps: tuple[Step, ...]) -> Continuation:
     left = tuple(step for step in steps if step.sequence not in taken)
     events = read_event_lines(run.path)
     metered = [event["facts"] for event in events if event["event"] == "metered"]
-    used = max((facts["next_camera_frame"] or 0 for facts in metered), default=0)
     return Continuation(
         steps=left,
         metered_s={facts["round"]: facts["exposure_s"] for facts in metered},
-        next_camera_frame=number_after(run.frames, left[0].sequence, used=used) if left else 0,
         is_finished=any(event["event"] == "finished" for event in events),
     )
 

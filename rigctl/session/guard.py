@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterable
 
 from rigctl.files.interlock_section import Action, InterlockSection
 from rigctl.runs.run_writer import RunWriter
-from rigctl.session.interlock_violation import InterlockViolation
-from rigctl.session.interlocks import failure_of
-from rigctl.session.pause import Pause
+from rigctl.session.interlocks import InterlockViolation, failure_of
 from rigctl.session.planning.session_steps import Step
+from rigctl.session.timing import Pause
 
 # What a scene is like, frame after frame: an event once a round is enough, beside the remark in each frame.
 _LASTING = ("low_signal", "saturated")

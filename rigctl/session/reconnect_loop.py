@@ -14,7 +14,6 @@ from rigctl.runs.run_state import TALLY_EVENT
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.acquisition import acquire
 from rigctl.session.continuation import continuation
-from rigctl.session.networked_source import begin_networked_source
 from rigctl.session.planning.session_steps import Step
 from rigctl.session.session_context import SessionContext
 from rigctl.session.watch import Watch
@@ -105,13 +104,7 @@ class ReconnectLoop:
     def _take_rest(self, rig: Rig, watch: Watch) -> bool:
         rest = continuation(read_run(self._writer.path), self._steps)
         watch.begin(left=len(rest.steps))
-        has_keys = rig.source is not None and not rig.is_networked
-        begin_networked_source(rig, self._writer.path)
-        context = replace(
-            self._context,
-            metered_s=rest.metered_s,
-            next_camera_frame=rest.next_camera_frame if has_keys else None,
-        )
+        context = replace(self._context, metered_s=rest.metered_s)
         try:
             return acquire(rig, self._rig_file, rest.steps, self._writer, progress=watch.stored, context=context)
         finally:

@@ -3,16 +3,43 @@
 import numpy as np
 
 from drivers.errors import DeviceTimeoutError
-from drivers.interfaces import CameraSettings, Frame, Move
+from drivers.interfaces import CameraSettings, CameraWithFacts, Frame, Move
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_folder import FrameKind
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.captured_frame import CapturedFrame
-from rigctl.session.frame_counter import FrameCounter, is_triggered
-from rigctl.session.interlock_violation import InterlockViolation
-from rigctl.session.interlocks import homed_violation, settings_violation
-from rigctl.simulated.frame_numbers import skip_to
+from rigctl.session.interlocks import InterlockViolation, homed_violation, settings_violation
+
+
+class FrameCounter:
+    """The camera's own frame counter: a number that stands still is an old picture, a gap is a lost one.
+
+    Parameters
+    ----------
+    is_triggered : bool
+        Whether the numbers follow each other; a camera that runs by itself counts what nobody asked for, too.
+    """
+
+    def __init__(self, *, is_triggered: bool) -> None:
+        self._is_triggered = is_triggered
+        self._last: int | None = None
+
+    def forget(self) -> None:
+        """Take the next number as it comes."""
+        self._last = None
+
+    def problem(self, number: int) -> str | None:
+        """Take in the number of a frame; return what is wrong with it."""
+        last, self._last = self._last, number
+        if last is None:
+            return None
+        if number <= last:
+            return f"camera: its frame counter says {number} after {last}: it sent an old picture, or was restarted"
+        missing = number - last - 1
+        if missing and self._is_triggered:
+            return f"camera: its frame counter says {number} after {last}: {missing} pictures were lost on their way"
+        return None
 
 
 class RigWork:
@@ -26,19 +53,12 @@ class RigWork:
         How the polarizer sits, the camera's gain and deadline.
     writer : RunWriter
         Where events go.
-    next_number : int or None
-        Number that a simulated camera is to give its next frame; None where it does not matter.
-
-    Attributes
-    ----------
-    next_number : int or None
-        Number of the next frame of a simulated camera.
     """
 
-    def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter, *, next_number: int | None = None) -> None:
+    def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter) -> None:
         self._rig, self._rig_file, self._writer = rig, rig_file, writer
-        self.next_number = next_number
-        self._counter = FrameCounter(is_triggered=is_triggered(rig_file.camera.address))
+        camera = rig.camera
+        self._counter = FrameCounter(is_triggered=isinstance(camera, CameraWithFacts) and camera.facts().triggered)
         self._presented: FrameKind | None = None
         self._settings: CameraSettings | None = None
         self._settings_violation: InterlockViolation | None = None
@@ -53,13 +73,10 @@ class RigWork:
         self.distrust()
         return homed_violation(self._rig.stage.status())
 
-    def bring_camera_to(self, number: int) -> None:
-        """Let a simulated camera's next frame have a number, unless it is beyond that already."""
-        if self.next_number is None:
-            return
-        skip_to(self._rig.camera, number)
-        self.next_number = number
-        self._counter.forget()
+    def begin_step(self, sequence: int) -> None:
+        """Tell the rig which step comes next."""
+        if self._rig.begin_step(sequence):
+            self._counter.forget()
 
     def present(self, kind: FrameKind) -> None:
         """Put something before the camera, unless it is there."""
@@ -92,9 +109,7 @@ class RigWork:
             move=self._move,
             is_new_move=is_new_move,
             saturated_fraction=np.count_nonzero(frame.counts >= full_dn) / frame.counts.size,
-            violations=tuple(
-                violation for violation in (self._settings_violation, counter_violation) if violation is not None
-            ),
+            violations=tuple(found for found in (self._settings_violation, counter_violation) if found is not None),
         )
 
     def _frame(self, exposure_s: float) -> tuple[Frame, InterlockViolation | None]:
@@ -103,8 +118,6 @@ class RigWork:
         except DeviceTimeoutError:
             self._counter.forget()  # the picture that did not come may have had a number
             raise
-        if self.next_number is not None:
-            self.next_number = frame.sequence + 1
         problem = self._counter.problem(frame.sequence)
         return frame, None if problem is None else InterlockViolation(name="counter", message=problem)
 

@@ -44,8 +44,6 @@ class SessionContext:
         Told of each frame, for whoever watches.
     metered_s : mapping
         Exposures that earlier parts of this session have metered, by round [s].
-    next_camera_frame : int or None
-        Number that a simulated camera is to give its next frame, since its noise is keyed by it.
     """
 
     interlocks: InterlockSection = field(default_factory=InterlockSection)
@@ -60,7 +58,6 @@ class SessionContext:
     regions: RegionMeans = field(default_factory=RegionMeans)
     live: LiveNumbers = field(default_factory=LiveNumbers)
     metered_s: Mapping[int, float] = field(default_factory=dict)
-    next_camera_frame: int | None = None
 
 
 def session_context(

@@ -1,6 +1,5 @@
 """All that a reader of a run must know of how it came about, as the run's description holds it."""
 
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -39,4 +38,10 @@ def _facts_of(camera: Camera) -> dict[str, Any] | None:
     """
     if not isinstance(camera, ReportingCamera):
         return None
-    return asdict(camera.facts()) | {"features": camera.features()}
+    facts = camera.facts()
+    return {
+        "sample_format": facts.sample_format,
+        "justified": facts.justified,
+        "linear": facts.linear,
+        "features": camera.features(),
+    }

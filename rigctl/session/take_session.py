@@ -67,7 +67,7 @@ def take_session(
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     rounds = (at_ns,) if rounds == (None,) else rounds
     steps = plan_steps(session, rounds)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name))
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
         _refuse_nobody_there(rig, steps)
@@ -115,7 +115,7 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
     rest = continuation(run, steps)
     if not rest.steps and rest.is_finished:
         return Outcome(frames=len(run.frames), is_finished=True, repair=repair)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name))
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
         _refuse_nobody_there(rig, rest.steps)

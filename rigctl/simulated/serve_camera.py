@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
-from rigctl.simulated.simulated_gige import split_faults
+from rigctl.simulated.camera_address import split_faults
 from rigctl.simulated.simulation import simulate
 from sim_devices.cameras.gige import serve_gige_camera
 
@@ -22,7 +22,7 @@ def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) 
     Parameters
     ----------
     address : str
-        IP address of this machine, and behind a "?" what goes wrong: see `rigctl.simulated.simulated_gige`.
+        IP address of this machine, and behind a "?" what goes wrong: see `rigctl.simulated.camera_address`.
     rig_path : Path or None
         A rig file with a [simulation]; None: the one of the examples.
     lost_share : float

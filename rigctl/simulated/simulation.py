@@ -1,9 +1,10 @@
 """A simulated rig, made of a rig file: one world, seen by the stage through bytes and by the camera through light."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,11 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import masks
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
+from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, split_faults, split_truth
+from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.rendering import rendering_effect
-from rigctl.simulated.simulated_gige import serve_if_gige
-from rigctl.simulated.truth_option import split_truth
 from sim_devices.camera import SimCamera
+from sim_devices.cameras.gige import serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.detector import Detector, Lens
 from sim_devices.scene_truth import Region, Surface, paint_scene
@@ -45,16 +47,20 @@ class Simulation:
         Pseudo-terminal on which the simulated stage answers.
     gige_place : str or None
         Where the camera is served as a GigE Vision camera, with its driver's options; None if it is not.
+    begin_step : callable
+        To be told, by its sequence number, of each step before its first frame: the noise of frames hangs on it.
+        Says whether the numbers of the camera's frames jump there.
     """
 
     world: World
     camera: SimCamera
     stage_port: str
-    gige_place: str | None = None
+    gige_place: str | None
+    begin_step: Callable[[int], bool]
 
 
 @contextmanager
-def simulate(rig: RigFile, *, session_name: str) -> Iterator[Simulation]:
+def simulate(rig: RigFile, *, session_name: str, run: Path | None = None) -> Iterator[Simulation]:
     """Give the simulated stage, camera and world of a rig file until the context is left.
 
     Parameters
@@ -64,6 +70,8 @@ def simulate(rig: RigFile, *, session_name: str) -> Iterator[Simulation]:
     session_name : str
         Decides, with the rig's seed, the noise of the frames: two sessions of one rig have different noise and the
         same fixed pattern, texture and landing errors.
+    run : Path or None
+        Run folder of the session, which may hold a part of it: the noise goes on from there.
 
     Raises
     ------
@@ -81,8 +89,40 @@ def simulate(rig: RigFile, *, session_name: str) -> Iterator[Simulation]:
         camera = _camera(rig.simulation, world, session_name, log)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
-    with serve_on_pty(stage, clock=clock) as port, camera, serve_if_gige(address, camera) as gige_place:
-        yield Simulation(world=world, camera=camera, stage_port=port, gige_place=gige_place)
+    with serve_on_pty(stage, clock=clock) as port, camera, _serve_if_gige(address, camera) as gige_place:
+        noise = NoiseNumbers(camera, run) if gige_place is None else FreshNoise(camera, run)
+        yield Simulation(
+            world=world, camera=camera, stage_port=port, gige_place=gige_place, begin_step=noise.begin_step
+        )
+
+
+@contextmanager
+def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
+    """Give where a camera is served as a GigE Vision camera, until the context is left; None for another address.
+
+    Parameters
+    ----------
+    address : str
+        The camera's in the rig file. Keys of faults (see `split_faults`) are for the simulation; what else there is
+        behind the "?" is for the driver.
+    camera : Camera
+        The simulated one.
+
+    Raises
+    ------
+    ConfigError
+        A fault is none.
+    NotConnectedError
+        libaravis is not installed, or there is another GigE camera on this machine's own address.
+    """
+    scheme, _, tail = address.partition("?")
+    if scheme != ON_NETWORK:
+        yield None
+        return
+    faults, rest = split_faults(tail)
+    serial_number = camera.identify().serial_number
+    with serve_gige_camera(camera, address=THIS_MACHINE, serial_number=serial_number, faults=faults):
+        yield f"{THIS_MACHINE}?{rest}"
 
 
 def _stage_options(port: str, seed: int) -> StageOptions:

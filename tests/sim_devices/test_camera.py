@@ -25,6 +25,17 @@ def test_identity_says_that_it_is_a_simulation_and_which():
     assert "42" in identity.serial_number
 
 
+def test_it_tells_that_it_takes_a_picture_only_when_asked():
+    assert small_camera().facts().triggered
+
+
+def test_numbers_that_are_left_out_change_no_later_noise():
+    whole, gone_on = small_camera(), small_camera()
+    gone_on.go_on_from(2)
+    assert gone_on.next_sequence == 2
+    np.testing.assert_array_equal(counts_of(gone_on)[0], counts_of(whole, 3)[2])
+
+
 def test_same_seeds_give_the_same_frames():
     for one, other in zip(counts_of(small_camera(), 3), counts_of(small_camera(), 3), strict=True):
         np.testing.assert_array_equal(one, other)

@@ -73,6 +73,11 @@ def test_what_bends_counts_is_switched_off_and_said_to_be(device, open_camera):
     assert device.read_register(registers.GAMMA) == 0
 
 
+@pytest.mark.parametrize(("options", "expected"), [("", True), ("trigger=free&frame_rate_hz=25", False)])
+def test_it_tells_whether_it_is_triggered(open_camera, options, expected):
+    assert open_camera(options).facts().triggered is expected
+
+
 def test_the_names_of_features_are_told(open_camera):
     camera = open_camera("pixel_format=Mono12")
     camera.configure(exposure_s=0.004, gain_db=3.0)

@@ -3,20 +3,24 @@
 import pytest
 
 from drivers.errors import DeviceFaultError, LimitError, NotConnectedError
+from drivers.interfaces import CameraFacts
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import read_run
 from rigctl.session.control import ask
-from rigctl.session.frame_counter import FrameCounter, is_triggered
-from tests.rigctl.session.made_rig import NS, RIG_FILE, MadeWorld, events_of, stalled, unplugged
+from rigctl.session.rig_work import FrameCounter
+from tests.rigctl.session.made_rig import NS, MadeWorld, events_of, stalled, unplugged
 from tests.rigctl.session.watched_sessions import assert_whole, take_watched, trips_of
 
-_TRIGGERED = RIG_FILE.model_copy(update={"camera": RIG_FILE.camera.model_copy(update={"address": "gige:10.0.0.2"})})
+
+def told(*, triggered):
+    """What a camera of any driver, a plug-in's too, may tell of itself."""
+    return CameraFacts(sample_format="made", justified="right", linear=None, triggered=triggered)
 
 
 def test_a_gap_of_the_frame_counter_is_noted_in_the_frame_after_it(tmp_path):
     world = MadeWorld()
-    world.camera.lost = {5: 2}
-    take_watched(world, tmp_path, rig_file=_TRIGGERED)
+    world.camera.lost, world.camera.facts = {5: 2}, lambda: told(triggered=True)
+    take_watched(world, tmp_path)
     assert trips_of(tmp_path) == [("counter", "note")]
     remarks = {record.sequence: record.remarks for record in read_run(tmp_path / "run").frames if record.remarks}
     assert list(remarks) == [5]
@@ -25,16 +29,23 @@ def test_a_gap_of_the_frame_counter_is_noted_in_the_frame_after_it(tmp_path):
 
 def test_a_gap_can_have_the_frame_taken_again(tmp_path):
     world = MadeWorld()
-    world.camera.lost = {5: 2}
-    take_watched(world, tmp_path, rig_file=_TRIGGERED, counter="retry")
+    world.camera.lost, world.camera.facts = {5: 2}, lambda: told(triggered=True)
+    take_watched(world, tmp_path, counter="retry")
     assert trips_of(tmp_path) == [("counter", "retry")]
     assert world.camera.taken == 9
     assert_whole(tmp_path)
 
 
-def test_a_camera_that_runs_by_itself_counts_what_nobody_asked_for(tmp_path):
+def test_a_camera_that_does_not_tell_is_not_taken_for_triggered(tmp_path):
     world = MadeWorld()
     world.camera.lost = {5: 2}
+    take_watched(world, tmp_path)
+    assert trips_of(tmp_path) == []
+
+
+def test_a_camera_that_runs_by_itself_counts_what_nobody_asked_for(tmp_path):
+    world = MadeWorld()
+    world.camera.lost, world.camera.facts = {5: 2}, lambda: told(triggered=False)
     take_watched(world, tmp_path)
     assert trips_of(tmp_path) == []
 
@@ -52,21 +63,6 @@ def test_after_a_picture_that_did_not_come_the_next_number_is_taken_as_it_is():
     counter.forget()
     assert counter.problem(6) is None
     assert counter.problem(7) is None
-
-
-@pytest.mark.parametrize(
-    ("address", "expected"),
-    [
-        ("gige:10.0.0.2", True),
-        ("gige:10.0.0.2?trigger=free&frame_rate_hz=10", False),
-        ("sim:gc780", True),
-        ("sim:gige?trigger=free", False),
-        ("v4l2:/dev/video0", False),
-        ("plug-in:camera", False),
-    ],
-)
-def test_which_cameras_are_triggered(address, expected):
-    assert is_triggered(address) is expected
 
 
 def test_a_camera_too_warm_is_noted_once_and_its_temperature_stands_in_every_frame(tmp_path):

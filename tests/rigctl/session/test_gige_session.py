@@ -10,7 +10,7 @@ from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import resume_session, take_session
-from rigctl.simulated.simulated_gige import split_faults
+from rigctl.simulated.camera_address import split_faults
 from sim_devices.cameras.gige_faults import GigeFaults
 from tests.rigctl.example_files import EXAMPLES, small_rig
 from tests.sim_devices.cameras.gige_port import gige_port

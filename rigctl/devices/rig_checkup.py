@@ -3,16 +3,80 @@
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
 
 from drivers.cameras.gige_setup import path_mtu
 from drivers.interfaces import Camera, ReportingCamera, RotationStage
-from rigctl.devices.finding import Finding
+from drivers.serial_ports import resolve_port
+from rigctl.devices.host_checkup import Finding
+from rigctl.devices.rig import open_rig
+from rigctl.devices.stages import SIMULATED, find_driver
+from rigctl.files.rig_file import RigFile
+from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE
+from rigctl.terminal import warn
 
+_EXPOSURE_S = 0.01
 _READINGS = 20
 _SLOW_ANSWER_S = 0.05
 _SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
 _ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
+
+
+class RigCheckup:
+    """Opens a rig and looks at it.
+
+    Parameters
+    ----------
+    rig : RigFile
+        Which.
+    frames : int
+        How many pictures are taken.
+
+    Attributes
+    ----------
+    pixels : int or None
+        Of a picture, once the camera was opened.
+    camera_s : float or None
+        What a picture takes beside its exposure, once some were taken [s].
+    """
+
+    def __init__(self, rig: RigFile, *, frames: int) -> None:
+        self._rig, self._frames = rig, frames
+        self.pixels: int | None = None
+        self.camera_s: float | None = None
+
+    def findings(self) -> Iterator[Finding]:
+        """Give what is found, line by line.
+
+        Raises
+        ------
+        DeviceError
+            A device cannot be opened, or fails.
+        """
+        yield from self._ways()
+        with open_rig(self._rig, session_name="doctor") as rig:
+            yield Finding(what="stage", found=f"{rig.stage_identity.model}, serial {rig.stage_identity.serial_number}")
+            yield stage_latency(rig.stage)
+            identity = rig.camera_identity
+            yield Finding(what="camera", found=f"{identity.model}, serial {identity.serial_number}")
+            settings = rig.camera.configure(exposure_s=_EXPOSURE_S, gain_db=self._rig.camera.gain_db)
+            self.pixels = settings.width * settings.height
+            timeout_s = self._rig.camera.timeout_s + _EXPOSURE_S
+            times_s = frame_times_s(rig.camera, frames=self._frames, timeout_s=timeout_s)
+            self.camera_s = max(0.0, statistics.median(times_s) - settings.exposure_s)
+            yield from camera_frames(rig.camera, times_s)
+
+    def _ways(self) -> Iterator[Finding]:
+        """Give what there is to say of the ways to the devices."""
+        port = self._rig.stage.port
+        if not port.startswith(SIMULATED):
+            adapter = adapter_wait(resolve_port(port, warn=warn))
+            if adapter is not None:
+                yield adapter
+        network_address = _network_address(self._rig.camera.address)
+        if network_address is not None:
+            yield interface_mtu(network_address)
 
 
 def stage_latency(stage: RotationStage) -> Finding:
@@ -93,3 +157,13 @@ def _timed(ask: Callable[[], object]) -> float:
     start_s = time.perf_counter()
     ask()
     return time.perf_counter() - start_s
+
+
+def _network_address(address: str) -> str | None:
+    """Return where a camera is on the network, before it is opened; None where its driver's module does not tell."""
+    scheme, _, place = address.partition(":")
+    if address.startswith(SIMULATED):
+        return THIS_MACHINE if address.partition("?")[0] == ON_NETWORK else None
+    driver = find_driver("rigctl.cameras", scheme, key="camera.address")
+    tell: Callable[[str], str] | None = getattr(import_module(driver.module), "network_address", None)
+    return None if tell is None else tell(place)

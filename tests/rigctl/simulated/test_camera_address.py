@@ -6,7 +6,7 @@ from benchmarks.trial_kills import mislabelled
 from rigctl.errors import ConfigError
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
-from rigctl.simulated.truth_option import split_truth
+from rigctl.simulated.camera_address import split_truth
 from sim_devices.truth_log import read_truth
 from tests.rigctl.example_files import small_rig, small_session
 

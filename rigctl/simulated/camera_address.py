@@ -1,45 +1,46 @@
-"""A rig's simulated camera on the network, where its address asks for that: ``sim:gige?lost=0.001&hang=20``."""
+"""The options of a simulated camera's address: where the truth is noted, and what goes wrong on its network."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from drivers.interfaces import Camera
 from rigctl.errors import ConfigError
-from sim_devices.cameras.gige import serve_gige_camera
 from sim_devices.cameras.gige_faults import GigeFaults
+from sim_devices.truth_log import TruthLog
 
-SCHEME = "sim:gige"
-_HERE = "127.0.0.1"
+# A camera at this address is on the network, at that of this machine: ``sim:gige?lost=0.001&hang=20``.
+ON_NETWORK = "sim:gige"
+THIS_MACHINE = "127.0.0.1"
+_TRUTH = "truth="
 
 
-@contextmanager
-def serve_if_gige(address: str, camera: Camera) -> Iterator[str | None]:
-    """Give where a camera is served as a GigE Vision camera, until the context is left; None for another address.
+def split_truth(address: str) -> tuple[str, TruthLog | None]:
+    """Return an address without its truth option, and the log that the option asks for.
 
     Parameters
     ----------
     address : str
-        The camera's in the rig file. Keys of faults (see `split_faults`) are for the simulation; what else there is
-        behind the "?" is for the driver.
-    camera : Camera
-        The simulated one.
+        A simulated camera's, such as ``sim:gc780?truth=/tmp/truth.jsonl``. A relative file lies where the program
+        runs: give an absolute one if the session is to be resumed from elsewhere.
 
     Raises
     ------
     ConfigError
-        A fault is none.
-    NotConnectedError
-        libaravis is not installed, or there is another GigE camera on this machine's own address.
+        There are several files, an empty name, or the file cannot be written.
     """
     scheme, _, tail = address.partition("?")
-    if scheme != SCHEME:
-        yield None
-        return
-    faults, rest = split_faults(tail)
-    serial_number = camera.identify().serial_number
-    with serve_gige_camera(camera, address=_HERE, serial_number=serial_number, faults=faults):
-        yield f"{_HERE}?{rest}"
+    options = [option for option in tail.split("&") if option]
+    files = [option.removeprefix(_TRUTH) for option in options if option.startswith(_TRUTH)]
+    rest = "&".join(option for option in options if not option.startswith(_TRUTH))
+    plain = f"{scheme}?{rest}" if rest else scheme
+    if not files:
+        return plain, None
+    if len(files) > 1 or not files[0]:
+        raise ConfigError(f"camera.address: truth={','.join(files)}: must be one file, such as truth=/tmp/truth.jsonl")
+    try:
+        return plain, TruthLog(Path(files[0]))
+    except OSError as error:
+        raise ConfigError(f"camera.address: truth={files[0]}: cannot be written: {error.strerror}") from error
 
 
 def split_faults(options: str) -> tuple[GigeFaults, str]:

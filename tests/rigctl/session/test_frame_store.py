@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from rigctl.session.writer_thread import QUEUE_FRAMES, WriterThread
+from rigctl.session.frame_store import QUEUE_FRAMES, WriterThread
 from tests.rigctl.run_samples import make_record
 
 _COUNTS = np.zeros((2, 2), dtype=np.uint16)

@@ -1,12 +1,13 @@
-"""I0 + I90 against I45 + I135 of each cycle: both are all of the light, whatever its polarization."""
+"""Interlocks on a whole cycle of angles: its sums have to agree, and the light has to stand still."""
 
 import math
 
 from rigctl.files.interlock_section import InterlockSection
 from rigctl.files.session_file import PICTURE
+from rigctl.live.drift import Drift
 from rigctl.live.frame_summary import FrameSummary
 from rigctl.live.mean_noise import MeanNoise
-from rigctl.session.interlock_violation import InterlockViolation
+from rigctl.session.interlocks import InterlockViolation
 
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 _SIGMAS = 5.0
@@ -64,3 +65,12 @@ class SumRule:
         return InterlockViolation(
             name="sum_rule", message=f"{text}: light, exposure or an angle changed within the cycle"
         )
+
+
+def drift_violation(drift: Drift | None, section: InterlockSection) -> InterlockViolation | None:
+    """Return a violation where the light has changed within a cycle by more than is allowed, noise apart."""
+    if drift is None or abs(drift.change) <= section.drift_tolerance + _SIGMAS * (drift.sigma or 0.0):
+        return None
+    text = f"the light changed by {100 * drift.change:+.2f} % in {drift.over_s:.1f} s"
+    allowed = f"allowed are {100 * section.drift_tolerance:g} % from cycle to cycle"
+    return InterlockViolation(name="drift", message=f"{text}, {allowed}: polarization of this cycle is doubtful")

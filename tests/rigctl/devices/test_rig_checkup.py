@@ -7,8 +7,8 @@ import pytest
 from drivers.cameras.gige import open_gige
 from drivers.errors import NotConnectedError
 from rigctl.cli import main
-from rigctl.devices.device_checkup import adapter_wait, camera_frames, frame_times_s, interface_mtu
 from rigctl.devices.host_checkup import clock, disk, receive_buffer, room
+from rigctl.devices.rig_checkup import adapter_wait, camera_frames, frame_times_s, interface_mtu
 from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
 from rigctl.session.planning.disk_demand import demand_of
