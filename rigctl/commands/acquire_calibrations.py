@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 from rigctl.calibrations.made_for import made_for_rig
 from rigctl.calibrations.noise.noise_file import NoiseParameters, require_noise_fits
@@ -17,6 +18,7 @@ def open_calibrated_rig(
     rig_file: RigFile,
     *,
     session_name: str,
+    run: Path,
     noise: NoiseParameters | None,
     polarizer: PolarizerParameters | None,
     now_utc: str,
