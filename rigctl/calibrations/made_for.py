@@ -66,7 +66,7 @@ def made_for(run: Run, records: Sequence[FrameRecord]) -> MadeFor:
     records : sequence of FrameRecord
         The frames in question.
     """
-    options = _options(str(run.session.get("rig", {}).get("camera", {}).get("address", "")))
+    options = _options(run.session.camera_address)
     temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
     starts = [record.start_utc for record in records if record.start_utc is not None]
     return MadeFor(

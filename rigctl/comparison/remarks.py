@@ -71,7 +71,7 @@ def not_tested(measurement: Measurement, scene: SceneFile, scale: Scale, uncerta
         )
     elif given:
         found.append(f"the radiance of {', '.join(given)}: the model was given it")
-    if measurement.run.session.get("origin") == "simulated":
+    if measurement.run.session.origin == "simulated":
         found.append(
             "the scene part of the model against nature: a simulated scene whose truth was computed by the model, or "
             "stated in a file, agrees with it because both have one source"

@@ -126,5 +126,4 @@ def _exposure_std(scene: SceneFile) -> float:
 
 def _offset_std_deg(measurement: Measurement) -> float:
     """Return how well the rig file of the run knows the polarizer's offset; 0 where there is none, as of images."""
-    polarizer = (measurement.run.session.get("rig") or {}).get("polarizer") or {}
-    return float(polarizer.get("offset_std_deg") or 0.0)
+    return measurement.run.session.polarizer.offset_std_deg

@@ -3,23 +3,18 @@
 import math
 from collections.abc import Iterable
 from datetime import datetime
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from model.atmosphere.sun import distance_factor
-from rigctl.config import Section, Uncertain, describe
-from rigctl.errors import DataError
+from rigctl.config import Uncertain
 from rigctl.files.light_sections import SunSection
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.scene_file import SceneFile
-from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_folder import FrameRecord, Run
 from rigctl.scene.scene_numbers import SUN_AZIMUTH, SUN_ZENITH, light_numbers, sun_covariance_deg2
 from rigctl.scene.skies.sun_position import sun_position
-
-Place = TypeVar("Place", bound=Section)
 
 # Below this a difference is that of rounding, and not worth a word [deg].
 _WORTH_A_WORD_DEG = 0.01
@@ -47,7 +42,7 @@ def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> t
     The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun. Where the run states a
     number as exact, the scene file's standard uncertainty of it stays.
     """
-    if not scene.has_materials or run.session.get("origin") == "simulated":
+    if not scene.has_materials or run.session.origin == "simulated":
         return scene, ()
     changed = _with_geometry(scene, run)
     changed = _with_sun(changed, run, tuple(frames))
@@ -55,10 +50,9 @@ def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> t
 
 
 def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
-    stated = run.session.get("rig", {}).get("geometry")
-    if stated is None:
+    geometry = None if run.session.rig is None else run.session.rig.geometry
+    if geometry is None:
         return scene
-    geometry = _section(run, GeometrySection, stated)
     if scene.geometry is not None:
         geometry = _with_stds(geometry, scene.geometry)
     return scene.model_copy(update={"geometry": geometry})
@@ -75,7 +69,7 @@ def _with_stds(used: GeometrySection, stated: GeometrySection) -> GeometrySectio
 
 
 def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> SceneFile:
-    site = _site(run)
+    site = run.session.site
     directions = [_direction(frame, site) for frame in frames]
     known = [direction for direction in directions if direction is not None]
     if not known or len(known) < len(frames):
@@ -131,21 +125,6 @@ def _day_of_year(frame: FrameRecord, stated: SunSection | None) -> float | None:
     if stated is None:
         return None
     return stated.day_of_year if stated.time is None else float(stated.time.timetuple().tm_yday)
-
-
-def _site(run: Run) -> SiteSection | None:
-    for place in ("rig", "session"):
-        stated = (run.session.get(place) or {}).get("site")
-        if stated is not None:
-            return _section(run, SiteSection, stated)
-    return None
-
-
-def _section(run: Run, kind: type[Place], stated: object) -> Place:
-    try:
-        return kind.model_validate(stated)
-    except ValidationError as error:
-        raise DataError(describe(run.path / SESSION_FILE, error)) from error
 
 
 def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:

@@ -153,14 +153,14 @@ def _instrument(run: Run) -> Mapping[str, object]:
     scene = next((record for record in run.frames if record.kind == "scene"), None)
     if scene is None:
         raise DataError(f"{run.path}: holds no scene frames")
-    polarizer = (run.session.get("rig") or {}).get("polarizer") or {}
+    polarizer = run.session.polarizer
     return {
         "camera": (scene.camera_model, scene.camera_serial),
         "gain [dB]": scene.gain_db,
         "bit depth": scene.bit_depth,
         "picture": (scene.width, scene.height),
         "stage": (scene.stage_model, scene.stage_serial),
-        "polarizer sense": polarizer.get("sense"),
-        "polarizer offset [deg]": polarizer.get("offset_deg"),
-        "extinction ratio": polarizer.get("extinction_ratio"),
+        "polarizer sense": polarizer.sense,
+        "polarizer offset [deg]": polarizer.offset_deg,
+        "extinction ratio": polarizer.extinction_ratio,
     }

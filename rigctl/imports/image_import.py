@@ -68,7 +68,7 @@ def _present_run(path: Path) -> Run | None:
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return None
     run = read_run(path)
-    if run.session.get("origin") != ORIGIN:
+    if run.session.origin != ORIGIN:
         raise RunFolderError(f"{path}: holds frames that were taken, not imported; import into a folder of its own")
     return run
 

@@ -62,7 +62,7 @@ class CycleHistory:
 
 def is_session(run: Run) -> bool:
     """Return whether a run was taken by a session, and not imported."""
-    return "rig" in run.session and "session" in run.session
+    return run.session.is_of_session
 
 
 def region_means_of(run: Run) -> Means:
@@ -92,7 +92,7 @@ def cycle_history(run: Run, means: Means) -> CycleHistory:
     Frames of one round and cycle number belong together; takes that repeat a number at the same exposure are one.
     """
     rig_file, session = files_of(run)
-    noise = run.session.get("noise")
+    noise = run.session.noise
     levels = LightLevels(noise=None if noise is None else mean_noise(noise))
     seen = [_seen(record, means[record.sequence]) for record in run.frames if record.start_utc is not None]
     for frame in seen:

@@ -1,12 +1,12 @@
 """What a noise calibration says of the mean of many pixels: for the sum rule, and for whoever watches."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from model.sensor.sensor import SensorNoise
 from model.sensor.temporal_noise import temporal_variance_dn2
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
+from rigctl.runs.session_record import SessionNoise
 
 _NEEDED = ("gain_dn_per_e", "read_noise_e", "black_level_dn")
 
@@ -33,7 +33,7 @@ class MeanNoise:
         return float(temporal_variance_dn2(signal_dn, noise=self.sensor, exposure_s=exposure_s)) / pixels
 
 
-def noise_numbers(calibration: NoiseParameters) -> dict[str, float]:
+def noise_numbers(calibration: NoiseParameters) -> SessionNoise:
     """Return the numbers of a noise calibration that a session needs: they go into the run.
 
     Raises
@@ -45,21 +45,14 @@ def noise_numbers(calibration: NoiseParameters) -> dict[str, float]:
     if missing:
         raise ConfigError(f"--noise: the calibration has no {', '.join(missing)}")
     sensor = calibration.sensor_noise()
-    return {
-        "gain_dn_per_e": sensor.gain_dn_per_e,
-        "read_noise_e": sensor.read_noise_e,
-        "black_level_dn": sensor.black_level_dn,
-        "dark_current_e_per_s": sensor.dark_current_e_per_s,
-    }
-
-
-def mean_noise(numbers: Mapping[str, float]) -> MeanNoise:
-    """Return the noise of means by the numbers that `noise_numbers` gave."""
-    return MeanNoise(
-        sensor=SensorNoise(
-            gain_dn_per_e=numbers["gain_dn_per_e"],
-            read_noise_e=numbers["read_noise_e"],
-            dark_current_e_per_s=numbers["dark_current_e_per_s"],
-            black_level_dn=numbers["black_level_dn"],
-        )
+    return SessionNoise(
+        gain_dn_per_e=sensor.gain_dn_per_e,
+        read_noise_e=sensor.read_noise_e,
+        black_level_dn=sensor.black_level_dn,
+        dark_current_e_per_s=sensor.dark_current_e_per_s,
     )
+
+
+def mean_noise(numbers: SessionNoise) -> MeanNoise:
+    """Return the noise of means by the numbers that `noise_numbers` gave."""
+    return MeanNoise(sensor=SensorNoise(**asdict(numbers)))

@@ -206,6 +206,5 @@ def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
 
 def _extinction_ratio(run: Run) -> float:
     """Return what the rig file of the session says; infinite where there is none, as for imported images."""
-    polarizer = run.session.get("rig", {}).get("polarizer", {})
-    stated = polarizer.get("extinction_ratio")
-    return np.inf if stated is None else float(stated)
+    stated = run.session.polarizer.extinction_ratio
+    return np.inf if stated is None else stated

@@ -60,7 +60,7 @@ def provenance_json(found: ComparedRun) -> dict[str, Any]:
         "files": {what: {"path": str(file.path), "sha256": file.sha256} for what, file in used.files.items()},
         "settings": {"alpha": used.alpha, "scale": used.scale},
         "machine": machine(),
-        "session": run.session,
+        "session": run.session_json,
     }
 
 

@@ -43,7 +43,7 @@ def export_hdf5(run: Run, out: Path) -> None:
             dataset = file.create_dataset(f"frames/{name}", data=_dataset(column))
             dataset.attrs["unit"] = unit_of(name)
         file.create_dataset("records", data=[json.dumps(asdict(record)) for record in run.frames])
-        file.attrs["session"] = json.dumps(run.session)
+        file.attrs["session"] = json.dumps(run.session_json)
         file.attrs["created_by"] = run.created_by
 
 

@@ -29,4 +29,4 @@ def export_tiff(run: Run, out: Path) -> None:
         tifffile.imwrite(
             out / name, run.counts(record), photometric="minisblack", description=json.dumps(asdict(record))
         )
-    (out / "session.json").write_text(json.dumps(run.session, indent=2), encoding="ascii")
+    (out / "session.json").write_text(json.dumps(run.session_json, indent=2), encoding="ascii")

@@ -38,4 +38,4 @@ def export_zarr(run: Run, out: Path) -> None:
     )
     for place, record in enumerate(run.frames):
         counts[place] = run.counts(record)
-    group.attrs.update({"frames": columns_of(run), "session": run.session, "created_by": run.created_by})
+    group.attrs.update({"frames": columns_of(run), "session": run.session_json, "created_by": run.created_by})

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
 from rigctl.errors import DataError
+from rigctl.runs.session_record import session_record
 
 SCHEMA_VERSION = 1
 SESSION_FILE = "session.json"
@@ -63,6 +64,10 @@ def read_description(file: Path) -> RunDescription:
             f"schema_version is {description.schema_version}, this program reads {SCHEMA_VERSION}. "
             f"The folder was made by {description.created_by}: try that"
         )
+    try:
+        session_record(description.session)
+    except ValidationError as error:
+        raise DataError("; ".join(f"session.{problem}" for problem in explain_invalid(error).split("; "))) from error
     return description
 
 

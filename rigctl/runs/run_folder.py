@@ -23,6 +23,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.fits_frame import decode_frame
 from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, read_description
+from rigctl.runs.session_record import SessionRecord, session_record
 
 MANIFEST_FILE = "manifest.jsonl"
 EVENTS_FILE = "events.jsonl"
@@ -156,9 +157,10 @@ class Run:
     ----------
     path : Path
         The folder.
-    session : dict
-        What the writer was told of the session: rig, session, versions, hashes; ``origin`` says where the
-        frames come from ("simulated", "device" or "import").
+    session : SessionRecord
+        How it came about.
+    session_json : dict
+        All that the writer was told of that: rig, session, versions, hashes.
     frames : tuple of FrameRecord
         In the order of their sequence numbers.
     created_by : str
@@ -168,7 +170,8 @@ class Run:
     """
 
     path: Path
-    session: dict[str, Any]
+    session: SessionRecord
+    session_json: dict[str, Any]
     frames: tuple[FrameRecord, ...]
     created_by: str
     created_utc: str
@@ -263,7 +266,8 @@ def read_run(path: Path) -> Run:
         raise RunFolderError(f"{path} cannot be used as a run folder:\n  " + "\n  ".join(problems))
     return Run(
         path=path,
-        session=description.session,
+        session=session_record(description.session),
+        session_json=description.session,
         frames=contents.frames,
         created_by=description.created_by,
         created_utc=description.created_utc,

@@ -32,11 +32,11 @@ def files_of(run: Run) -> tuple[RigFile, SessionFile]:
     RunFolderError, ConfigError
         The run was not made by a session, or what it holds is no such file.
     """
-    if "rig" not in run.session or "session" not in run.session:
+    if not run.session.is_of_session:
         raise RunFolderError(f"{run.path}: was not made by `rigctl acquire`: there is nothing to go on with")
     try:
-        rig_file = RigFile.model_validate(run.session["rig"])
-        session = SessionFile.model_validate(run.session["session"])
+        rig_file = RigFile.model_validate(run.session_json["rig"])
+        session = SessionFile.model_validate(run.session_json["session"])
     except ValidationError as error:
         raise ConfigError(describe(run.path / SESSION_FILE, error)) from error
     kept = run.path / INPUTS_FOLDER / "scene.toml"

@@ -104,7 +104,7 @@ def summarize_run(run: Run) -> RunSummary:
     frames = run.frames
     return RunSummary(
         run=str(run.path),
-        origin=str(run.session.get("origin", "not stated")),
+        origin=run.session.origin or "not stated",
         created_by=run.created_by,
         created_utc=run.created_utc,
         frames=len(frames),

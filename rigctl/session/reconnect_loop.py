@@ -138,11 +138,11 @@ def require_same_devices(rig: Rig, run: Run) -> None:
     """Raise NotConnectedError unless the devices are those with which a run began."""
     found: dict[str, DeviceIdentity] = {"stage": rig.stage_identity, "camera": rig.camera_identity}
     for what, identity in found.items():
-        before = run.session.get(what, {})
-        if before.get("serial_number") != identity.serial_number:
+        before = run.session.stage if what == "stage" else run.session.camera
+        if before.serial_number != identity.serial_number:
             raise NotConnectedError(
                 f"the {what} is {identity.model} with serial number {identity.serial_number}, and this run began with "
-                f"{before.get('model')}, {before.get('serial_number')}: connect that one"
+                f"{before.model}, {before.serial_number}: connect that one"
             )
 
 

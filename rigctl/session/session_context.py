@@ -9,6 +9,7 @@ from rigctl.files.session_file import PICTURE, MeteringSection, SessionFile
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.mean_noise import MeanNoise, mean_noise
 from rigctl.live.region_means import RegionMeans
+from rigctl.runs.session_record import SessionNoise
 from rigctl.session.control import Control
 from rigctl.session.planning.sun_track import SunTrack
 from rigctl.session.session_clock import SessionClock, SteadyUtc
@@ -67,7 +68,7 @@ def session_context(
     clock: SessionClock,
     control: Control,
     until_ns: int | None,
-    noise: Mapping[str, float] | None,
+    noise: SessionNoise | None,
 ) -> SessionContext:
     """Return how a session file wants its session to be conducted, on a rig."""
     of_means = None if noise is None else mean_noise(noise)

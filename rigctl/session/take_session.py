@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from rigctl.devices.rig import Rig, open_rig
@@ -14,6 +14,7 @@ from rigctl.runs.repair import Repair, repair_run
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_inputs import files_of, keep_inputs
 from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.session_record import SessionNoise
 from rigctl.session.continuation import continuation
 from rigctl.session.control import Control
 from rigctl.session.planning.schedule import round_times_ns
@@ -32,7 +33,7 @@ def take_session(
     files: dict[str, Path],
     at_ns: int | None = None,
     until_ns: int | None = None,
-    noise: dict[str, float] | None = None,
+    noise: SessionNoise | None = None,
     clock: SessionClock | None = None,
     opener: Opener | None = None,
 ) -> Outcome:
@@ -48,7 +49,7 @@ def take_session(
         What the two were read from; names and hashes go into the run.
     at_ns, until_ns : int, optional
         When to begin, and from when on no frame is taken [ns since 1970 UTC].
-    noise : dict, optional
+    noise : SessionNoise, optional
         What the sum rule needs of a noise calibration, as `noise_numbers` gives it.
     clock : SessionClock, optional
         The host's clocks.
@@ -74,7 +75,7 @@ def take_session(
         description = describe_session(rig, rig_file, session, files) | {
             "rounds_ns": list(rounds),
             "until_ns": until_ns,
-            "noise": noise,
+            "noise": None if noise is None else asdict(noise),
         }
         with RunWriter.create(out, description, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             keep_inputs(rig_file, files, out)
@@ -110,8 +111,8 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
     run = read_run(path)
     rig_file, session = files_of(run)
     clock = SessionClock() if clock is None else clock
-    until_ns = run.session.get("until_ns")
-    steps = plan_steps(session, run.session.get("rounds_ns", [None]))
+    until_ns = run.session.until_ns
+    steps = plan_steps(session, run.session.rounds_ns)
     rest = continuation(run, steps)
     if not rest.steps and rest.is_finished:
         return Outcome(frames=len(run.frames), is_finished=True, repair=repair)
@@ -130,7 +131,7 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
                 clock=clock,
                 control=control,
                 until_ns=until_ns,
-                noise=run.session.get("noise"),
+                noise=run.session.noise,
             )
             loop = ReconnectLoop(rig_file, steps, writer, context, opener)
             return replace(loop.take(rig, devices, title=session.name), repair=repair)

@@ -13,6 +13,7 @@ from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.runs.run_folder import Run
+from rigctl.runs.session_record import PolarizerAsTaken
 
 SCHEMA_VERSION = 2
 # Version 1 has "devices" in place of "made_for".
@@ -84,9 +85,7 @@ def read_fitting_polarizer(path: Path, run: Run) -> tuple[PolarizerParameters, t
     """
     found = read_polarizer_file(path)
     used = made_for(run, [record for record in run.frames if record.kind == "scene"])
-    stated = run.session.get("rig", {}).get("polarizer", {})
-    known = "sense" in stated and "offset_deg" in stated
-    doubts = require_polarizer_fits(found, used, polarizer=PolarizerSection.model_validate(stated) if known else None)
+    doubts = require_polarizer_fits(found, used, polarizer=run.session.polarizer)
     if found.channels is None:
         doubts += (
             "polarizer calibration: made with fixed references, it holds no throughput: nothing is divided by it",
@@ -95,7 +94,7 @@ def read_fitting_polarizer(path: Path, run: Run) -> tuple[PolarizerParameters, t
 
 
 def require_polarizer_fits(
-    calibration: PolarizerParameters, used: MadeFor, *, polarizer: PolarizerSection | None
+    calibration: PolarizerParameters, used: MadeFor, *, polarizer: PolarizerSection | PolarizerAsTaken
 ) -> tuple[str, ...]:
     """Return what is doubtful about frames of a rig by its polarizer calibration, in words.
 
@@ -105,8 +104,8 @@ def require_polarizer_fits(
         The calibration.
     used : MadeFor
         What the frames were, or will be, taken with.
-    polarizer : PolarizerSection or None
-        Sense and offset that the rig file states.
+    polarizer : PolarizerSection or PolarizerAsTaken
+        Sense and offset that the rig file states; where it does not, they are not compared.
 
     Raises
     ------
@@ -117,16 +116,16 @@ def require_polarizer_fits(
         calibration.made_for or calibration.devices, created_utc=calibration.created_utc, valid_days=VALID_DAYS
     )
     doubts = require_fit("polarizer calibration", made, used, stage=True, gain=False)
-    if polarizer is not None:
-        _require_same_axis(calibration, polarizer)
+    if polarizer.sense is not None and polarizer.offset_deg is not None:
+        _require_same_axis(calibration, polarizer.sense, polarizer.offset_deg)
     return doubts
 
 
-def _require_same_axis(calibration: PolarizerParameters, polarizer: PolarizerSection) -> None:
+def _require_same_axis(calibration: PolarizerParameters, sense: int, offset_deg: float) -> None:
     offset = calibration.offset_deg
-    apart = (polarizer.offset_deg - offset.value + 90.0) % 180.0 - 90.0
-    if polarizer.sense != calibration.sense or abs(apart) > _SIGMAS * offset.std_error + _COPIED_DEG:
+    apart = (offset_deg - offset.value + 90.0) % 180.0 - 90.0
+    if sense != calibration.sense or abs(apart) > _SIGMAS * offset.std_error + _COPIED_DEG:
         raise DataError(
-            f"the rig file says sense = {polarizer.sense}, offset_deg = {polarizer.offset_deg:g}; calibrated are "
+            f"the rig file says sense = {sense}, offset_deg = {offset_deg:g}; calibrated are "
             f"{calibration.sense} and {offset.value:.4f} +- {offset.std_error:.4f}: put the calibrated ones there"
         )

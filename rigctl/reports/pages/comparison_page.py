@@ -50,7 +50,7 @@ def compare_report(
         Which effects the prediction took and which it skipped, with the reason.
     """
     comparison, measurement, regions = found.comparison, found.measurement, found.regions
-    simulated = measurement.run.session.get("origin") == "simulated"
+    simulated = measurement.run.session.origin == "simulated"
     return Report(
         title=title,
         source=_SOURCE.format(kind=comparison.kind.capitalize(), origin=_SIMULATED if simulated else ""),
@@ -246,7 +246,7 @@ def _facts(measurement: Measurement) -> dict[str, str]:
     exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
     return {
         "run": str(measurement.run.path),
-        "frames come from": str(measurement.run.session.get("origin", "not said")),
+        "frames come from": measurement.run.session.origin or "not said",
         "camera": f"{first.camera_model or 'not known'}, serial number {first.camera_serial or 'not known'}",
         "stage": f"{first.stage_model or 'not known'}, serial number {first.stage_serial or 'not known'}",
         "polarizer angles, measured [deg]": ", ".join(f"{a * _DEG_PER_RAD:.3f}" for a in grid.polarizer_angles_rad),

@@ -64,7 +64,7 @@ def run_page(run: Run) -> str:
         frames=len(run.frames),
         start=(run.frames[0].start_utc or "")[:19] if run.frames else "",
         end=(run.frames[-1].end_utc or "")[:19] if run.frames else "",
-        origin=str(run.session.get("origin", "not stated")),
+        origin=run.session.origin or "not stated",
         made_by=run.created_by,
         drift="" if history is None else drift_line(history),
         pictures=[(title, base64.b64encode(data).decode("ascii")) for title, data in pictures],

@@ -11,6 +11,7 @@ from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_folder import read_run
+from rigctl.runs.session_record import SessionNoise
 from rigctl.session.planning.session_plan import plan_session
 from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig
@@ -18,7 +19,7 @@ from tests.rigctl.scene_texts import SCENE, written
 from tests.rigctl.session.made_rig import START_NS, MadeWorld, unplugged
 from tests.rigctl.session.watched_sessions import take_watched
 
-_NOISE = {"gain_dn_per_e": 0.5, "read_noise_e": 1.0, "dark_current_e_per_s": 0.0, "black_level_dn": 100.0}
+_NOISE = SessionNoise(gain_dn_per_e=0.5, read_noise_e=1.0, dark_current_e_per_s=0.0, black_level_dn=100.0)
 
 
 def _said(capsys, *arguments):

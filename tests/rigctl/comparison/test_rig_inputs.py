@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from rigctl.comparison.rig_inputs import (
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import RigSection, SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement, measure
+from rigctl.runs.session_record import RigAsTaken
 from rigctl.scene.scene_inputs import Inputs, gather
 
 
@@ -63,11 +66,10 @@ def test_the_offset_of_a_rig_file_may_have_an_uncertainty() -> None:
 
 def test_the_uncertainty_of_the_rig_files_offset_is_an_input(given: tuple[SceneFile, Measurement]) -> None:
     scene, measurement = given
-    measurement.run.session["rig"]["polarizer"]["offset_std_deg"] = 0.3
-    try:
-        found = with_rig(gather(scene, None), RigSection(), cycle_of_run(measurement, scene))
-    finally:
-        del measurement.run.session["rig"]["polarizer"]["offset_std_deg"]
+    session = measurement.run.session
+    rig = replace(session.rig or RigAsTaken(), polarizer=replace(session.polarizer, offset_std_deg=0.3))
+    told = replace(measurement, run=replace(measurement.run, session=replace(session, rig=rig)))
+    found = with_rig(gather(scene, None), RigSection(), cycle_of_run(told, scene))
     place = found.names.index(OFFSET)
     assert found.cov[place, place] == pytest.approx(0.09)
 

@@ -6,7 +6,9 @@ import pytest
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.run_folder import FrameRecord, Run, read_run
+from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.session_record import session_record
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 
@@ -20,8 +22,14 @@ def scene(tmp_path):
 
 
 def run_of(*, origin="device", **session):
+    content = {"origin": origin} | session
     return Run(
-        path=Path("run"), session={"origin": origin} | session, frames=(), created_by="test", created_utc=AT_NOON
+        path=Path("run"),
+        session=session_record(content),
+        session_json=content,
+        frames=(),
+        created_by="test",
+        created_utc=AT_NOON,
     )
 
 
@@ -92,9 +100,11 @@ def test_phi_is_kept_and_said_so(tmp_path):
     assert any("phi_deg: kept as stated" in text for text in said)
 
 
-def test_a_damaged_site_is_refused(scene):
-    with pytest.raises(DataError, match="latitude_deg"):
-        scene_of_run(scene, run_of(rig={"site": {"latitude_deg": 143.0}}), [frame(start_utc=AT_NOON)])
+def test_a_damaged_site_is_refused(tmp_path):
+    with RunWriter.create(tmp_path / "run", {"rig": {"site": {"latitude_deg": 143.0, "longitude_deg": 0.0}}}):
+        pass
+    with pytest.raises(DataError, match=r"session\.json: session\.rig\.site\.latitude_deg"):
+        read_run(tmp_path / "run")
 
 
 def test_an_agreeing_run_needs_no_word(scene):

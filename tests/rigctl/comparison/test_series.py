@@ -17,7 +17,8 @@ from rigctl.jobs.compare import CompareRequest
 from rigctl.jobs.series import compare_series
 from rigctl.reports.pages.series_page import series_json, series_report
 from rigctl.reports.writers.pdf_document import pdf
-from rigctl.runs.run_folder import FrameRecord, Run, read_run
+from rigctl.runs.run_folder import FrameRecord, read_run
+from rigctl.runs.session_record import PolarizerAsTaken, RigAsTaken
 
 
 def afternoon(folder: Path, monkeypatch: pytest.MonkeyPatch, *, runs: int = 3, **strange: object) -> list[Path]:
@@ -92,10 +93,8 @@ def test_a_run_that_does_not_belong_is_refused(
 
 def test_a_run_of_another_axis_is_refused(series: ComparedSeries) -> None:
     run = series.runs[0].measurement.run
-    session = run.session | {"rig": {"polarizer": {"extinction_ratio": 500.0, "offset_deg": 3.0}}}
-    other = Run(
-        path=Path("other"), session=session, frames=run.frames, created_by="rigctl", created_utc=run.created_utc
-    )
+    polarizer = PolarizerAsTaken(extinction_ratio=500.0, offset_deg=3.0)
+    other = replace(run, path=Path("other"), session=replace(run.session, rig=RigAsTaken(polarizer=polarizer)))
     with pytest.raises(DataError, match="polarizer offset"):
         require_one_instrument([run, other])
 

@@ -58,7 +58,7 @@ def test_imported_run_is_sound_and_says_what_it_is(run_path, pngs):
     import_into(run_path, *pngs, "--angles", "0,45,90,135", *SAID)
     assert verify_run(run_path).ok
     assert verify_run(run_path).leftovers == ()
-    assert read_run(run_path).session["origin"] == "import"
+    assert read_run(run_path).session.origin == "import"
 
 
 @pytest.mark.parametrize("words", [["--angles", "-60,0,60"], ["--angles=-60,0,60"]])

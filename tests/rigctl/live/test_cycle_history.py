@@ -7,10 +7,11 @@ from rigctl.live.cycle_history import cycle_history, region_means_of
 from rigctl.reports.figures.cycle_figure import cycle_figure, drift_line
 from rigctl.runs.live_status import read_status
 from rigctl.runs.run_folder import read_run
+from rigctl.runs.session_record import SessionNoise
 from tests.rigctl.session.made_rig import MadeWorld
 from tests.rigctl.session.watched_sessions import take_watched
 
-_NOISE = {"gain_dn_per_e": 0.5, "read_noise_e": 1.0, "dark_current_e_per_s": 0.0, "black_level_dn": 100.0}
+_NOISE = SessionNoise(gain_dn_per_e=0.5, read_noise_e=1.0, dark_current_e_per_s=0.0, black_level_dn=100.0)
 
 
 def _history(tmp_path, *, faults=None, noise=None, **take):

@@ -1,6 +1,7 @@
 """Sum rule and DoLP of a cycle, with the deviations that noise predicts, against draws of that noise."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,15 +9,16 @@ import pytest
 from rigctl.live.cycle_numbers import polarization, sum_rule
 from rigctl.live.light_levels import LightLevels
 from rigctl.live.mean_noise import mean_noise
+from rigctl.runs.session_record import SessionNoise
 from tests.rigctl.live.made_frame_summaries import BLACK_DN, EXPOSURE_S, behind, cycle_of, dark, seen
 
 _GAIN, _READ_E = 0.24, 10.0
-_NUMBERS = {
-    "gain_dn_per_e": _GAIN,
-    "read_noise_e": _READ_E,
-    "dark_current_e_per_s": 0.0,
-    "black_level_dn": BLACK_DN,
-}
+_NUMBERS = SessionNoise(
+    gain_dn_per_e=_GAIN,
+    read_noise_e=_READ_E,
+    dark_current_e_per_s=0.0,
+    black_level_dn=BLACK_DN,
+)
 _STOKES_DN = (800.0, 120.0, -60.0)
 _ANGLES_DEG = (0.0, 90.0, 45.0, 135.0)
 _DRAWS = 2_000
@@ -121,7 +123,7 @@ def test_dark_frames_come_before_the_calibration_and_that_before_nothing():
     levels = LightLevels()
     assert levels.source(EXPOSURE_S).startswith("not known")
     assert levels.dark_dn("panel", EXPOSURE_S) == 0.0
-    levels = LightLevels(noise=mean_noise(_NUMBERS | {"dark_current_e_per_s": 100.0}))
+    levels = LightLevels(noise=mean_noise(replace(_NUMBERS, dark_current_e_per_s=100.0)))
     assert levels.source(EXPOSURE_S) == "calibration"
     assert levels.dark_dn("panel", EXPOSURE_S) == pytest.approx(BLACK_DN + 0.24 * 100.0 * EXPOSURE_S)
     levels.add_dark(dark(level_dn=3.0))

@@ -12,13 +12,14 @@ from rigctl.files.session_file import SessionFile
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.region_means import RegionMeans
 from rigctl.runs.live_status import read_status
+from rigctl.runs.session_record import SessionNoise
 from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import small_rig
 from tests.rigctl.live.made_frame_summaries import cycle_of, dark, seen
 
 _LEFT = {"name": "left", "rectangle": {"x": 4, "y": 4, "width": 40, "height": 40}}
 _RIGHT = {"name": "right", "polygon": [[52, 4], [91, 4], [91, 43], [52, 43]]}
-_NOISE = {"gain_dn_per_e": 0.24, "read_noise_e": 10.0, "dark_current_e_per_s": 20.0, "black_level_dn": 64.0}
+_NOISE = SessionNoise(gain_dn_per_e=0.24, read_noise_e=10.0, dark_current_e_per_s=20.0, black_level_dn=64.0)
 
 
 def _filled(*cycles, live=None):

@@ -41,7 +41,7 @@ def test_hdf5_holds_every_frame_and_its_record(tmp_path):
         for place, record in enumerate(run.frames):
             np.testing.assert_array_equal(file["counts"][place], run.counts(record))
             assert _record(json.loads(file["records"][place])) == record
-        assert json.loads(file.attrs["session"]) == run.session
+        assert json.loads(file.attrs["session"]) == run.session_json
         assert file.attrs["created_by"] == run.created_by
 
 
@@ -68,7 +68,7 @@ def test_zarr_holds_every_frame_and_its_record(tmp_path):
     for place, record in enumerate(run.frames):
         np.testing.assert_array_equal(group["counts"][place], run.counts(record))
         assert _record({name: column[place] for name, column in group.attrs["frames"].items()}) == record
-    assert group.attrs["session"] == run.session
+    assert group.attrs["session"] == run.session_json
 
 
 def test_tiff_holds_every_frame_and_its_record(tmp_path):
@@ -81,7 +81,7 @@ def test_tiff_holds_every_frame_and_its_record(tmp_path):
             assert _record(json.loads(file.pages[0].description)) == record
         # Another reader, which shares no code with the writer.
         np.testing.assert_array_equal(cv2.imread(str(out / name), cv2.IMREAD_UNCHANGED), run.counts(record))
-    assert json.loads((out / "session.json").read_text()) == run.session
+    assert json.loads((out / "session.json").read_text()) == run.session_json
 
 
 @pytest.mark.parametrize("to", ["hdf5", "zarr"])

@@ -7,6 +7,7 @@ import pytest
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.run_description import SCHEMA_VERSION
 from rigctl.runs.run_folder import parse_record, read_run
+from rigctl.runs.session_record import SessionRecord
 from tests.rigctl.run_samples import FULL_RECORD, noisy_counts, write_run
 
 
@@ -22,7 +23,8 @@ def edit_session(run_path, **changes):
 
 def test_run_says_what_the_writer_was_told(run_path):
     run = read_run(run_path)
-    assert run.session == {"origin": "simulated"}
+    assert run.session == SessionRecord(origin="simulated")
+    assert run.session_json == {"origin": "simulated"}
     assert run.created_by.startswith("rigctl ")
     assert [record.sequence for record in run.frames] == [0, 1, 2]
 

@@ -41,8 +41,8 @@ def test_a_frame_says_all_that_is_needed_to_interpret_it(tmp_path):
     assert record.camera_model.startswith("simulated")
     assert record.stage_model == "ELL14"
     assert record.start_utc < record.end_utc
-    assert run.session["origin"] == "simulated"
-    assert run.session["rig"]["polarizer"].items() >= {"sense": -1, "offset_deg": 31.7}.items()
+    assert run.session.origin == "simulated"
+    assert (run.session.polarizer.sense, run.session.polarizer.offset_deg) == (-1, 31.7)
 
 
 def test_dark_frames_are_dark_and_scene_frames_are_not(tmp_path):

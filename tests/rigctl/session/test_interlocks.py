@@ -10,6 +10,7 @@ from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, Not
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs import run_writer
 from rigctl.runs.run_folder import read_run
+from rigctl.runs.session_record import SessionNoise
 from rigctl.session import interlocks
 from rigctl.session.control import ask
 from rigctl.session.take_session import resume_session
@@ -159,7 +160,7 @@ def test_a_sum_rule_that_stops_keeps_the_whole_cycle(tmp_path):
 def test_what_noise_allows_widens_the_sum_rule(tmp_path):
     world = MadeWorld(camera_faults={1: lambda counts: (counts * 1.2).astype(np.uint16)})
     # Read noise of 1000 DN in 192 pixels: 72 DN in a mean, 144 DN in the sum of four; five of that are far above 85 DN.
-    noise = {"gain_dn_per_e": 0.1, "read_noise_e": 1e4, "black_level_dn": 100.0, "dark_current_e_per_s": 0.0}
+    noise = SessionNoise(gain_dn_per_e=0.1, read_noise_e=1e4, black_level_dn=100.0, dark_current_e_per_s=0.0)
     take_watched(world, tmp_path, noise=noise)
     assert trips_of(tmp_path) == []
 

@@ -1,0 +1,129 @@
+"""What a run's session file says of how the run came about, as far as the program asks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from rigctl.files.place import GeometrySection, SiteSection
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarizerAsTaken:
+    """The polarizer by the rig file of a run; None is not stated."""
+
+    sense: Literal[1, -1] | None = None
+    offset_deg: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    offset_std_deg: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    extinction_ratio: Annotated[float, Field(gt=1, allow_inf_nan=False)] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraAsTaken:
+    """How the camera was reached."""
+
+    address: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigAsTaken:
+    """The rig file of a run, as far as runs of older programs have it too."""
+
+    polarizer: PolarizerAsTaken | None = None
+    camera: CameraAsTaken | None = None
+    site: SiteSection | None = None
+    geometry: GeometrySection | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionAsTaken:
+    """The session file of a run, likewise."""
+
+    site: SiteSection | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceAsTaken:
+    """A device by its own word."""
+
+    model: str | None = None
+    serial_number: str | None = None
+
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionNoise:
+    """The numbers of a noise calibration that a session was watched with, in the order in which a run holds them."""
+
+    gain_dn_per_e: _Number
+    read_noise_e: _Number
+    black_level_dn: _Number
+    dark_current_e_per_s: _Number
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionRecord:
+    """How a run came about.
+
+    Attributes
+    ----------
+    origin : str or None
+        "simulated", "device" or "import"; None where the run does not say.
+    rig, session : RigAsTaken, SessionAsTaken or None
+        By its files; None of imported images.
+    stage, camera : DeviceAsTaken
+        Which devices these were.
+    noise : SessionNoise or None
+        What it was watched with.
+    rounds_ns : tuple of int or None
+        When each round was to begin [ns since 1970 UTC]; None is at once.
+    until_ns : int or None
+        From when on no frame was to be taken [ns since 1970 UTC].
+    """
+
+    origin: str | None = None
+    rig: RigAsTaken | None = None
+    session: SessionAsTaken | None = None
+    stage: DeviceAsTaken = DeviceAsTaken()
+    camera: DeviceAsTaken = DeviceAsTaken()
+    noise: SessionNoise | None = None
+    rounds_ns: tuple[int | None, ...] = (None,)
+    until_ns: int | None = None
+
+    @property
+    def polarizer(self) -> PolarizerAsTaken:
+        """The polarizer as the rig file has it; nothing is stated of imported images."""
+        return PolarizerAsTaken() if self.rig is None or self.rig.polarizer is None else self.rig.polarizer
+
+    @property
+    def camera_address(self) -> str:
+        """How the camera was reached; empty where nobody says it."""
+        return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
+
+    @property
+    def site(self) -> SiteSection | None:
+        """Where the rig stood, by its rig file or by its session file."""
+        places = (place.site for place in (self.rig, self.session) if place is not None)
+        return next((site for site in places if site is not None), None)
+
+    @property
+    def is_of_session(self) -> bool:
+        """Whether the run was taken by a session, and not imported."""
+        return self.rig is not None and self.session is not None
+
+
+_SESSION = TypeAdapter(SessionRecord)
+
+
+def session_record(content: Mapping[str, Any]) -> SessionRecord:
+    """Return what a session file says under ``session``.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        What it says is not of its kind.
+    """
+    return _SESSION.validate_python(content)
