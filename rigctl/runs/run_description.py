@@ -67,10 +67,13 @@ def read_description(file: Path) -> RunDescription:
     try:
         session_record(description.session)
     except ValidationError as error:
-        raise DataError("; ".join(f"session.{problem}" for problem in explain_invalid(error).split("; "))) from error
+        raise DataError(explain_invalid(error, within="session")) from error
     return description
 
 
-def explain_invalid(error: ValidationError) -> str:
-    """Return in one line what is wrong with a record: each field and why."""
-    return "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}".removeprefix(": ") for item in error.errors())
+def explain_invalid(error: ValidationError, *, within: str = "") -> str:
+    """Return in one line what is wrong with a record: each field, inside the part that was read, and why."""
+    outer = (within,) if within else ()
+    return "; ".join(
+        f"{'.'.join(map(str, (*outer, *item['loc'])))}: {item['msg']}".removeprefix(": ") for item in error.errors()
+    )

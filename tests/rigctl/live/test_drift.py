@@ -8,6 +8,7 @@ import pytest
 from rigctl.live.drift import drift_of
 from rigctl.live.light_levels import LightLevels
 from rigctl.live.mean_noise import mean_noise
+from rigctl.runs.session_record import SessionNoise
 from tests.rigctl.live.made_frame_summaries import BLACK_DN, behind, cycle_of, dark, seen
 from tests.rigctl.session.made_rig import MadeWorld
 from tests.rigctl.session.watched_sessions import take_watched, trips_of
@@ -61,7 +62,7 @@ def test_the_first_cycle_alone_tells_nothing():
 
 def test_its_sigma_is_that_of_draws():
     gain, read_e, draws = 0.24, 10.0, 4000
-    numbers = {"gain_dn_per_e": gain, "read_noise_e": read_e, "dark_current_e_per_s": 0, "black_level_dn": BLACK_DN}
+    numbers = SessionNoise(gain_dn_per_e=gain, read_noise_e=read_e, dark_current_e_per_s=0.0, black_level_dn=BLACK_DN)
     found = drift_of(
         cycle_of(_STOKES_DN, start_s=4.0), cycle_of(_STOKES_DN), region="panel", levels=_levels(mean_noise(numbers))
     )

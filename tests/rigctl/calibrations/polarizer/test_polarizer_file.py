@@ -16,6 +16,7 @@ from rigctl.calibrations.polarizer.polarizer_file import (
 from rigctl.cli import main
 from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
+from rigctl.runs.session_record import PolarizerAsTaken
 from tests.rigctl.calibrations.polarizer.polarizer_runs import OFFSET_DEG, SENSE, write_reference_run
 
 FOUND = {"schema_version": 2, "sense": -1, "offset_deg": {"value": 22.5, "std_error": 0.01}}
@@ -56,16 +57,16 @@ def test_another_axis_in_the_rig_file_is_refused(stated: PolarizerSection) -> No
 
 def test_another_stage_is_refused_and_another_gain_is_not() -> None:
     found = parameters(made_for=MADE_FOR)
-    assert require_polarizer_fits(found, MadeFor(gain_db=6.0), polarizer=None) == ()
+    assert require_polarizer_fits(found, MadeFor(gain_db=6.0), polarizer=PolarizerAsTaken()) == ()
     with pytest.raises(DataError, match="stage serial number: calibrated 7, used 8"):
-        require_polarizer_fits(found, MadeFor(stage_serial="8"), polarizer=None)
+        require_polarizer_fits(found, MadeFor(stage_serial="8"), polarizer=PolarizerAsTaken())
 
 
 def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
     path = tmp_path / "polarizer.json"
     path.write_text(json.dumps(FOUND | {"schema_version": 1, "devices": {"stage_serial": "7"}}))
     with pytest.raises(DataError, match="calibrated 7, used 8"):
-        require_polarizer_fits(read_polarizer_file(path), MadeFor(stage_serial="8"), polarizer=None)
+        require_polarizer_fits(read_polarizer_file(path), MadeFor(stage_serial="8"), polarizer=PolarizerAsTaken())
 
 
 @pytest.mark.parametrize("change", [{"sense": None}, {"schema_version": 3}, {"offset_deg": None}])
