@@ -1,20 +1,17 @@
 """``rigctl compare``: model beside measurement."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.choices import ScaleKind
 from rigctl.cli import EXIT_DISAGREES
-from rigctl.comparison.compared_run import ComparedRun
-from rigctl.comparison.run_calibrations import CalibrationPaths
-from rigctl.comparison.scale import ScaleKind
-from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.series import compare_series
-from rigctl.reports.comparison_files import compared_json
-from rigctl.reports.pages.series_page import series_json
-from rigctl.reports.tables.quantity_tables import row_table
 from rigctl.terminal import print_json, results
+
+if TYPE_CHECKING:
+    from rigctl.comparison.compared_run import ComparedRun
+    from rigctl.jobs.compare import CompareRequest
 
 _SHOWN = 20
 
@@ -64,6 +61,10 @@ def command(
 
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
     """
+    from rigctl.comparison.run_calibrations import CalibrationPaths
+    from rigctl.jobs.compare import CompareRequest, compare_run
+    from rigctl.reports.comparison_files import compared_json
+
     runs, scene = _runs_and_scene(paths, scene)
     request = CompareRequest(
         scene=scene,
@@ -92,7 +93,10 @@ def _runs_and_scene(paths: list[Path], scene: Path | None) -> tuple[list[Path], 
     return paths, scene
 
 
-def _compare_many(runs: list[Path], request: CompareRequest, *, out: Path, as_json: bool) -> None:
+def _compare_many(runs: list[Path], request: "CompareRequest", *, out: Path, as_json: bool) -> None:
+    from rigctl.jobs.series import compare_series
+    from rigctl.reports.pages.series_page import series_json
+
     series = compare_series(runs, request, out=out)
     if as_json:
         print_json(series_json(series))
@@ -105,8 +109,10 @@ def _compare_many(runs: list[Path], request: CompareRequest, *, out: Path, as_js
         raise typer.Exit(EXIT_DISAGREES)
 
 
-def show(compared: ComparedRun, out: Path) -> None:
+def show(compared: "ComparedRun", out: Path) -> None:
     """Print the verdict, what disagrees, and where that points."""
+    from rigctl.reports.tables.quantity_tables import row_table
+
     comparison, console = compared.comparison, results()
     if comparison.scale is not None:
         console.print(comparison.scale.remark)

@@ -8,10 +8,11 @@ import cv2
 import typer
 from rich.table import Table
 
+from rigctl.choices import Dictionary
 from rigctl.config import load
 from rigctl.durable_file import write_durably
 from rigctl.errors import DataError
-from rigctl.files.regions import Dictionary, Markers, RegionsFile
+from rigctl.files.regions import Markers, RegionsFile
 from rigctl.outlines.follow import follow_markers, moved_markers
 from rigctl.outlines.markers import search_markers
 from rigctl.outlines.picker import Picker

@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
+from rigctl.choices import Engine
 from rigctl.durable_file import write_durably
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.reports.sky_kinds import kinds_json, kinds_table, skies_of_kinds
 from rigctl.reports.sky_sheet import SkySheet, sky_sheet
-from rigctl.scene.skies.engine import Engine
 from rigctl.terminal import print_json, progress, results
 
 

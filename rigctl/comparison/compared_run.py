@@ -6,9 +6,9 @@ from pathlib import Path
 from model.effects.names import Effect
 from model.effects.planner import EffectPlan
 from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.choices import ScaleKind
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.performance import Performance
-from rigctl.comparison.scale import ScaleKind
 from rigctl.comparison.series import SeriesDrift, SeriesPoint
 from rigctl.comparison.trends import Trend
 from rigctl.config import sha256_of

@@ -13,6 +13,7 @@ from model.processing.input_propagation import Propagation
 from model.scene.field_light import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.radiometric_file import RadiometricResponse
+from rigctl.choices import ScaleKind
 from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
@@ -23,7 +24,7 @@ from rigctl.comparison.rig_inputs import cycle_of_run, rig_errors, with_rig
 from rigctl.comparison.rows import Row, decide, pair, scored
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.run_readout import one_exposure_s, run_readout
-from rigctl.comparison.scale import Scale, ScaleKind, scale_inputs
+from rigctl.comparison.scale import Scale, scale_inputs
 from rigctl.comparison.trends import Trend, trends_of
 from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.errors import ConfigError

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from calibration.free_scale import FreeScale, fit_free_scale
 from model.prediction.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from rigctl.calibrations.radiometric_file import RadiometricResponse
+from rigctl.choices import ScaleKind
 from rigctl.comparison.run_readout import one_exposure_s
 from rigctl.comparison.throughput import GAIN, modelled_response, rescaled, without_throughput
 from rigctl.errors import ConfigError, DataError
@@ -19,7 +19,6 @@ from rigctl.measurement.measurement import Measurement
 from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
-ScaleKind = Literal["absolute", "panel", "free"]
 Predicted = Callable[[FloatArray], Mapping[str, RegionPrediction]]
 
 # A lens that was stopped down since is another one.

@@ -4,7 +4,6 @@ x runs right, y down, (0, 0) is the centre of the top left pixel.
 """
 
 from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from rigctl.choices import Dictionary
 from rigctl.config import Section, load
 from rigctl.errors import ConfigError
 
@@ -57,19 +57,6 @@ class Region(Section):
         r = self.rectangle
         left, top, right, bottom = r.x - 0.5, r.y - 0.5, r.x + r.width - 0.5, r.y + r.height - 0.5
         return [(left, top), (right, top), (right, bottom), (left, bottom)]
-
-
-class Dictionary(StrEnum):
-    """Families of ArUco markers, by cells a side and how many markers they have."""
-
-    FOUR_50 = "4x4_50"
-    FOUR_100 = "4x4_100"
-    FOUR_250 = "4x4_250"
-    FIVE_50 = "5x5_50"
-    FIVE_100 = "5x5_100"
-    SIX_50 = "6x6_50"
-    SIX_250 = "6x6_250"
-    ORIGINAL = "aruco_original"
 
 
 class Marker(Section):

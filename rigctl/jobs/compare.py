@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from rigctl.choices import ScaleKind
 from rigctl.comparison.checks import require_sound, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
@@ -10,7 +11,6 @@ from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.performance import performance_of
 from rigctl.comparison.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.comparison.run_registration import registration_of, with_registration
-from rigctl.comparison.scale import ScaleKind
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene

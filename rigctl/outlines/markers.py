@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.files.regions import Dictionary, Marker
+from rigctl.choices import Dictionary
+from rigctl.files.regions import Marker
 
 
 def search_markers(picture: NDArray[np.uint8], dictionary: Dictionary) -> list[Marker]:

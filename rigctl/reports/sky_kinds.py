@@ -10,11 +10,11 @@ from rich.table import Table
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.lighting.fidelity import Tier
 from model.atmosphere.transfer.phase import AerosolKind
+from rigctl.choices import Engine
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.reports.sky_sheet import SkySheet, sky_sheet
-from rigctl.scene.skies.engine import Engine
 
 SCHEMA_VERSION = 1
 

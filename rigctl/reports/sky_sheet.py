@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from model.scene.illumination import Illumination
 from model.stokes import dolp
+from rigctl.choices import Engine
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.skies.engine import Engine, require_engine
+from rigctl.scene.skies.engine import require_engine
 
 FloatArray = NDArray[np.float64]
 

@@ -10,13 +10,14 @@ from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.acting import acting_parts
 from model.scene.field_light import FieldLight
 from model.scene.illumination import Illumination
+from rigctl.choices import Engine
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.lit_scene import file_settings, lit_region
 from rigctl.scene.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
-from rigctl.scene.skies.engine import Engine, require_engine
+from rigctl.scene.skies.engine import require_engine
 from rigctl.scene.skies.sky_request import SkyRequest, air_of
 from rigctl.scene.skies.sky_store import SkyStore, user_cache_folder
 

@@ -1,13 +1,10 @@
 """Which program solves the light of the air."""
 
 import importlib.util
-from typing import Literal
 
 from model.atmosphere.lighting.fidelity import TIERS, Tier
+from rigctl.choices import Engine
 from rigctl.errors import ConfigError
-
-# The project's own solver, or an independent one beside it as a check.
-Engine = Literal["own", "sasktran2"]
 
 
 def require_engine(engine: Engine, *, tier: Tier | None = None) -> None:

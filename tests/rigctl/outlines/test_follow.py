@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.choices import Dictionary
 from rigctl.errors import DataError
-from rigctl.files.regions import Dictionary, Marker, Markers, Rectangle, Region, RegionsFile
+from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile
 from rigctl.outlines.follow import follow_markers, moved_markers
 from rigctl.outlines.markers import search_markers
 from rigctl.outlines.picture import grey_picture

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from rigctl.choices import Dictionary
 from rigctl.config import load
-from rigctl.files.regions import Dictionary, Marker, Markers, Rectangle, Region, RegionsFile
+from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile
 from rigctl.outlines.regions_text import regions_text
 
 

@@ -1,0 +1,26 @@
+"""Words that options and files choose from. Nothing heavy is imported here, so that help is at hand at once."""
+
+from enum import StrEnum
+from typing import Literal
+
+# What the counts of a prediction are scaled by: the scene file, a panel, or the run itself.
+ScaleKind = Literal["absolute", "panel", "free"]
+
+# Parts of the light of a material, as `model.scene.field_light.Source` has them.
+LightPart = Literal["total", "reflected", "reflected_sun", "reflected_sky", "path"]
+
+# What solves the light of the air: the project's own solver, or an independent one beside it as a check.
+Engine = Literal["own", "sasktran2"]
+
+
+class Dictionary(StrEnum):
+    """Families of ArUco markers, by cells a side and how many markers they have."""
+
+    FOUR_50 = "4x4_50"
+    FOUR_100 = "4x4_100"
+    FOUR_250 = "4x4_250"
+    FIVE_50 = "5x5_50"
+    FIVE_100 = "5x5_100"
+    SIX_50 = "6x6_50"
+    SIX_250 = "6x6_250"
+    ORIGINAL = "aruco_original"

@@ -1,0 +1,190 @@
+"""Predicting a scene: what the model says of each region, to a tolerance or with the uncertainty of its inputs."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from model.accuracy.predict_to_tolerance import AccuratePrediction
+from model.effects.planner import EffectPlan
+from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
+from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
+from rigctl.choices import Engine, LightPart
+from rigctl.comparison.performance import Performance, performance_of
+from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
+from rigctl.comparison.propagated_rows import only_uncertain
+from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
+from rigctl.comparison.sweep import Sweep, sweep
+from rigctl.files.scene_file import load_scene
+from rigctl.reports.sweep_files import write_sweep
+from rigctl.scene.effect_choice import with_choices
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.skies.engine import require_engine
+from rigctl.utc_time import utc_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictRequest:
+    """A scene that is to be predicted.
+
+    Attributes
+    ----------
+    scene : Path
+        Scene file.
+    noise, radiometric : Path or None
+        Calibrations, in place of assumed noise, and of optics and efficiency.
+    light : {"total", "reflected", "reflected_sun", "reflected_sky", "path"}
+        Predicts as if only that part of the light of materials came.
+    engine : {"own", "sasktran2"}
+        What solves the sky.
+    switched_on, left_out : tuple of str
+        Effects that act, or do not, whatever they change.
+    """
+
+    scene: Path
+    noise: Path | None = None
+    radiometric: Path | None = None
+    light: LightPart = "total"
+    engine: Engine = "own"
+    switched_on: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictedScene:
+    """What the model says of a scene.
+
+    Attributes
+    ----------
+    found : ScenePrediction
+        Of each region.
+    performance : Performance
+        What that is worth for detection.
+    uncertain_inputs : tuple of str
+        Inputs that have a stated uncertainty.
+    uncertainty : PredictedUncertainty or None
+        What they make of each number, where that was asked.
+    doubts : tuple of str
+        About the calibrations.
+    """
+
+    found: ScenePrediction
+    performance: Performance
+    uncertain_inputs: tuple[str, ...]
+    uncertainty: PredictedUncertainty | None
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictedToTolerance:
+    """What the model says of a scene to a stated numerical error, and the effects that it took for that."""
+
+    found: AccuratePrediction
+    effects: EffectPlan
+    performance: Performance
+    remarks: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SweptScene:
+    """What the model says of a scene through a range of one of its numbers."""
+
+    found: Sweep
+    remarks: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> PredictedScene:
+    """Return what the model says of a scene.
+
+    Parameters
+    ----------
+    request : PredictRequest
+        The scene.
+    uncertainty : bool
+        Whether to find what the stated uncertainties of the inputs make of each number.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong or does not fit, or there is no prediction.
+    """
+    predictor, doubts = _predictor(request)
+    found = predictor.predict()
+    return PredictedScene(
+        found=found,
+        performance=performance_of(found.predictions),
+        uncertain_inputs=only_uncertain(predictor.inputs).names,
+        uncertainty=predicted_uncertainty(predictor, found.predictions) if uncertainty else None,
+        doubts=doubts,
+    )
+
+
+def predict_scene_to(request: PredictRequest, *, tolerance: float) -> PredictedToTolerance:
+    """Return what the model says of a scene, to a stated numerical error.
+
+    Parameters
+    ----------
+    request : PredictRequest
+        The scene.
+    tolerance : float
+        Of effects that are left out and numerical settings together, 1e-6 to 0.1.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong or does not fit, or the tolerance cannot be had.
+    """
+    predictor, doubts = _predictor(request)
+    effects = predictor.effect_plan(tolerance)
+    found = predictor.to_tolerance(tolerance, effects=effects)
+    return PredictedToTolerance(
+        found=found,
+        effects=effects,
+        performance=performance_of(found.result.predictions),
+        remarks=(*predictor.inputs.remarks, *effects.remarks),
+        doubts=doubts,
+    )
+
+
+def sweep_scene(request: PredictRequest, key_and_range: str, *, out: Path | None = None) -> SweptScene:
+    """Return what the model says of a scene through a range of one of its numbers.
+
+    Parameters
+    ----------
+    request : PredictRequest
+        The scene.
+    key_and_range : str
+        ``KEY=start:stop:n``.
+    out : Path or None
+        Folder for sweep.csv, sweep.json and sweep.png.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong or does not fit, or there is no such number, or it is outside its range.
+    """
+    predictor, doubts = _predictor(request)
+    found = sweep(predictor, key_and_range)
+    if out is not None:
+        write_sweep(found, out, remarks=predictor.inputs.remarks)
+    return SweptScene(found=found, remarks=predictor.inputs.remarks, doubts=doubts)
+
+
+def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]]:
+    """Return what predicts the scene, and what is doubtful of the calibrations."""
+    scene = with_choices(load_scene(request.scene), switched_on=request.switched_on, left_out=request.left_out)
+    require_engine(request.engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
+    # A prediction names no camera, so that only format and age can be unfit.
+    used = MadeFor(bit_depth=scene.sensor.bit_depth, taken_utc=utc_text(time.time_ns()))
+    noise = None if request.noise is None else read_noise_file(request.noise)
+    doubts: Iterable[str] = () if noise is None else require_noise_fits(noise, used)
+    radiometric: RadiometricResponse | None = None
+    if request.radiometric is not None:
+        radiometric = read_radiometric_file(request.radiometric)
+        doubts = (*doubts, *require_radiometric_fits(radiometric, used))
+    light = SceneLight(engine=request.engine)
+    return ScenePredictor(scene, noise, light=light, source=request.light, radiometric=radiometric), tuple(doubts)
