@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import lru_cache
 
 import numpy as np
@@ -67,6 +68,13 @@ class Scheme:
         return detection(target, background, cycles=cycles, p_false_alarm=p_false_alarm)
 
 
+class Obstacle(Enum):
+    """Why no number of cycles reaches what is wanted."""
+
+    SATURATED = "saturated"
+    CYCLES = "cycles"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reached:
     """A session that reaches what is wanted in as few cycles as its scheme allows; or why none does.
@@ -79,13 +87,16 @@ class Reached:
         Region to errors of DoLP; empty without a session.
     p_detection
         Of the pair that was asked for; None if none was.
+    obstacle
+        What stands in the way; None where there is a session.
     why_not
-        In words; empty where there is a session.
+        The same in words; empty where there is a session.
     """
 
     session: Session | None
     budgets: dict[str, DolpBudget]
     p_detection: float | None = None
+    obstacle: Obstacle | None = None
     why_not: str = ""
 
 
@@ -168,7 +179,8 @@ def fewest_cycles(
         raise ValueError("fewest_cycles: a detection is wanted, but of which target on which background?")
     if scheme.saturation_probability > SATURATED:
         share = scheme.saturation_probability
-        return Reached(session=None, budgets={}, why_not=f"saturated: {share:.2g} of the pixels are clipped")
+        why_not = f"saturated: {share:.2g} of the pixels are clipped"
+        return Reached(session=None, budgets={}, obstacle=Obstacle.SATURATED, why_not=why_not)
     step = 2 if scheme.session.pattern == "palindrome" else 1
 
     def at(count: int) -> Reached:
@@ -226,7 +238,7 @@ def _first(at: Callable[[int], Reached], enough: Callable[[Reached], bool], most
         high = min(2 * high, most)
         found = at(high)
     if not enough(found):
-        return replace(found, session=None, why_not=_why_not(found))
+        return replace(found, session=None, obstacle=Obstacle.CYCLES, why_not=_why_not(found))
     low = high // 2
     while high - low > 1:
         middle = (low + high) // 2

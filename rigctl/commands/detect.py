@@ -4,11 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
-from rigctl.detection.scene_moments import read_detection
-from rigctl.reports.rx_files import detection_json, write_detection
-from rigctl.terminal import print_json, progress, results
+from rigctl.terminal import print_json, progress, results, warn
 
 
 def command(
@@ -31,10 +28,16 @@ def command(
     Example: rigctl detect runs/panels --background asphalt --target black_panel --out rx
     --regions examples/regions.toml
     """
-    found = read_detection(
-        run, background=background, target=target, regions_path=regions, scene_path=scene, noise_path=noise
-    )
-    names = write_detection(found, out, background=background, target=target)
+    from rich.table import Table
+
+    from rigctl.jobs.detect import DetectRequest, detect_target
+    from rigctl.reports.rx_files import detection_json
+
+    request = DetectRequest(background=background, target=target, regions=regions, scene=scene, noise=noise)
+    detection = detect_target(run, request, out=out)
+    found, names = detection.found, detection.files
+    for doubt in detection.doubts:
+        warn(doubt)
     content = detection_json(found, background=background, target=target)
     if as_json:
         print_json(content)

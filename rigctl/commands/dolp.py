@@ -1,22 +1,21 @@
 """``rigctl dolp``: what noise does to the degree of polarization."""
 
+import math
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
-from rich.table import Table
 
-from model.processing.dolp_against_snr import DolpAgainstSnr, dolp_against_snr
-from model.processing.estimators import ESTIMATORS, bias_and_rms
-from rigctl.durable_file import write_durably
 from rigctl.terminal import print_json, progress, results
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
+if TYPE_CHECKING:
+    from rich.table import Table
 
-_FIG5_STOKES = (1.0, 0.5, 0.5)
-_FIG5_SNR_DB = (0.0, 40.0, 21)
-_TRUE_SNR = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
+    from model.processing.dolp_against_snr import DolpAgainstSnr
+    from rigctl.jobs.dolp import ComparedEstimators
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 
 
 @app.callback()
@@ -40,16 +39,15 @@ def fig5(
 
     Example: rigctl dolp fig5 --out fig5
     """
-    ratios = 10.0 ** (np.linspace(*_FIG5_SNR_DB) / 20.0)
-    found = dolp_against_snr(_FIG5_STOKES, ratios, draws=draws, generator=np.random.default_rng(seed))
+    from rigctl.jobs.dolp import dolp_by_snr
+
+    found = dolp_by_snr(draws=draws, seed=seed, out=out)
     if as_json:
         print_json({name: _numbers(values) for name, values in vars(found).items()})
     else:
         results().print(_fig5_table(found))
     if out is not None:
-        from rigctl.reports.figures.dolp_figures import fig5_plot
-
-        _write(out, "fig5.png", fig5_plot(found))
+        progress().print(f"{out / 'fig5.png'}", markup=False)
 
 
 @app.command()
@@ -63,35 +61,39 @@ def estimators(
 
     Example: rigctl dolp estimators --out estimators
     """
-    found = {name: bias_and_rms(name, _TRUE_SNR) for name in ESTIMATORS}
+    from rigctl.jobs.dolp import compare_estimators
+
+    found = compare_estimators(out=out)
     if as_json:
-        print_json(
-            {
-                "true_snr": list(_TRUE_SNR),
-                **{name: {"bias": _numbers(e.bias), "rms": _numbers(e.rms)} for name, e in found.items()},
-            }
-        )
+        errors = {name: {"bias": _numbers(e.bias), "rms": _numbers(e.rms)} for name, e in found.errors.items()}
+        print_json({"true_snr": found.true_snr.tolist()} | errors)
     else:
-        table = Table(box=None, pad_edge=False, title="bias/rms error", title_justify="left")
-        table.add_column("true SNR", justify="right")
-        for name in ESTIMATORS:
-            table.add_column(name, justify="right", no_wrap=True)
-        for k, ratio in enumerate(_TRUE_SNR):
-            table.add_row(f"{ratio:g}", *(f"{e.bias[k]:+.3f}/{e.rms[k]:.3f}" for e in found.values()))
-        results().print(table)
+        results().print(_estimator_table(found))
     if out is not None:
-        from rigctl.reports.figures.dolp_figures import estimator_plot
-
-        _write(out, "estimators.png", estimator_plot())
+        progress().print(f"{out / 'estimators.png'}", markup=False)
 
 
-def _fig5_table(found: DolpAgainstSnr) -> Table:
+def _estimator_table(found: "ComparedEstimators") -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, title="bias/rms error", title_justify="left")
+    table.add_column("true SNR", justify="right")
+    for name in found.errors:
+        table.add_column(name, justify="right", no_wrap=True)
+    for k, ratio in enumerate(found.true_snr):
+        table.add_row(f"{ratio:g}", *(f"{e.bias[k]:+.3f}/{e.rms[k]:.3f}" for e in found.errors.values()))
+    return table
+
+
+def _fig5_table(found: "DolpAgainstSnr") -> "Table":
+    from rich.table import Table
+
     table = Table(box=None, pad_edge=False)
     for title in ("SNR [dB]", "S0 [e-]", "mean: first", "exact", "drawn", "std: first", "exact", "drawn"):
         table.add_column(title, justify="right")
     for k, ratio in enumerate(found.snr):
         table.add_row(
-            f"{20 * np.log10(ratio):.0f}",
+            f"{20 * math.log10(ratio):.0f}",
             f"{found.s0_e[k]:.4g}",
             *(f"{values[k]:.5f}" for values in (found.first_mean, found.mean, found.drawn_mean)),
             *(f"{values[k]:.5f}" for values in (found.first_std, found.std, found.drawn_std)),
@@ -99,12 +101,6 @@ def _fig5_table(found: DolpAgainstSnr) -> Table:
     return table
 
 
-def _numbers(values: object) -> list[float | None]:
-    """Return an array as JSON holds it: what does not exist is null."""
-    return [float(v) if np.isfinite(v) else None for v in np.asarray(values, dtype=np.float64)]
-
-
-def _write(out: Path, name: str, data: bytes) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    write_durably(out / name, data)
-    progress().print(f"{out / name}", markup=False)
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    """Return numbers as JSON holds them: what does not exist is null."""
+    return [float(v) if math.isfinite(v) else None for v in values]

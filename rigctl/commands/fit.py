@@ -5,12 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.comparison.surface_fit import fit_regions
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError, DataError
-from rigctl.files.material_file import material_toml
-from rigctl.files.surface_fit_file import load_surface_fit
-from rigctl.reports.tables.surface_fit_tables import fit_json, fit_tables
+from rigctl.errors import DataError
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
@@ -41,10 +36,11 @@ def surface(
 
     Example: rigctl fit surface examples/fit-black-panel.toml --out fitted.toml
     """
-    if out is not None and not out.parent.is_dir():
-        raise ConfigError(f"--out: there is no folder {out.parent}")
-    fitted = fit_regions(load_surface_fit(file), beside=file.parent)
-    content = fit_json(fitted, profile=profile)
+    from rigctl.jobs.fit import fit_surface_file
+    from rigctl.reports.tables.surface_fit_tables import fit_json, fit_tables
+
+    fitted = fit_surface_file(file, profile=profile, out=out)
+    content = fit_json(fitted)
     if as_json:
         print_json(content)
     else:
@@ -61,5 +57,4 @@ def surface(
         return
     if fitted.material is None:
         raise DataError(f"{out} is not written: {'; '.join(content['findings'])}")
-    write_durably(out, material_toml(fitted.material).encode())
     progress().print(f"material: {out}")

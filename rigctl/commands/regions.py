@@ -2,24 +2,15 @@
 
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import typer
-from rich.table import Table
 
 from rigctl.choices import Dictionary
-from rigctl.config import load
-from rigctl.durable_file import write_durably
-from rigctl.errors import DataError
-from rigctl.files.regions import Markers, RegionsFile
-from rigctl.outlines.follow import follow_markers, moved_markers
-from rigctl.outlines.markers import search_markers
-from rigctl.outlines.picker import Picker
-from rigctl.outlines.picture import grey_picture
-from rigctl.outlines.regions_text import regions_text
-from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results
+
+if TYPE_CHECKING:
+    from rigctl.files.regions import RegionsFile
 
 _HELP = """Draw regions on a picture of a run, and find them again by markers.
 
@@ -51,15 +42,15 @@ def draw(
 
     Example: rigctl regions draw runs/panels --out regions.toml
     """
-    picture = grey_picture(read_run(run))
-    there = [] if start is None else load(start, RegionsFile).model_dump(mode="json", exclude_none=True)["regions"]
-    picker = Picker(cv2.imencode(".png", picture)[1].tobytes(), drawn=there, title=str(run), port=port)
-    progress().print(f"draw on {picker.address} (it listens to this machine only)", markup=False)
-    if browser:
-        webbrowser.open(picker.address)
-    drawn = picker.wait(seconds=minutes * _S_PER_MINUTE)
-    seen = search_markers(picture, Dictionary.FOUR_50)
-    _write(out, drawn.model_copy(update={"markers": Markers(seen=seen) if seen else None}))
+    from rigctl.jobs.regions import DrawRequest, draw_regions
+
+    def opened(address: str) -> None:
+        progress().print(f"draw on {address} (it listens to this machine only)", markup=False)
+        if browser:
+            webbrowser.open(address)
+
+    request = DrawRequest(start=start, port=port, wait_s=minutes * _S_PER_MINUTE)
+    _tell(out, draw_regions(run, request, out=out, opened=opened))
 
 
 @app.command()
@@ -68,11 +59,9 @@ def mark(run: RunFolder, regions: Given, out: Out, dictionary: Family = Dictiona
 
     Example: rigctl regions mark runs/noon regions.toml --out regions.toml
     """
-    drawn = load(regions, RegionsFile)
-    seen = search_markers(grey_picture(read_run(run)), dictionary)
-    if not seen:
-        raise DataError(f"{run}: no marker of {dictionary} is seen. Print them large: 4x4 cells of six pixels at least")
-    _write(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
+    from rigctl.jobs.regions import mark_regions
+
+    _tell(out, mark_regions(run, regions, dictionary=dictionary, out=out))
 
 
 @app.command()
@@ -88,23 +77,25 @@ def find(
 
     Example: rigctl regions find runs/evening regions.toml --out regions-evening.toml
     """
-    drawn = load(regions, RegionsFile)
-    family = Dictionary.FOUR_50 if drawn.markers is None else drawn.markers.dictionary
-    now = search_markers(grey_picture(read_run(run)), family)
-    found = follow_markers(drawn, now)
-    _write(out, RegionsFile(regions=[one.region for one in found], markers=moved_markers(drawn, now)))
-    rows = [(one.region.name, one.markers, one.shift_px, one.std_error_px, one.region.edge_px) for one in found]
+    from rigctl.jobs.regions import find_regions
+
+    found = find_regions(run, regions, out=out)
+    _tell(out, found.file)
+    rows = [
+        (one.region.name, one.markers, one.shift_px, one.std_error_px, one.region.edge_px) for one in found.followed
+    ]
     names = ("region", "markers", "shift_px", "std_error_px", "edge_px")
     if as_json:
         print_json({"regions": [dict(zip(names, row, strict=True)) for row in rows]})
         return
+    from rich.table import Table
+
     table = Table("region", "by markers", "moved by [pixel]", "std error [pixel]", "border left out [pixel]")
     for name, markers, shift, error, edge in rows:
         table.add_row(name, ", ".join(map(str, markers)), f"{shift:.2f}", f"{error:.2f}", str(edge))
     results().print(table)
 
 
-def _write(path: Path, file: RegionsFile) -> None:
-    write_durably(path, regions_text(file).encode())
+def _tell(path: Path, file: "RegionsFile") -> None:
     markers = 0 if file.markers is None else len(file.markers.seen)
     progress().print(f"{path}: {len(file.regions)} regions, {markers} markers", markup=False)

@@ -23,8 +23,8 @@ def with_target(
     if scene is None or target_dolp_sigma is None:
         return session
     # The model of the scene is imported where it is asked for: a session without a target starts at once.
-    from rigctl.commands.tradeoff_acquisition import with_cycles_for
     from rigctl.files.scene_file import load_scene
+    from rigctl.jobs.target_cycles import with_cycles_for
 
     chosen, lines = with_cycles_for(session, load_scene(scene), noise, target_dolp_sigma=target_dolp_sigma)
     for line in lines:

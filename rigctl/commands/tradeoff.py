@@ -1,32 +1,21 @@
 """``rigctl tradeoff``: what accuracy costs in time, of the computation or, with --acquisition, of the session."""
 
-import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.commands.tradeoff_acquisition import show_acquisition_tradeoff
-from rigctl.comparison.accuracy_curves import Curves, accuracy_curves, steps
-from rigctl.comparison.scene_prediction import ScenePredictor
-from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
-from rigctl.files.scene_file import load_scene
-from rigctl.reports.tables.tradeoff_tables import (
-    choice_table,
-    curve_csv,
-    curve_json,
-    curve_png,
-    curve_table,
-    floor_lines,
-)
-from rigctl.scene.scene_light import SceneLight
 from rigctl.terminal import print_json, progress, results
+
+if TYPE_CHECKING:
+    from rigctl.comparison.accuracy_curves import Curves
+    from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff
 
 _TOLERANCES = "0.1,0.03,0.01,0.003,0.001"
 _SMALLEST, _LARGEST = 1e-5, 0.1
+_MS_PER_S = 1000.0
+_PERCENT_A_MINUTE = 0.01 / 60.0
 
 
 def command(
@@ -65,46 +54,51 @@ def command(
 
     Example: rigctl tradeoff examples/scene-airborne.toml --acquisition --target-dolp-sigma 0.002
     """
-    scene_file = load_scene(scene)
-    calibration = None if noise is None else read_noise_file(noise)
-    if acquisition:
-        show_acquisition_tradeoff(
-            scene_file,
-            calibration,
-            target_dolp_sigma=target_dolp_sigma,
-            p_detection=p_detection,
-            p_false_alarm=p_false_alarm,
-            region=region,
-            pair=pair,
-            pixels=pixels,
-            drift_percent_per_min=drift_percent_per_min,
-            settling_time_ms=settling_time_ms,
-            out=out,
-            as_json=as_json,
-        )
+    if not acquisition:
+        if any(option is not None for option in (target_dolp_sigma, p_detection, region, pair)):
+            raise ConfigError(
+                "--target-dolp-sigma, --p-detection, --region and --pair: are for --acquisition; give it too"
+            )
+        _show_accuracy(_curves(scene, noise, _numbers(tolerances), out), out, as_json=as_json)
         return
-    if any(option is not None for option in (target_dolp_sigma, p_detection, region, pair)):
-        raise ConfigError("--target-dolp-sigma, --p-detection, --region and --pair: are for --acquisition; give it too")
-    _show(_curves(ScenePredictor(scene_file, calibration, light=SceneLight()), _numbers(tolerances)), out, as_json)
+    from model.acquisition.session_design import Disturbances
+    from model.acquisition.session_search import Wanted
+    from rigctl.comparison.acquisition_tradeoff import TradeoffRequest
+    from rigctl.jobs.tradeoff import trade_acquisition
+
+    try:
+        request = TradeoffRequest(
+            wanted=Wanted(dolp_total=target_dolp_sigma, p_detection=p_detection, p_false_alarm=p_false_alarm),
+            region=region,
+            pair=_pair(pair),
+            pixels=pixels,
+            disturbances=Disturbances(
+                drift_per_s=drift_percent_per_min * _PERCENT_A_MINUTE, settling_time_s=settling_time_ms / _MS_PER_S
+            ),
+        )
+    except ValueError as error:
+        raise ConfigError(f"--acquisition: {error}") from error
+    _show_acquisition(trade_acquisition(scene, request, noise=noise, out=out), out, as_json=as_json)
 
 
-def _curves(predictor: ScenePredictor, tolerances: list[float]) -> Curves:
+def _curves(scene: Path, noise: Path | None, tolerances: list[float], out: Path | None) -> "Curves":
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from rigctl.jobs.tradeoff import trade_accuracy
+
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=progress(), transient=True) as bar:
-        task = bar.add_task("", total=steps(tolerances))
-        for done, step in enumerate(accuracy_curves(predictor, tolerances)):
-            if isinstance(step, Curves):
-                return step
-            bar.update(task, completed=done, description=step)
-    raise RuntimeError("the curves ended without a result")
+        task = bar.add_task("", total=None)
+
+        def told(text: str, done: int, steps: int) -> None:
+            bar.update(task, completed=done, total=steps, description=text)
+
+        return trade_accuracy(scene, tolerances, noise=noise, out=out, progress=told)
 
 
-def _show(curves: Curves, out: Path | None, as_json: bool) -> None:
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        write_durably(out / "tradeoff.csv", curve_csv(curves))
-        write_durably(out / "tradeoff.json", (json.dumps(curve_json(curves), allow_nan=False) + "\n").encode())
-        write_durably(out / "tradeoff.png", curve_png(curves))
+def _show_accuracy(curves: "Curves", out: Path | None, *, as_json: bool) -> None:
+    from rigctl.reports.tables.tradeoff_tables import choice_table, curve_json, curve_table, floor_lines
+
     if as_json:
         print_json(curve_json(curves))
         return
@@ -115,6 +109,41 @@ def _show(curves: Curves, out: Path | None, as_json: bool) -> None:
     progress().print(f"the finest settings took {curves.reference_s:.3g} s")
     if out is not None:
         progress().print(f"tradeoff.csv, tradeoff.json and tradeoff.png in {out}")
+
+
+def _show_acquisition(found: "AcquisitionTradeoff", out: Path | None, *, as_json: bool) -> None:
+    from rigctl.reports.tables.acquisition_tables import (
+        assumptions,
+        curve_table,
+        proposal,
+        reached_table,
+        reasons,
+        tradeoff_json,
+    )
+
+    if as_json:
+        print_json(tradeoff_json(found))
+        return
+    for line in assumptions(found):
+        results().print(line, markup=False)
+    results().print(curve_table(found))
+    if found.reached:
+        results().print(reached_table(found))
+        text = proposal(found)
+        results().print("nothing that was tried reaches it" if text is None else text, markup=False)
+    for line in (*reasons(found), *found.remarks):
+        progress().print(line, markup=False)
+    if out is not None:
+        progress().print(f"acquisition.csv, acquisition.json and acquisition.png in {out}", markup=False)
+
+
+def _pair(text: str | None) -> tuple[str, str] | None:
+    if text is None:
+        return None
+    names = [name.strip() for name in text.split(",")]
+    if len(names) != 2 or not all(names):
+        raise ConfigError(f"--pair: is {text!r}, must be TARGET,BACKGROUND")
+    return names[0], names[1]
 
 
 def _numbers(text: str) -> list[float]:

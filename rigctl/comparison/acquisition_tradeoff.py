@@ -8,7 +8,7 @@ import numpy as np
 
 from model.acquisition.frame_order import PATTERNS, Pattern, least_drifting_order
 from model.acquisition.session_design import Disturbances, DolpBudget, Session, dolp_budget
-from model.acquisition.session_search import SATURATED, Reached, Wanted, fewest_cycles, shortest
+from model.acquisition.session_search import SATURATED, Obstacle, Reached, Wanted, fewest_cycles, shortest
 from model.processing.reconstruction import equispaced_rad
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.scene_sessions import SceneSessions
@@ -233,7 +233,7 @@ def _reached(
             for session in way
         ]
         # Where none reaches it, the last is that of the longest exposure: most likely what to look at.
-        unsaturated = [one for one in each if not one.why_not.startswith("saturated")] or each
+        unsaturated = [one for one in each if one.obstacle is not Obstacle.SATURATED] or each
         found.append((way[0], shortest(each) or unsaturated[-1]))
     return tuple(found)
 

@@ -10,6 +10,7 @@ from model.moments import Moments, propagate_linear
 from model.processing.stokes_ratios import normalized_moments
 from model.stokes import rotation
 from model.surface.fit import SurfaceFit, fit_surface
+from model.surface.fit_interval import gauss_interval, profile_interval
 from model.surface.fit_observation import Observation, sunlit
 from model.surface.fit_problem import residuals
 from model.surface.materials import Material, constant, properties, surface_of
@@ -24,6 +25,7 @@ from rigctl.runs.run_folder import read_run
 
 FloatArray = NDArray[np.float64]
 
+_LEVEL = 0.95
 _ASSUMPTIONS = (
     "light: the sun alone, unpolarised; skylight and what the air adds are left out",
     "scale: radiance by count and irradiance of the sun are unknown; each run has one factor, which the fit finds",
@@ -67,6 +69,10 @@ class FittedMaterial:
         Values, uncertainties, findings.
     regions : tuple of FittedRegion
         Every observation, in the order of the file.
+    intervals : tuple of (float, float)
+        Of each fitted value, that hold the truth in 95 % of such fits.
+    interval_method : str
+        Where they come from.
     assumptions : tuple of str
         What the values rest on, in words.
     """
@@ -75,10 +81,12 @@ class FittedMaterial:
     material: Material | None
     fit: SurfaceFit
     regions: tuple[FittedRegion, ...]
+    intervals: tuple[tuple[float, float], ...]
+    interval_method: str
     assumptions: tuple[str, ...]
 
 
-def fit_regions(file: SurfaceFitFile, *, beside: Path) -> FittedMaterial:
+def fit_regions(file: SurfaceFitFile, *, beside: Path, profile: bool = False) -> FittedMaterial:
     """Return the material that the regions of a fit file make.
 
     Parameters
@@ -87,6 +95,8 @@ def fit_regions(file: SurfaceFitFile, *, beside: Path) -> FittedMaterial:
         The file.
     beside : Path
         Folder from which a material file counts.
+    profile : bool
+        Intervals from the profile of chi-square, good at a bound too, instead of first-order ones.
 
     Raises
     ------
@@ -111,6 +121,10 @@ def fit_regions(file: SurfaceFitFile, *, beside: Path) -> FittedMaterial:
         material=_fitted(file, start, fit),
         fit=fit,
         regions=_beside_fit(file, measured, fit),
+        intervals=tuple(
+            (profile_interval if profile else gauss_interval)(fit, name, level=_LEVEL) for name in fit.names
+        ),
+        interval_method="profile of chi-square" if profile else "first order",
         assumptions=(*_ASSUMPTIONS, _unmodelled_words(file.unmodelled_std)),
     )
 

@@ -4,7 +4,6 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from model.effects.planner import EffectPlan

@@ -1,9 +1,12 @@
 """Plots of what noise does to the degree of polarization."""
 
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 from model.processing.dolp_against_snr import DolpAgainstSnr
-from model.processing.estimators import ESTIMATORS, bias_and_rms
+from model.processing.estimators import EstimatorError
 from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
 
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
@@ -29,14 +32,12 @@ def fig5_plot(found: DolpAgainstSnr) -> bytes:
     return png(figure)
 
 
-def estimator_plot() -> bytes:
+def estimator_plot(true_snr: NDArray[np.float64], errors: Mapping[str, EstimatorError]) -> bytes:
     """Return bias and rms error of every estimator against the true signal-to-noise ratio."""
     figure, axes = subplots(1, 2, size=(11.0, 4.2))
-    truth = np.linspace(0.0, 6.0, 121)
-    for name, dash in zip(ESTIMATORS, _DASHES, strict=True):
-        found = bias_and_rms(name, truth)
-        axes[0].plot(truth, found.bias, linestyle=dash, label=name)
-        axes[1].plot(truth, found.rms, linestyle=dash, label=name)
+    for (name, found), dash in zip(errors.items(), _DASHES, strict=True):
+        axes[0].plot(true_snr, found.bias, linestyle=dash, label=name)
+        axes[1].plot(true_snr, found.rms, linestyle=dash, label=name)
     for ax, label in zip(axes, ("bias", "rms error"), strict=True):
         ax.set_xlabel("true DoLP / deviation")
         ax.set_ylabel(f"{label} / deviation")

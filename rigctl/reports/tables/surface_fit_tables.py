@@ -6,28 +6,16 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from model.surface.fit import SurfaceFit
-from model.surface.fit_interval import gauss_interval, profile_interval
 from model.surface.materials import properties
 from rigctl.comparison.surface_fit import FittedMaterial
 
-_LEVEL = 0.95
 
-
-def fit_json(fitted: FittedMaterial, *, profile: bool) -> dict[str, Any]:
-    """Return all that a fit found as plain data; intervals hold the truth in 95 % of such fits.
-
-    Parameters
-    ----------
-    fitted : FittedMaterial
-        The fit.
-    profile : bool
-        Intervals from the profile of chi-square, good at a bound too, instead of first-order ones.
-    """
+def fit_json(fitted: FittedMaterial) -> dict[str, Any]:
+    """Return all that a fit found as plain data; intervals hold the truth in 95 % of such fits."""
     fit = fitted.fit
     return {
-        "parameters": {name: _parameter(fit, index, profile=profile) for index, name in enumerate(fit.names)},
-        "interval_method": "profile of chi-square" if profile else "first order",
+        "parameters": {name: _parameter(fitted, index) for index, name in enumerate(fit.names)},
+        "interval_method": fitted.interval_method,
         "correlation": {"names": list(fit.names), "matrix": fit.information.correlation.tolist()},
         "held": {
             name: {"value": getattr(fit.surface, name), "assumed": given.assumed, "source": given.source}
@@ -76,13 +64,11 @@ def fit_tables(content: dict[str, Any]) -> Iterable[Table]:
     yield observations
 
 
-def _parameter(fit: SurfaceFit, index: int, *, profile: bool) -> dict[str, Any]:
-    name, error = fit.names[index], float(fit.information.standard_uncertainty[index])
-    interval = (profile_interval if profile else gauss_interval)(fit, name, level=_LEVEL)
+def _parameter(fitted: FittedMaterial, index: int) -> dict[str, Any]:
     return {
-        "value": float(fit.values[index]),
-        "std_error": _finite(error),
-        "interval_95": [_finite(end) for end in interval],
+        "value": float(fitted.fit.values[index]),
+        "std_error": _finite(float(fitted.fit.information.standard_uncertainty[index])),
+        "interval_95": [_finite(end) for end in fitted.intervals[index]],
     }
 
 

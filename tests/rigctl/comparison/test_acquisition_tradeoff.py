@@ -7,13 +7,15 @@ import pytest
 
 from model.acquisition.session_design import Disturbances
 from model.acquisition.session_search import Wanted
-from rigctl.commands.tradeoff_acquisition import show_acquisition_tradeoff, with_cycles_for
+from rigctl import cli
 from rigctl.comparison.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
 from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
+from rigctl.jobs.target_cycles import with_cycles_for
+from rigctl.jobs.tradeoff import trade_acquisition
 from rigctl.reports.figures.acquisition_figure import tradeoff_picture
 from rigctl.reports.tables.acquisition_tables import curve_table, proposal, reached_table, tradeoff_csv, tradeoff_json
 from tests.rigctl.example_files import SMALL_SCENE
@@ -154,8 +156,16 @@ def test_a_session_without_scene_frames_has_no_target(scene):
         with_cycles_for(darks, scene, None, target_dolp_sigma=TARGET)
 
 
-def test_the_command_prints_tables_and_writes_files(scene, tmp_path, capsys):
-    show_acquisition_tradeoff(scene, None, target_dolp_sigma=TARGET, pair="left,right", out=tmp_path / "out")
+@pytest.fixture
+def scene_path(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SMALL_SCENE)
+    return path
+
+
+def test_the_command_prints_tables_and_writes_files(scene_path, tmp_path, capsys):
+    words = ["tradeoff", str(scene_path), "--acquisition", "--target-dolp-sigma", str(TARGET), "--pair", "left,right"]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr().out
     assert "total error of DoLP after n cycles" in shown
     assert 'order = "' in shown
@@ -164,7 +174,12 @@ def test_the_command_prints_tables_and_writes_files(scene, tmp_path, capsys):
     }
 
 
-@pytest.mark.parametrize("option", [{"pair": "left"}, {"pixels": 0}, {"settling_time_ms": -1.0}, {"overhead_ms": -1.0}])
-def test_options_out_of_range_are_refused(scene, option):
-    with pytest.raises(ConfigError, match=r"--"):
-        show_acquisition_tradeoff(scene, None, **option)
+@pytest.mark.parametrize("option", [("--pair", "left"), ("--pixels", "0"), ("--settling-time-ms", "-1")])
+def test_options_out_of_range_are_refused(scene_path, capsys, option):
+    assert cli.main(["tradeoff", str(scene_path), "--acquisition", *option]) == cli.EXIT_USAGE
+    assert "--" in capsys.readouterr().err
+
+
+def test_an_overhead_below_0_is_refused(scene_path):
+    with pytest.raises(ConfigError, match="overhead"):
+        trade_acquisition(scene_path, TradeoffRequest(overhead_s=-1e-3))

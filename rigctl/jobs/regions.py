@@ -1,0 +1,130 @@
+"""Drawing regions on a picture of a run, and finding them again by markers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+
+from rigctl.choices import Dictionary
+from rigctl.config import load
+from rigctl.durable_file import write_durably
+from rigctl.errors import DataError
+from rigctl.files.regions import Markers, RegionsFile
+from rigctl.outlines.follow import FollowedRegion, follow_markers, moved_markers
+from rigctl.outlines.markers import search_markers
+from rigctl.outlines.picker import Picker
+from rigctl.outlines.picture import grey_picture
+from rigctl.outlines.regions_text import regions_text
+from rigctl.runs.run_folder import read_run
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawRequest:
+    """How regions are to be drawn.
+
+    Attributes
+    ----------
+    start : Path or None
+        Regions file to begin with.
+    port : int
+        Of the page; 0 for any that is free.
+    wait_s : float
+        How long to wait for the person who draws [s].
+    """
+
+    start: Path | None = None
+    port: int = 0
+    wait_s: float = 3600.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundRegions:
+    """Regions that were found again, each with how far it went, and the file that was written of them."""
+
+    followed: tuple[FollowedRegion, ...]
+    file: RegionsFile
+
+
+def draw_regions(run: Path, request: DrawRequest, *, out: Path, opened: Callable[[str], None]) -> RegionsFile:
+    """Return regions that a person drew on a picture of a run, with the markers that it shows.
+
+    Parameters
+    ----------
+    run : Path
+        Run folder.
+    request : DrawRequest
+        How.
+    out : Path
+        Regions file to write.
+    opened : callable
+        Told the address of the page, which only this machine can open.
+
+    Raises
+    ------
+    DataError
+        The run gives no picture, or nothing was drawn in time.
+    """
+    picture = grey_picture(read_run(run))
+    drawn = [] if request.start is None else _read(request.start).model_dump(mode="json", exclude_none=True)["regions"]
+    picker = Picker(cv2.imencode(".png", picture)[1].tobytes(), drawn=drawn, title=str(run), port=request.port)
+    opened(picker.address)
+    answer = picker.wait(seconds=request.wait_s)
+    seen = search_markers(picture, Dictionary.FOUR_50)
+    return _written(out, answer.model_copy(update={"markers": Markers(seen=seen) if seen else None}))
+
+
+def mark_regions(run: Path, regions: Path, *, dictionary: Dictionary, out: Path) -> RegionsFile:
+    """Return regions with the markers of the picture that they were drawn on.
+
+    Parameters
+    ----------
+    run, regions : Path
+        Run folder and regions file.
+    dictionary : Dictionary
+        Family of the printed markers.
+    out : Path
+        Regions file to write.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or no marker is seen.
+    """
+    drawn = _read(regions)
+    seen = search_markers(grey_picture(read_run(run)), dictionary)
+    if not seen:
+        raise DataError(f"{run}: no marker of {dictionary} is seen. Print them large: 4x4 cells of six pixels at least")
+    return _written(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
+
+
+def find_regions(run: Path, regions: Path, *, out: Path) -> FoundRegions:
+    """Return regions where their markers are now, after the camera has moved.
+
+    Parameters
+    ----------
+    run, regions : Path
+        Run folder of now, and regions file with the markers as they were.
+    out : Path
+        Regions file to write.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or a region has lost its markers.
+    """
+    drawn = _read(regions)
+    family = Dictionary.FOUR_50 if drawn.markers is None else drawn.markers.dictionary
+    now = search_markers(grey_picture(read_run(run)), family)
+    followed = tuple(follow_markers(drawn, now))
+    file = RegionsFile(regions=[one.region for one in followed], markers=moved_markers(drawn, now))
+    return FoundRegions(followed=followed, file=_written(out, file))
+
+
+def _read(path: Path) -> RegionsFile:
+    return load(path, RegionsFile)
+
+
+def _written(path: Path, file: RegionsFile) -> RegionsFile:
+    write_durably(path, regions_text(file).encode())
+    return file

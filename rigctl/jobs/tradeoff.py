@@ -1,0 +1,86 @@
+"""Trading accuracy against time: of the computation, and of the session that is taken of a scene."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rigctl.calibrations.noise.noise_file import read_noise_file
+from rigctl.comparison.accuracy_curves import Curves, accuracy_curves, steps
+from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, TradeoffRequest, acquisition_tradeoff
+from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import load_scene
+from rigctl.reports.tradeoff_files import write_accuracy_tradeoff, write_acquisition_tradeoff
+from rigctl.scene.scene_light import SceneLight
+
+# Told what is being done, in words, the steps done, and how many there are.
+Progress = Callable[[str, int, int], None]
+
+
+def trade_accuracy(
+    scene: Path,
+    tolerances: Sequence[float],
+    *,
+    noise: Path | None = None,
+    out: Path | None = None,
+    progress: Progress | None = None,
+) -> Curves:
+    """Return error against time of each numerical setting and of the whole chain, measured here and now.
+
+    Parameters
+    ----------
+    scene : Path
+        Scene file.
+    tolerances : sequence of float
+        To be shown, 1e-5 to 0.1; small ones take longest.
+    noise : Path or None
+        Noise calibration, in place of the assumed noise.
+    out : Path or None
+        Folder for tradeoff.csv, tradeoff.json and tradeoff.png.
+    progress : callable or None
+        Told of every step.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or a tolerance is outside its range.
+    """
+    predictor = ScenePredictor(load_scene(scene), None if noise is None else read_noise_file(noise), light=SceneLight())
+    for done, step in enumerate(accuracy_curves(predictor, tolerances)):
+        if isinstance(step, Curves):
+            if out is not None:
+                write_accuracy_tradeoff(step, out)
+            return step
+        if progress is not None:
+            progress(step, done, steps(tolerances))
+    raise RuntimeError("the curves ended without a result")
+
+
+def trade_acquisition(
+    scene: Path, request: TradeoffRequest, *, noise: Path | None = None, out: Path | None = None
+) -> AcquisitionTradeoff:
+    """Return what sessions of a scene give for their time, and the shortest that reaches what is wanted.
+
+    Parameters
+    ----------
+    scene : Path
+        Scene file.
+    request : TradeoffRequest
+        What is asked of the sessions.
+    noise : Path or None
+        Noise calibration, in place of the assumed noise.
+    out : Path or None
+        Folder for acquisition.csv, acquisition.json and acquisition.png.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, a number is outside its range, or the scene has no such region.
+    """
+    noise_file = None if noise is None else read_noise_file(noise)
+    try:
+        found = acquisition_tradeoff(load_scene(scene), noise_file, request)
+    except ValueError as error:
+        raise ConfigError(f"--acquisition: {error}") from error
+    if out is not None:
+        write_acquisition_tradeoff(found, out)
+    return found
