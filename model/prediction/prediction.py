@@ -220,17 +220,22 @@ def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
 
 
 def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:
+    deviations = {kind: _deviations(cov) for kind, cov in covs.items()}
     return {
-        name: {"mean": float(mean[k])} | {kind: float(np.sqrt(cov[k, k])) for kind, cov in covs.items()}
+        name: {"mean": float(mean[k])} | {kind: float(each[k]) for kind, each in deviations.items()}
         for k, name in enumerate(names)
     }
+
+
+def _deviations(cov: FloatArray) -> FloatArray:
+    """Return standard deviations; a variance that is negative by rounding, where nothing fluctuates, is none."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(cov), 0.0)))
 
 
 def _ratios(stokes: Moments) -> Quantities:
     """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel."""
     normalized = normalized_moments(stokes)
-    # Where nothing fluctuates but rounding is left, it may be negative.
-    deviations = np.sqrt(np.maximum(np.diag(normalized.cov), 0.0))
+    deviations = _deviations(normalized.cov)
     found = {
         "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
         "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},
