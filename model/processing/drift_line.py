@@ -1,4 +1,4 @@
-"""A straight line through numbers with errors: whether they drift."""
+"""Straight line through numbers with errors: the slope is their drift."""
 
 from dataclasses import dataclass
 
@@ -40,22 +40,15 @@ def drift_line(at: ArrayLike, values: ArrayLike, std_errors: ArrayLike) -> Drift
     ------
     ValueError
         Fewer than three numbers, one abscissa for all, or an error that is not above 0.
-
-    References
-    ----------
-    Definition: weighted least squares.
     """
     x, y, s = (np.asarray(row, dtype=np.float64) for row in (at, values, std_errors))
     if x.size < 3 or np.ptp(x) == 0.0 or not np.all(s > 0.0):
         raise ValueError("a drift needs three numbers or more at different places, each with an error above 0")
-    weights = s**-2.0
-    off = x - np.average(x, weights=weights)
-    spread = float(weights @ off**2)
-    slope = float(weights @ (off * y)) / spread
-    left = y - np.average(y, weights=weights) - slope * off
+    off = x - np.average(x, weights=s**-2.0)
+    line, cov = np.polyfit(off, y, 1, w=1.0 / s, cov="unscaled")
     return DriftLine(
-        slope=slope,
-        std_error=spread**-0.5,
-        chi_square=float(weights @ left**2),
+        slope=float(line[0]),
+        std_error=float(np.sqrt(cov[0, 0])),
+        chi_square=float(np.sum(((y - np.polyval(line, off)) / s) ** 2)),
         degrees_of_freedom=x.size - 2,
     )

@@ -1,20 +1,19 @@
-"""Whether two rows of numbers rise and fall together: rank order, and the chance of so much of it by accident."""
+"""Rank correlation of two rows of numbers, and the chance of so much of it by accident."""
 
 from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 FloatArray = NDArray[np.float64]
 
-# All orders of so many numbers are counted; beyond, tau is normal to two digits of its tail.
+# All orders of so many numbers are counted, ties or not.
 _COUNTED = 7
 
 
 @dataclass(frozen=True, kw_only=True)
-class RankOrder:
+class RankCorrelation:
     """Kendall's tau of a prediction and a measurement over the pairs whose order is known.
 
     Attributes
@@ -44,9 +43,9 @@ class RankOrder:
         return None if self.known_pairs == 0 else self.concordant / self.known_pairs
 
 
-def rank_order(
+def rank_correlation(
     predicted: ArrayLike, measured: ArrayLike, *, predicted_cov: ArrayLike, measured_cov: ArrayLike, sigmas: float = 2.0
-) -> RankOrder:
+) -> RankCorrelation:
     """Return how well a prediction has the order of what was measured.
 
     Parameters
@@ -66,8 +65,8 @@ def rank_order(
     Notes
     -----
     With up to seven numbers the p value counts all orders, without ties 1/n! at the least: three numbers in order have
-    the chance 1/6, so "the trend" of three is weak evidence however small their errors are. Beyond, tau is taken as
-    normal with variance 2 (2n + 5) / (9 n (n - 1)).
+    the chance 1/6, so "the trend" of three is weak evidence however small their errors are. Beyond, it is that of
+    `scipy.stats.kendalltau`: exact without ties, normal with them.
 
     References
     ----------
@@ -82,7 +81,7 @@ def rank_order(
     for step, cov in zip(steps, (predicted_cov, measured_cov), strict=True):
         known &= np.abs(step) > sigmas * _step_errors(np.asarray(cov, dtype=np.float64), first, second)
     agreed = np.sign(steps[0]) * np.sign(steps[1])
-    return RankOrder(
+    return RankCorrelation(
         numbers=int(model.size),
         pairs=int(first.size),
         known_pairs=int(known.sum()),
@@ -99,8 +98,12 @@ def _step_errors(cov: FloatArray, first: NDArray[np.intp], second: NDArray[np.in
 
 def _p_value(model: FloatArray, data: FloatArray, total: float) -> float:
     n = model.size
+    if np.ptp(model) == 0.0 or np.ptp(data) == 0.0:
+        return 1.0
     if n > _COUNTED:
-        return float(ndtr(-total / (0.5 * n * (n - 1) * np.sqrt(2.0 * (2 * n + 5) / (9.0 * n * (n - 1))))))
+        from scipy.stats import kendalltau
+
+        return float(kendalltau(model, data, alternative="greater").pvalue)
     signs = np.sign(model[:, None] - model[None, :])
     orders = np.array(list(permutations(range(n))))
     other = np.sign(data[:, None] - data[None, :])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.rank_correlation import RankOrder, rank_order
+from model.processing.rank_correlation import RankCorrelation, rank_correlation
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 
@@ -27,13 +27,13 @@ class Trend:
         Of what, such as "dolp".
     over : str
         Along what: "angles of black_panel", "regions", "runs of asphalt".
-    order : RankOrder
+    order : RankCorrelation
         Kendall's tau, pairs that are known in spite of their errors, and the chance of so good an order.
     """
 
     quantity: str
     over: str
-    order: RankOrder
+    order: RankCorrelation
 
     @property
     def predicted(self) -> bool | None:
@@ -60,7 +60,7 @@ def trends_of(rows: Sequence[Row], cov: FloatArray | None, measurement: Measurem
 
 def trend(rows: Sequence[Row], *, over: str, predicted_cov: FloatArray, measured_cov: FloatArray) -> Trend:
     """Return the trend of one quantity along rows."""
-    order = rank_order(
+    order = rank_correlation(
         [row.predicted for row in rows],
         [row.measured for row in rows],
         predicted_cov=predicted_cov,

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from model.processing.rank_correlation import rank_order
+from model.processing.rank_correlation import rank_correlation
 
 
 def _order(predicted, measured, *, predicted_error=0.0, measured_error=0.0):
     n = len(predicted)
-    return rank_order(
+    return rank_correlation(
         predicted,
         measured,
         predicted_cov=predicted_error**2 * np.eye(n),
@@ -34,8 +34,13 @@ def test_many_numbers_agree_with_the_exact_law_of_eight():
     # One neighbouring pair swapped of 8 in order: tau = 26/28, and 8 of 8! orders are that good or better.
     found = _order(np.arange(8), [0, 1, 2, 3, 4, 5, 7, 6])
     assert found.tau == pytest.approx(26 / 28)
-    # The normal law is good to a factor of a few in so deep a tail: 8/40320 = 2.0e-4 beside 6.4e-4.
-    assert 8 / 40320 / 4 < found.p_value < 4 * 8 / 40320
+    assert found.p_value == pytest.approx(8 / 40320, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [3, 9])
+def test_a_constant_has_no_order(n):
+    found = _order(np.ones(n), np.arange(n))
+    assert (found.tau, found.p_value) == (0.0, 1.0)
 
 
 def test_pairs_within_their_error_are_not_known():
@@ -46,7 +51,7 @@ def test_pairs_within_their_error_are_not_known():
 
 def test_what_two_numbers_have_in_common_does_not_blur_their_order():
     common = np.full((3, 3), 4.0) + 1e-4 * np.eye(3)
-    found = rank_order([1, 2, 3], [1, 2, 3], predicted_cov=common, measured_cov=np.zeros((3, 3)))
+    found = rank_correlation([1, 2, 3], [1, 2, 3], predicted_cov=common, measured_cov=np.zeros((3, 3)))
     assert found.known_pairs == 3
 
 
