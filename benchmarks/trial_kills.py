@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.runs.fits_frame import decode_frame
-from rigctl.runs.run_folder import EVENTS_FILE, FRAMES_FOLDER, MANIFEST_FILE, FrameRecord, Run, read_run
-from rigctl.runs.run_state import read_event_lines
+from rigctl.runs.fits.fits_frame import decode_frame
+from rigctl.runs.run_events import EVENTS_FILE, read_events
+from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, FrameRecord, Run, read_run
 from rigctl.runs.verification import verify_run
 from rigctl.utc_time import NS_PER_S, utc_text
 from sim_devices.truth_log import TrueFrame, read_truth
@@ -89,7 +89,7 @@ def undisturbed_run(files: tuple[Path, Path]) -> Run:
 
 def duration_s(run: Run) -> float:
     """Return how long a session took from its first event to its last."""
-    times = [event["monotonic_ns"] for event in read_event_lines(run.path)]
+    times = [event.monotonic_ns for event in read_events(run.path)]
     return float((times[-1] - times[0]) / NS_PER_S)
 
 

@@ -26,7 +26,8 @@ from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, Stag
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_folder import EVENTS_FILE, Run, read_run
+from rigctl.runs.run_events import EVENTS_FILE
+from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import take_session
 from sim_devices.cameras.gige import serve_gige_camera
 

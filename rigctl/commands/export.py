@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 import typer
 
 from rigctl.durable_file import PART_SUFFIX
-from rigctl.runs.export_frames import require_new
-from rigctl.runs.export_hdf5 import export_hdf5
-from rigctl.runs.export_tiff import export_tiff
-from rigctl.runs.export_zarr import export_zarr
+from rigctl.runs.exports.export_frames import require_new
+from rigctl.runs.exports.export_hdf5 import export_hdf5
+from rigctl.runs.exports.export_tiff import export_tiff
+from rigctl.runs.exports.export_zarr import export_zarr
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import progress
 

@@ -1,13 +1,13 @@
 """``rigctl log``: what happened in a session, from its begin."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rigctl.runs.event_text import event_line
+from rigctl.runs.run_events import event_line, read_events
 from rigctl.runs.run_folder import read_contents
-from rigctl.runs.run_state import read_event_lines
 from rigctl.terminal import print_json, results
 
 
@@ -24,10 +24,10 @@ def command(
     Example: rigctl log runs/2026-05-04 --only interlock
     """
     read_contents(run)  # says so where this is no run folder
-    events = [event for event in read_event_lines(run) if only in (None, event["event"])]
+    events = [event for event in read_events(run) if only in (None, event.event)]
     events = events if last is None else events[-last:]
     if as_json:
-        print_json({"run": str(run), "events": events})
+        print_json({"run": str(run), "events": [asdict(event) for event in events]})
         return
     for event in events:
         results().print(event_line(event), markup=False)

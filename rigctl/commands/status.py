@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rigctl.live.live_text import live_lines
-from rigctl.runs.event_text import event_line
+from rigctl.runs.run_events import event_line
 from rigctl.runs.run_state import RunState, state_of
 from rigctl.terminal import print_json, results
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rigctl.durable_file import PART_SUFFIX, flush_folder, write_durably
 from rigctl.errors import DataError, RunFolderError
-from rigctl.runs.fits_frame import decode_frame
-from rigctl.runs.frame_header import record_from_header
+from rigctl.runs.fits.fits_frame import decode_frame
+from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, FrameRecord, file_checksum, read_contents
 from rigctl.runs.run_lock import RunLock

@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
 from rigctl.errors import DataError, RunFolderError
-from rigctl.runs.fits_frame import decode_frame
+from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, read_description
 from rigctl.runs.session_record import SessionRecord, session_record
 
 MANIFEST_FILE = "manifest.jsonl"
-EVENTS_FILE = "events.jsonl"
 FRAMES_FOLDER = "frames"
 
 FrameKind = Literal["scene", "dark", "flat"]

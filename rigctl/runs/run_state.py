@@ -1,20 +1,16 @@
 """Where a session stands, as far as its run folder tells."""
 
-import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rigctl.errors import RunFolderError
 from rigctl.runs.live_status import read_status
-from rigctl.runs.run_folder import EVENTS_FILE, read_contents
+from rigctl.runs.run_events import TALLY_EVENT, RunEvent, read_events
+from rigctl.runs.run_folder import read_contents
 from rigctl.runs.run_lock import writing_process
 
 State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
-TALLY_EVENT = "camera tally"
-"""Counts of a camera's pictures, at the end of each part of a session."""
-
 _LAST_EVENTS = 5
 _BYTES_PER_MB = 1e6
 # Remarks on the side: they tell nothing of how a session stands.
@@ -41,7 +37,7 @@ class RunState:
         What is free on the disk of the run [MB].
     live : dict or None
         What the session last said of itself: frames planned, remaining time, numbers per angle.
-    events : tuple of dict
+    events : tuple of RunEvent
         The last few.
     """
 
@@ -51,7 +47,7 @@ class RunState:
     frames: int
     disk_free_mb: float
     live: dict[str, Any] | None
-    events: tuple[dict[str, Any], ...]
+    events: tuple[RunEvent, ...]
 
 
 def state_of(path: Path) -> RunState:
@@ -64,33 +60,16 @@ def state_of(path: Path) -> RunState:
     """
     contents = read_contents(path)
     process = writing_process(path)
-    events = read_event_lines(path)
+    events = read_events(path)
     return RunState(
         run=str(path),
-        state=_state(process, [str(event["event"]) for event in events]),
+        state=_state(process, [event.event for event in events]),
         process=process,
         frames=len(contents.frames),
         disk_free_mb=shutil.disk_usage(path).free / _BYTES_PER_MB,
         live=read_status(path),
         events=tuple(events[-_LAST_EVENTS:]),
     )
-
-
-def read_event_lines(path: Path) -> list[dict[str, Any]]:
-    """Return the events of a run folder, without a last line that was never finished.
-
-    Raises
-    ------
-    RunFolderError
-        A line is no event.
-    """
-    file = path / EVENTS_FILE
-    whole = file.read_bytes().rpartition(b"\n")[0] if file.exists() else b""
-    try:
-        events: list[dict[str, Any]] = [json.loads(line) for line in whole.splitlines()]
-        return [event for event in events if event["event"]]
-    except (ValueError, KeyError, TypeError) as error:
-        raise RunFolderError(f"{file}: a line is no event: {error}") from error
 
 
 def _state(process: int | None, events: list[str]) -> State:

@@ -1,13 +1,11 @@
 """What a run folder holds, at a glance."""
 
-import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
-from rigctl.errors import RunFolderError
-from rigctl.runs.run_folder import EVENTS_FILE, FrameRecord, Run
+from rigctl.runs.run_events import read_events
+from rigctl.runs.run_folder import FrameRecord, Run
 
 GroupKey = tuple[str, float | None, float | None, float | None]
 
@@ -119,7 +117,7 @@ def summarize_run(run: Run) -> RunSummary:
         stages=_devices((r.stage_model, r.stage_serial) for r in frames),
         groups=_groups(frames),
         remarks=dict(Counter(remark for r in frames for remark in r.remarks)),
-        events=dict(Counter(_event_names(run.path / EVENTS_FILE))),
+        events=dict(Counter(event.event for event in read_events(run.path))),
     )
 
 
@@ -160,12 +158,3 @@ def _near(readback_deg: float, target_deg: float | None) -> float:
     if target_deg is None:
         return readback_deg
     return target_deg + (readback_deg - target_deg + 90.0) % 180.0 - 90.0
-
-
-def _event_names(file: Path) -> list[str]:
-    # A last line without an end was never finished.
-    whole = file.read_bytes().rpartition(b"\n")[0] if file.exists() else b""
-    try:
-        return [str(json.loads(line)["event"]) for line in whole.splitlines()]
-    except (ValueError, KeyError, TypeError) as error:
-        raise RunFolderError(f"{file}: a line is no event: {error}") from error

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from rigctl.durable_file import flush_folder, write_durably
 from rigctl.errors import RunFolderError
-from rigctl.runs.fits_frame import encode_frame
-from rigctl.runs.frame_header import header_cards
+from rigctl.runs.fits.fits_frame import encode_frame
+from rigctl.runs.fits.frame_header import header_cards
 from rigctl.runs.journal import Journal
 from rigctl.runs.run_description import SCHEMA_VERSION, SESSION_FILE, RunDescription, encode_description
+from rigctl.runs.run_events import EVENTS_FILE, RunEvent
 from rigctl.runs.run_folder import (
-    EVENTS_FILE,
     FRAMES_FOLDER,
     MANIFEST_FILE,
     FrameRecord,
@@ -238,18 +238,18 @@ class RunWriter:
         try:
             # The writer's thread notes events too.
             with self._event_lock:
-                self._events.append(json_line(self._event_line(name, facts)))
+                self._events.append(json_line(asdict(self._event(name, facts))))
         except OSError as error:
             raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
 
-    def _event_line(self, name: str, facts: dict[str, Any]) -> dict[str, Any]:
-        return {
-            "id": self._events.lines,
-            "utc": utc_text(self._utc_ns()),
-            "monotonic_ns": self._monotonic_ns(),
-            "event": name,
-            "facts": facts,
-        }
+    def _event(self, name: str, facts: dict[str, Any]) -> RunEvent:
+        return RunEvent(
+            id=self._events.lines,
+            utc=utc_text(self._utc_ns()),
+            monotonic_ns=self._monotonic_ns(),
+            event=name,
+            facts=facts,
+        )
 
 
 def _make_folder(path: Path) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from rigctl.durable_file import PART_SUFFIX
 from rigctl.errors import DataError
-from rigctl.runs.fits_frame import decode_frame
-from rigctl.runs.frame_header import record_from_header
+from rigctl.runs.fits.fits_frame import decode_frame
+from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.run_folder import (
     FRAMES_FOLDER,
     MANIFEST_FILE,

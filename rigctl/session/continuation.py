@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from rigctl.errors import RunFolderError
+from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import FrameRecord, Run
-from rigctl.runs.run_state import read_event_lines
 from rigctl.session.planning.session_steps import Step
 
 _ANGLE_TOLERANCE_DEG = 1e-6
@@ -42,12 +42,12 @@ def continuation(run: Run, steps: tuple[Step, ...]) -> Continuation:
         _require_planned(record, planned.get(record.sequence))
     taken = {record.sequence for record in run.frames}
     left = tuple(step for step in steps if step.sequence not in taken)
-    events = read_event_lines(run.path)
-    metered = [event["facts"] for event in events if event["event"] == "metered"]
+    events = read_events(run.path)
+    metered = [event.facts for event in events if event.event == "metered"]
     return Continuation(
         steps=left,
         metered_s={facts["round"]: facts["exposure_s"] for facts in metered},
-        is_finished=any(event["event"] == "finished" for event in events),
+        is_finished=any(event.event == "finished" for event in events),
     )
 
 

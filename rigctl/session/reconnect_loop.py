@@ -9,8 +9,8 @@ from drivers.interfaces import Camera, DeviceIdentity, ReportingCamera
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.repair import Repair
+from rigctl.runs.run_events import TALLY_EVENT
 from rigctl.runs.run_folder import Run, read_run
-from rigctl.runs.run_state import TALLY_EVENT
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.acquisition import acquire
 from rigctl.session.continuation import continuation

@@ -2,10 +2,9 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
+from rigctl.runs.run_events import RunEvent, read_events
 from rigctl.runs.run_folder import FrameRecord, read_run
-from rigctl.runs.run_state import read_event_lines
 from sim_devices.camera import SimCamera
 
 _BEGINNINGS = ("resumed", "devices opened again")
@@ -44,7 +43,7 @@ class NoiseNumbers:
     def _first_number(self, sequence: int) -> int:
         if self._run is None or not self._run.is_dir():
             return 0
-        return number_after(read_run(self._run).frames, read_event_lines(self._run), sequence)
+        return number_after(read_run(self._run).frames, read_events(self._run), sequence)
 
 
 class FreshNoise:
@@ -69,26 +68,26 @@ class FreshNoise:
     def begin_step(self, sequence: int) -> bool:
         """Leave the numbers of earlier parts behind, before the first step; the camera's own numbers never jump."""
         if not self._has_begun and self._run is not None and self._run.is_dir():
-            beginnings = sum(event["event"] in _BEGINNINGS for event in read_event_lines(self._run))
+            beginnings = sum(event.event in _BEGINNINGS for event in read_events(self._run))
             if beginnings > 0:
                 self._camera.go_on_from(beginnings * _NUMBERS_EACH)
         self._has_begun = True
         return False
 
 
-def number_after(frames: Iterable[FrameRecord], events: Iterable[dict[str, Any]], sequence: int) -> int:
+def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequence: int) -> int:
     """Return which number the camera gave or would have given to a step, had the session not been interrupted.
 
     Parameters
     ----------
     frames : iterable of FrameRecord
         What was taken.
-    events : iterable of dict
+    events : iterable of RunEvent
         Of the run: metering uses up numbers and notes the next one.
     sequence : int
         The step.
     """
-    metered = [event["facts"]["next_camera_frame"] or 0 for event in events if event["event"] == "metered"]
+    metered = [event.facts["next_camera_frame"] or 0 for event in events if event.event == "metered"]
     used = max(metered, default=0)
     before = [frame for frame in frames if frame.sequence < sequence and frame.camera_frame is not None]
     if not before:

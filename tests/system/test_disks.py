@@ -12,8 +12,8 @@ import pytest
 from benchmarks.loop_disk import call, ext4_image, mounted, why_not
 from rigctl.durable_file import PART_SUFFIX
 from rigctl.files.session_file import SessionFile
+from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_state import read_event_lines
 from rigctl.runs.verification import verify_run
 from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig
@@ -109,7 +109,7 @@ def test_a_full_disk_holds_until_there_is_room_and_no_frame_is_lost(tmp_path, di
     assert process.returncode == 0, said
     assert "No space left on device: make room, or stop" in said
     assert "disk has room for" in said
-    assert [event for event in read_event_lines(run) if event["event"] == "disk was full"]
+    assert [event for event in read_events(run) if event.event == "disk was full"]
     _assert_every_frame_once(run)
 
 
@@ -181,7 +181,7 @@ def test_a_disk_that_takes_a_second_to_flush_makes_the_session_wait_and_loses_no
     assert [record.sequence for record in read_run(run).frames] == list(range(8))
     assert verify_run(run).ok
     # One is being flushed and four wait: the sixth had to wait, and it is said.
-    violations = [event["facts"] for event in read_event_lines(run) if event["event"] == "interlock"]
+    violations = [event.facts for event in read_events(run) if event.event == "interlock"]
     assert "frames wait for the disk" in violations[0]["message"]
     # Later frames were taken one a second, as the disk took them, and each bears the time at which it was taken.
     starts_s = [record.start_monotonic_ns / 1e9 for record in read_run(run).frames]

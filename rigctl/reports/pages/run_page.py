@@ -3,6 +3,7 @@
 import base64
 from collections import Counter, defaultdict
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import datetime
 
 import numpy as np
@@ -12,9 +13,8 @@ from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_history import Means, cycle_history, is_session, region_means_of
 from rigctl.reports.figures.cycle_figure import cycle_figure, drift_line
 from rigctl.reports.figures.figure_style import png, subplots
-from rigctl.runs.event_text import event_facts
+from rigctl.runs.run_events import event_facts, read_events
 from rigctl.runs.run_folder import FrameRecord, Run
-from rigctl.runs.run_state import read_event_lines
 
 _MOST_FRAMES = 24
 _THUMBNAIL_PIXELS = 160
@@ -48,7 +48,7 @@ def run_page(run: Run) -> str:
     -----
     Every frame is read once, for its means.
     """
-    events = read_event_lines(run.path)
+    events = read_events(run.path)
     means = region_means_of(run)
     history = cycle_history(run, means) if is_session(run) else None
     pictures = []
@@ -68,8 +68,8 @@ def run_page(run: Run) -> str:
         made_by=run.created_by,
         drift="" if history is None else drift_line(history),
         pictures=[(title, base64.b64encode(data).decode("ascii")) for title, data in pictures],
-        counts=Counter(str(event["event"]) for event in events).most_common(),
-        events=[event | {"facts": event_facts(event)} for event in events[-_SHOWN_EVENTS:]],
+        counts=Counter(event.event for event in events).most_common(),
+        events=[asdict(event) | {"facts": event_facts(event)} for event in events[-_SHOWN_EVENTS:]],
     )
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rigctl.errors import DataError
 from rigctl.imports.image_file import ImageFile, read_image
-from rigctl.runs.fits_frame import encode_frame
+from rigctl.runs.fits.fits_frame import encode_frame
 from tests.rigctl.run_samples import noisy_counts
 
 COUNTS = noisy_counts(shape=(6, 9))

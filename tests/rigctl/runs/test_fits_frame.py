@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rigctl.errors import DataError
-from rigctl.runs.fits_card import make_card, read_cards
-from rigctl.runs.fits_checksum import encode_checksum, ones_complement_sum
-from rigctl.runs.fits_frame import decode_frame, encode_frame
-from rigctl.runs.frame_header import header_cards, record_from_header
+from rigctl.runs.fits.fits_card import make_card, read_cards
+from rigctl.runs.fits.fits_checksum import encode_checksum, ones_complement_sum
+from rigctl.runs.fits.fits_frame import decode_frame, encode_frame
+from rigctl.runs.fits.frame_header import header_cards, record_from_header
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
 
 FRAMES = hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.integers(0, 65535))

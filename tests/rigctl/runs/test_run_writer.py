@@ -11,8 +11,8 @@ import pytest
 
 from rigctl.durable_file import write_durably
 from rigctl.errors import RunFolderError
-from rigctl.runs.fits_frame import decode_frame
-from rigctl.runs.frame_header import record_from_header
+from rigctl.runs.fits.fits_frame import decode_frame
+from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.run_folder import file_checksum, read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.verification import verify_run

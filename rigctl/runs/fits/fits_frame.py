@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import DataError
-from rigctl.runs.fits_card import CARD_LENGTH, CardValue, make_card, read_cards
-from rigctl.runs.fits_checksum import ALL_ONES, NO_CHECKSUM, encode_checksum, ones_complement_sum
+from rigctl.runs.fits.fits_card import CARD_LENGTH, CardValue, make_card, read_cards
+from rigctl.runs.fits.fits_checksum import ALL_ONES, NO_CHECKSUM, encode_checksum, ones_complement_sum
 
 _BLOCK = 2880
 _SIGN_BIT = np.uint16(0x8000)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from rigctl.errors import ConfigError
-from rigctl.runs.export_frames import columns_of, common_shape
+from rigctl.runs.exports.export_frames import columns_of, common_shape
 from rigctl.runs.run_folder import Run
 
 

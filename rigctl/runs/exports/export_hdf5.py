@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.errors import ConfigError
-from rigctl.runs.export_frames import Column, columns_of, common_shape, unit_of
+from rigctl.runs.exports.export_frames import Column, columns_of, common_shape, unit_of
 from rigctl.runs.run_folder import Run
 
 
