@@ -17,8 +17,8 @@ from model.accuracy.evaluation.quantities import differences, readings
 from model.accuracy.planning.numerical_settings import KNOBS, Plan, settings_at
 from model.accuracy.predict_to_tolerance import predict
 from model.scene.lit_scene import LitScene
-from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.files.scene_file import load_scene
+from rigctl.scene.scene_prediction import ScenePredictor
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-airborne.toml"
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)

@@ -10,6 +10,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.reports.tables.effects_tables import effects_json, effects_table, saved_line
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.effect_plan import plan_effects, verify_effects
+from rigctl.scene.scene_reading import scene_of_file
 from rigctl.terminal import print_json, progress, results
 
 # A bound that does not hold is a fault of the program's own.
@@ -40,7 +41,9 @@ def command(
     Example: rigctl effects examples/scene-panels.toml --tolerance 0.02 --verify
     """
     chosen = with_choices(load_scene(scene), switched_on=switched_on or [], left_out=left_out or [])
-    planned = plan_effects(chosen, None if noise is None else read_noise_file(noise), tolerance=tolerance)
+    planned = plan_effects(
+        scene_of_file(chosen, None if noise is None else read_noise_file(noise)), tolerance=tolerance
+    )
     checked = verify_effects(planned) if verify else None
     if as_json:
         print_json(effects_json(planned.plan, checked) | {"remarks": list(planned.remarks)})

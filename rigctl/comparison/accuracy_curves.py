@@ -16,7 +16,10 @@ from model.accuracy.planning.numerical_settings import KNOBS, WAVELENGTHS, Plan,
 from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
 from model.prediction.rig_errors import predict_with_errors
 from model.scene.lit_scene import LitScene
-from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.scene.parameters import with_value
+from rigctl.scene.rig_inputs import rig_errors
+from rigctl.scene.scene_prediction import ScenePredictor
+from rigctl.scene.scene_record import Scene
 
 FloatArray = NDArray[np.float64]
 Clock = Callable[[], float]
@@ -148,19 +151,19 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
     used = np.flatnonzero(deviations > 0.0)
     coarse = settings_at(dict.fromkeys(KNOBS, 0), 1e-2)
 
-    def at(changed: dict[str, float]) -> dict[Reading, Value]:
-        result, errors = evaluate(predictor.lit_scene(changed), coarse, store=store), predictor.rig_errors(changed)
+    def at(scene: Scene) -> dict[Reading, Value]:
+        result, errors = evaluate(predictor.lit_scene(scene), coarse, store=store), rig_errors(scene)
         if errors is None:
             return _readings(result)
         # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
         return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
 
-    base = at({})
+    base = at(predictor.scene)
     slopes = np.zeros((len(base), inputs.values.size))
     for place in used.tolist():
         name, value, step = inputs.names[place], float(inputs.values[place]), float(deviations[place])
         low = max(value - step, float(inputs.least[place]))
-        above, below = at({name: value + step}), at({name: low})
+        above, below = (at(with_value(predictor.scene, name, moved)) for moved in (value + step, low))
         slopes[:, place] = [_slope(base[key], above.get(key), below.get(key), value + step - low) for key in base]
     variances = np.einsum("qi,ij,qj->q", slopes, inputs.cov, slopes)
     return dict(zip(base, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True))

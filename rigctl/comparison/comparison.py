@@ -18,10 +18,10 @@ from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.explanation import Explanation, explain_rows
-from rigctl.comparison.propagated_rows import only_uncertain, propagate_rows
+from rigctl.comparison.propagated_rows import propagate_rows
 from rigctl.comparison.remarks import curved_inputs, model_warnings, not_tested, overruled
-from rigctl.comparison.rig_inputs import cycle_of_run, rig_errors, with_rig
 from rigctl.comparison.rows import Row, decide, pair, scored
+from rigctl.comparison.run_cycle import cycle_of_run
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.run_readout import one_exposure_s, run_readout
 from rigctl.comparison.scale import Scale, scale_inputs
@@ -30,8 +30,12 @@ from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
-from rigctl.scene.scene_inputs import Inputs, build_scenario, gather
+from rigctl.scene.model_scene import build_scenario
+from rigctl.scene.rig_inputs import rig_errors, with_rig
+from rigctl.scene.scene_inputs import Inputs, gather, only_uncertain
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_reading import scene_of_file
+from rigctl.scene.scene_record import Scene
 
 FloatArray = NDArray[np.float64]
 
@@ -140,12 +144,10 @@ def compare_with_scene(
         The run cannot be predicted: exposures differ or are not known.
     """
     stated, (scene, moved) = scene, _scene_of_run(scene, measurement)
-    inputs = with_rig(gather(scene, noise), scene.rig, cycle_of_run(measurement, scene))
-    exposure_s = one_exposure_s(measurement)
-    light = SceneLight()
-    predicted = partial(_predicted, measurement, scene, light, inputs.names)
+    inputs, light = _inputs(measurement, scene, noise), SceneLight()
+    predicted = partial(_predicted, measurement, light, inputs)
     inputs, scaled_by = scale_inputs(
-        scale, inputs, measurement=measurement, scene=scene, radiometric=radiometric, predicted=predicted
+        scale, inputs, measurement=measurement, radiometric=radiometric, predicted=predicted
     )
     predictions = predicted(inputs.values)
     rows = tuple(_paired(predictions, measurement))
@@ -161,9 +163,9 @@ def compare_with_scene(
         remarks=(
             *inputs.remarks,
             scaled_by.remark,
-            *overruled(stated, measurement, exposure_s),
+            *overruled(stated, measurement, one_exposure_s(measurement)),
             *moved,
-            *light.remarks(scene, inputs.named),
+            *light.remarks(inputs.scene),
             *model_warnings(predictions),
             *curved_inputs(propagation, uncertain),
         ),
@@ -176,7 +178,7 @@ def compare_with_scene(
         budgets=scene_budget(
             predictions, measurement, inputs=inputs, rows=decided, propagation=propagation, uncertain=uncertain
         ),
-        lights=_lights(scene, light, inputs),
+        lights=_lights(inputs.scene, light),
     )
 
 
@@ -185,9 +187,9 @@ def _decided(rows: tuple[Row, ...], propagation: Propagation, alpha: float) -> t
     return decide(tuple(scored(row, error) for row, error in zip(rows, errors, strict=True)), alpha=alpha)
 
 
-def _lights(scene: SceneFile, light: SceneLight, inputs: Inputs) -> dict[str, FieldLight]:
+def _lights(scene: Scene, light: SceneLight) -> dict[str, FieldLight]:
     named = [region for region in scene.regions if region.material is not None]
-    return {region.name: light.region(scene, region, inputs.named) for region in named}
+    return {region.name: light.region(scene, region) for region in named}
 
 
 def predict_run(
@@ -201,17 +203,21 @@ def predict_run(
         Exposures differ or are not known.
     """
     scene, _ = _scene_of_run(scene, measurement)
-    inputs = with_rig(gather(scene, noise), scene.rig, cycle_of_run(measurement, scene))
-    return _predicted(measurement, scene, SceneLight(), inputs.names, inputs.values)
+    inputs = _inputs(measurement, scene, noise)
+    return _predicted(measurement, SceneLight(), inputs, inputs.values)
+
+
+def _inputs(measurement: Measurement, scene: SceneFile, noise: NoiseParameters | None) -> Inputs:
+    return gather(with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_run(measurement, scene)))
 
 
 def _predicted(
-    measurement: Measurement, scene: SceneFile, light: SceneLight, names: tuple[str, ...], values: FloatArray
+    measurement: Measurement, light: SceneLight, inputs: Inputs, values: FloatArray
 ) -> dict[str, RegionPrediction]:
-    named = dict(zip(names, values.tolist(), strict=True))
-    exposure_s, errors = one_exposure_s(measurement), rig_errors(named, cycle_of_run(measurement, scene))
+    scene = inputs.at(values)
+    exposure_s, errors = one_exposure_s(measurement), rig_errors(scene)
     try:
-        scenario = build_scenario(scene, named, readout=run_readout(measurement), exposure_s=exposure_s, light=light)
+        scenario = build_scenario(scene, readout=run_readout(measurement), exposure_s=exposure_s, light=light)
         return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error

@@ -1,6 +1,5 @@
 """Counts per radiance from a run: a panel of known reflectance under the run's own sun."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,9 +16,11 @@ from rigctl.comparison.throughput import modelled_response, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
-from rigctl.scene.scene_inputs import Inputs, build_scenario, gather
+from rigctl.scene.model_scene import build_scenario
+from rigctl.scene.scene_inputs import Inputs, gather
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_numbers import assumed_materials
+from rigctl.scene.scene_reading import assumed_materials, scene_of_file
+from rigctl.scene.scene_record import Scene
 
 FloatArray = NDArray[np.float64]
 
@@ -100,11 +101,11 @@ def panel_response(
     alone, moved = scene_of_run(alone, measurement.run, frames)
     measured = _unsaturated(measurement, panel)
     # Counts are compared with the radiance: what the sensor makes of it is what is sought.
-    inputs = without_throughput(gather(alone, noise), gain=True)
+    inputs = without_throughput(gather(scene_of_file(alone, noise)), gain=True)
     light, exposure_s = SceneLight(), one_exposure_s(measurement)
 
     def at(values: FloatArray) -> FloatArray:
-        return _prediction(measurement, alone, light, inputs.names, values)
+        return _prediction(measurement, inputs.at(values), light)
 
     *channels, radiance = at(inputs.values)
     jacobian = input_jacobian(at, inputs.values, np.sqrt(np.diag(inputs.cov)), least=tuple(inputs.least))
@@ -114,16 +115,16 @@ def panel_response(
     return PanelResponse(
         panel=panel,
         exposure_s=exposure_s,
-        f_number=inputs.named["sensor.f_number"],
+        f_number=inputs.scene.sensor.f_number.value,
         channel_names=measurement.grid.channel_names,
         polarizer_angles_rad=measurement.grid.polarizer_angles_rad,
-        modelled_dn_per_radiance=modelled_response(alone, inputs.named, exposure_s=exposure_s),
+        modelled_dn_per_radiance=modelled_response(inputs.scene, exposure_s=exposure_s),
         scale=scale,
         radiance=float(radiance),
         radiance_error=float(np.sqrt(cov[-1, -1])),
         shares=_shares(scale, predicted_dn, inputs, jacobian[:-1]),
         pixels=measured.pixels,
-        remarks=(*assumed_materials(alone), *moved, *light.remarks(alone, inputs.named), *_of_channels(scale)),
+        remarks=(*assumed_materials(alone), *moved, *light.remarks(inputs.scene), *_of_channels(scale)),
     )
 
 
@@ -146,13 +147,10 @@ def _unsaturated(measurement: Measurement, panel: str) -> Any:
     return region
 
 
-def _prediction(
-    measurement: Measurement, scene: SceneFile, light: SceneLight, names: tuple[str, ...], values: FloatArray
-) -> FloatArray:
+def _prediction(measurement: Measurement, scene: Scene, light: SceneLight) -> FloatArray:
     """Return the counts of the panel's channels, and S0 of its light at the aperture."""
-    named: Mapping[str, float] = dict(zip(names, values.tolist(), strict=True))
     scenario = build_scenario(
-        scene, named, readout=run_readout(measurement), exposure_s=one_exposure_s(measurement), light=light
+        scene, readout=run_readout(measurement), exposure_s=one_exposure_s(measurement), light=light
     )
     (prediction,) = predict(scenario).values()
     return np.append(prediction.channels.mean_dn, scenario.regions[0].aperture_moments().mean[0])

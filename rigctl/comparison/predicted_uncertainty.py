@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.prediction import RegionPrediction
-from rigctl.comparison.propagated_rows import only_uncertain, propagate_rows
+from rigctl.comparison.propagated_rows import propagate_rows
 from rigctl.comparison.remarks import curved_inputs
 from rigctl.comparison.rows import Row
-from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.scene.scene_inputs import only_uncertain
+from rigctl.scene.scene_prediction import ScenePredictor
 
 FloatArray = NDArray[np.float64]
 # A change of so little of a number, or of one, is that of rounding.
@@ -75,10 +76,8 @@ def predicted_uncertainty(
         for quantity, statistics in prediction.quantities.items()
         for statistic, value in statistics.items()
     ]
-    names, uncertain = predictor.inputs.names, only_uncertain(predictor.inputs)
-    found = propagate_rows(
-        rows, predictor.inputs, lambda values: predictor.predictions(dict(zip(names, values.tolist(), strict=True)))
-    )
+    inputs, uncertain = predictor.inputs, only_uncertain(predictor.inputs)
+    found = propagate_rows(rows, inputs, lambda values: predictor.predictions_of(inputs.at(values)))
     errors = np.sqrt(np.maximum(np.diag(found.cov), 0.0)).tolist()
     nested: Nested = {}
     for row, error in zip(rows, errors, strict=True):

@@ -1,7 +1,6 @@
 """What the uncertainty of the inputs does to the rows of a comparison."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,22 +9,9 @@ from model.prediction.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation, propagate
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.errors import ConfigError, DataError
-from rigctl.scene.input_limits import largest, smallest
-from rigctl.scene.scene_inputs import Inputs
+from rigctl.scene.scene_inputs import Inputs, only_uncertain
 
 FloatArray = NDArray[np.float64]
-
-
-def only_uncertain(inputs: Inputs) -> Inputs:
-    """Return the inputs that have an uncertainty."""
-    kept = np.flatnonzero(np.diag(inputs.cov) > 0.0)
-    return replace(
-        inputs,
-        names=tuple(inputs.names[k] for k in kept),
-        values=inputs.values[kept],
-        cov=inputs.cov[np.ix_(kept, kept)],
-        least=inputs.least[kept],
-    )
 
 
 def propagate_rows(
@@ -63,7 +49,7 @@ def propagate_rows(
 
     found = only_uncertain(inputs)
     try:
-        return propagate(off, found.values, found.cov, least=smallest(found), most=largest(found))
+        return propagate(off, found.values, found.cov, least=found.least, most=found.most)
     except ValueError as error:
         raise ConfigError(f"the uncertainties of the inputs ({', '.join(found.names)}): {error}") from error
 

@@ -13,7 +13,8 @@ from rigctl.files.light_sections import SunSection
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.runs.run_folder import FrameRecord, Run
-from rigctl.scene.scene_numbers import SUN_AZIMUTH, SUN_ZENITH, light_numbers, sun_covariance_deg2
+from rigctl.scene.parameters import Parameter, parameters
+from rigctl.scene.scene_reading import scene_of_file, sun_covariance_deg2, sun_of_file
 from rigctl.scene.skies.sun_position import sun_position
 
 # Below this a difference is that of rounding, and not worth a word [deg].
@@ -86,8 +87,9 @@ def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> Sc
 
 def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[FrameRecord, ...]) -> tuple[float, float]:
     """How well the scene file knows the sun's angles, or the run its site; of both the larger."""
-    stated = {} if scene.sun is None else light_numbers(scene)
-    stds = [number.std if number is not None else 0.0 for number in map(stated.get, (SUN_ZENITH, SUN_AZIMUTH))]
+    sun = sun_of_file(scene)
+    numbers = () if sun is None else (sun.zenith_deg, sun.azimuth_deg)
+    stds = [0.0 if number is None else number.std for number in numbers] or [0.0, 0.0]
     time = frames[0].start_utc
     if site is not None and site.std and time is not None:
         by_site = np.sqrt(np.diag(sun_covariance_deg2(site, datetime.fromisoformat(time))))
@@ -128,10 +130,8 @@ def _day_of_year(frame: FrameRecord, stated: SunSection | None) -> float | None:
 
 
 def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
-    stated, used = light_numbers(scene), light_numbers(changed)
+    stated, used = _directions(scene), _directions(changed)
     for name, number in used.items():
-        if not name.startswith(("sun.", "geometry.")) or not name.endswith("_deg"):
-            continue
         before = stated.get(name)
         if before is None:
             yield f"{name}: {number.value:.2f} of the run; the scene file states none"
@@ -139,6 +139,15 @@ def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
             yield f"{name}: {number.value:.2f} of the run, not {before.value:.2f} of the scene file"
     if "geometry.phi_deg" in used and used.get("sun.azimuth_deg") != stated.get("sun.azimuth_deg"):
         yield "geometry.phi_deg: kept as stated, though the run has another sun: no camera azimuth is known"
+
+
+def _directions(scene: SceneFile) -> dict[str, Parameter]:
+    """Angles of sun and camera, by their keys."""
+    return {
+        number.key: number
+        for number in parameters(scene_of_file(scene))
+        if number.key.startswith(("sun.", "geometry.")) and number.unit == "deg"
+    }
 
 
 def _apart_deg(one: float, other: float) -> float:

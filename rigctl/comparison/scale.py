@@ -1,7 +1,7 @@
 """What the counts of a prediction are scaled by: by the scene file, by a panel, or by the run itself."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,10 @@ from model.processing.agreement import input_jacobian
 from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.choices import ScaleKind
 from rigctl.comparison.run_readout import one_exposure_s
-from rigctl.comparison.throughput import GAIN, modelled_response, rescaled, without_throughput
+from rigctl.comparison.throughput import modelled_response, rescaled, without_throughput
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.parameter_table import GAIN
 from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +56,6 @@ def scale_inputs(
     inputs: Inputs,
     *,
     measurement: Measurement,
-    scene: SceneFile,
     radiometric: RadiometricResponse | None,
     predicted: Predicted,
 ) -> tuple[Inputs, Scale]:
@@ -70,8 +69,6 @@ def scale_inputs(
         Of scene file and noise calibration.
     measurement : Measurement
         The run; "free" is fitted to the mean S0 of its regions.
-    scene : SceneFile
-        With the sun of the run.
     radiometric : mapping or None
         A radiometric calibration as its file holds it, for "panel".
     predicted : callable
@@ -92,25 +89,34 @@ def scale_inputs(
     if (kind == "panel") != (radiometric is not None):
         raise ConfigError("--scale panel and --radiometric FILE (rigctl calibrate radiometric) go together")
     if kind == "panel" and radiometric is not None:
-        return panel_scaled(inputs, radiometric, scene=scene, exposure_s=one_exposure_s(measurement))
+        return panel_scaled(inputs, radiometric, exposure_s=one_exposure_s(measurement))
     if kind == "free":
         return _by_run(inputs, measurement, predicted)
-    return inputs, _of_file(inputs, scene, one_exposure_s(measurement))
+    return inputs, _of_file(inputs, one_exposure_s(measurement))
 
 
-def _of_file(inputs: Inputs, scene: SceneFile, exposure_s: float) -> Scale:
+def _of_file(inputs: Inputs, exposure_s: float) -> Scale:
     def logarithm(values: FloatArray) -> FloatArray:
-        named = dict(zip(inputs.names, values.tolist(), strict=True))
-        return np.log([modelled_response(scene, named, exposure_s=exposure_s)])
+        return np.log([modelled_response(inputs.at(values), exposure_s=exposure_s)])
 
     slopes = input_jacobian(logarithm, inputs.values, np.sqrt(np.diag(inputs.cov)), least=tuple(inputs.least))[0]
     error = float(np.sqrt(slopes @ inputs.cov @ slopes))
     return Scale(kind="absolute", value=1.0, std_error=error, source="optics and efficiency of the scene file")
 
 
-def panel_scaled(
-    inputs: Inputs, radiometric: RadiometricResponse, *, scene: SceneFile, exposure_s: float
-) -> tuple[Inputs, Scale]:
+def with_panel_scale(inputs: Inputs, *, radiometric: RadiometricResponse) -> Inputs:
+    """Return the inputs of a prediction without a run, scaled by a radiometric calibration, which a remark says.
+
+    Raises
+    ------
+    DataError
+        As `panel_scaled`.
+    """
+    scaled, scale = panel_scaled(inputs, radiometric, exposure_s=inputs.scene.exposure_s)
+    return replace(scaled, remarks=(*scaled.remarks, scale.remark))
+
+
+def panel_scaled(inputs: Inputs, radiometric: RadiometricResponse, *, exposure_s: float) -> tuple[Inputs, Scale]:
     """Return the inputs of a prediction with the counts scaled by a radiometric calibration, and the scale.
 
     Raises
@@ -118,18 +124,19 @@ def panel_scaled(
     DataError
         The calibration is of another f-number, or the scale needs more electrons than photons.
     """
-    named, response = inputs.named, radiometric.response_dn_per_radiance
-    if abs(radiometric.f_number / named["sensor.f_number"] - 1.0) > _F_NUMBER_STEP:
+    f_number, gain = inputs.scene.sensor.f_number.value, inputs.scene.noise.gain_dn_per_e.value
+    response = radiometric.response_dn_per_radiance
+    if abs(radiometric.f_number / f_number - 1.0) > _F_NUMBER_STEP:
         raise DataError(
             f"the radiometric calibration was made at f/{radiometric.f_number:g}, the scene file says "
-            f"f/{named['sensor.f_number']:g}: calibrate at the stop that is used"
+            f"f/{f_number:g}: calibrate at the stop that is used"
         )
     counts = response.value * exposure_s / radiometric.exposure_s
-    factor = counts / modelled_response(scene, named, exposure_s=exposure_s)
+    factor = counts / modelled_response(inputs.scene, exposure_s=exposure_s)
     relative = response.std_error / response.value
     # Counts are what is known: with a larger gain there are fewer electrons.
-    common = -inputs.cov[inputs.names.index(GAIN)] / named[GAIN]
-    variance = relative**2 + inputs.cov[inputs.names.index(GAIN), inputs.names.index(GAIN)] / named[GAIN] ** 2
+    common = -inputs.cov[inputs.names.index(GAIN)] / gain
+    variance = relative**2 + inputs.cov[inputs.names.index(GAIN), inputs.names.index(GAIN)] / gain**2
     found = rescaled(inputs, factor, variance=variance, common=common)
     return found, Scale(
         kind="panel",

@@ -10,8 +10,9 @@ from model.sensor.sensor import Sensor
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
-from rigctl.scene.scene_inputs import build_scenario, file_readout, gather
+from rigctl.scene.model_scene import build_scenario, readout_of
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_reading import scene_of_file
 
 # The brightest counts go up to this share of the largest that the sensor gives.
 _FILLING = 0.8
@@ -21,12 +22,11 @@ class SceneSessions:
     """Makes the schemes of a scene: what one cycle shows of its regions at given angles and exposure."""
 
     def __init__(self, scene: SceneFile, noise: NoiseParameters | None, *, light: SceneLight | None = None) -> None:
-        self._scene, self._inputs = scene, gather(scene, noise)
+        self._scene = scene_of_file(scene, noise)
         scenario = build_scenario(
-            scene,
-            self._inputs.named,
-            readout=file_readout(scene),
-            exposure_s=scene.acquisition.exposure_ms / 1000.0,
+            self._scene,
+            readout=readout_of(self._scene),
+            exposure_s=self._scene.exposure_s,
             light=SceneLight() if light is None and scene.has_materials else light,
         )
         self._sensor: Sensor = scenario.sensor
@@ -41,7 +41,7 @@ class SceneSessions:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is assumed of scene and sensor."""
-        return self._inputs.remarks
+        return self._scene.remarks
 
     def scheme(self, session: Session) -> Scheme:
         """Return what a cycle of a session shows of each region.

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +9,12 @@ from numpy.typing import NDArray
 from model.prediction.performance import PairDetection, pair_detections
 from model.prediction.prediction import Quantities
 from rigctl.comparison.performance import SWEPT_RATES
-from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
+from rigctl.scene.parameters import with_value
+from rigctl.scene.scene_prediction import ScenePredictor
+from rigctl.scene.scene_record import Scene
 
 MOST_STEPS = 10_000
-_SUGGESTED = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,10 +75,8 @@ def sweep(predictor: ScenePredictor, request: str) -> Sweep:
         The request cannot be read, there is no such number, or a value is outside its range.
     """
     key, values = parse_sweep(request)
-    numbers = predictor.numbers
-    if key not in numbers:
-        raise ConfigError(f"--sweep: the scene has no number {key!r}; {_alike(key, tuple(numbers))}")
-    steps = [predictor.predictions({key: value}) for value in values.tolist()]
+    scenes = [_with_value(predictor.scene, key, value) for value in values.tolist()]
+    steps = [predictor.predictions_of(scene) for scene in scenes]
     quantities = tuple({name: region.quantities for name, region in step.items()} for step in steps)
     detections = tuple(pair_detections(step, SWEPT_RATES) for step in steps)
     return Sweep(key=key, values=values, quantities=quantities, detections=detections)
@@ -106,7 +104,8 @@ def parse_sweep(request: str) -> tuple[str, NDArray[np.float64]]:
     return key.strip(), np.linspace(start, stop, steps)
 
 
-def _alike(key: str, names: tuple[str, ...]) -> str:
-    """Names to try in place of one that is not there."""
-    close = get_close_matches(key, names, n=_SUGGESTED, cutoff=0.4)
-    return f"did you mean {', '.join(close)}?" if close else f"there are {', '.join(names)}"
+def _with_value(scene: Scene, key: str, value: float) -> Scene:
+    try:
+        return with_value(scene, key, value)
+    except ConfigError as error:
+        raise ConfigError(f"--sweep: {error}") from error

@@ -1,24 +1,19 @@
 """The numbers of a scene file that only say how many counts a radiance makes, and what takes their place."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.sensor.electrons import counts_per_radiance
-from model.sensor.sensor import Sensor
 from rigctl.errors import DataError
-from rigctl.files.scene_file import SceneFile
-from rigctl.scene.scene_inputs import Inputs, build_sensor
+from rigctl.scene.model_scene import sensor_of
+from rigctl.scene.parameter_table import EFFICIENCY, GAIN, TRANSMITTANCE
+from rigctl.scene.scene_inputs import Inputs
+from rigctl.scene.scene_record import Scene
 
 FloatArray = NDArray[np.float64]
 
-EFFICIENCY, TRANSMITTANCE, GAIN = (
-    "sensor.quantum_efficiency",
-    "sensor.optics_transmittance",
-    "noise.gain_dn_per_e",
-)
 # A scale that is measured holds all of them; the gain is not one, since noise rests on it too.
 _THROUGHPUT = (
     EFFICIENCY,
@@ -30,10 +25,9 @@ _THROUGHPUT = (
 )
 
 
-def modelled_response(scene: SceneFile, values: Mapping[str, float], *, exposure_s: float) -> float:
-    """Return the counts per unit of unpolarized radiance by the sensor of a scene file [DN per W m-2 sr-1]."""
-    sensor: Sensor = build_sensor(scene, values, exposure_s)
-    return counts_per_radiance(sensor)
+def modelled_response(scene: Scene, *, exposure_s: float) -> float:
+    """Return the counts per unit of unpolarized radiance by the sensor of a scene [DN per W m-2 sr-1]."""
+    return counts_per_radiance(sensor_of(scene, exposure_s))
 
 
 def without_throughput(inputs: Inputs, *, gain: bool = False) -> Inputs:
@@ -79,4 +73,4 @@ def rescaled(inputs: Inputs, factor: float, *, variance: float, common: FloatArr
     row = efficiency * common * np.array([0.0 if name in _THROUGHPUT else 1.0 for name in inputs.names])
     cov[place[EFFICIENCY], :] = cov[:, place[EFFICIENCY]] = row
     cov[place[EFFICIENCY], place[EFFICIENCY]] = efficiency**2 * variance
-    return replace(fixed, values=values, cov=cov)
+    return replace(fixed, scene=fixed.at(values), values=values, cov=cov)

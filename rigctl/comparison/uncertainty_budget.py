@@ -10,15 +10,13 @@ from model.prediction.prediction import RegionPrediction
 from model.prediction.uncertainty_budget import budget, noise_causes
 from model.processing.input_propagation import Propagation
 from model.sensor.channels import ChannelMoments
-from rigctl.comparison.rig_inputs import ANGLE, DRIFT, OFFSET
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.scene.parameter_table import ANGLE, DRIFT, OFFSET
 from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
-
-_NOISE_FACTOR, _GAIN = "noise.noise_factor", "noise.gain_dn_per_e"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +60,8 @@ def scene_budget(
         region = measurement.regions[name]
         causes = noise_causes(
             prediction.channels,
-            gain_dn_per_e=inputs.named[_GAIN],
-            noise_factor=inputs.named[_NOISE_FACTOR],
+            gain_dn_per_e=inputs.scene.noise.gain_dn_per_e.value,
+            noise_factor=inputs.scene.noise.noise_factor.value,
             pixels=region.independent_pixels,
             cycles=measurement.grid.cycles,
         )

@@ -19,6 +19,7 @@ from rigctl.reports.comparison_files import write_comparison
 from rigctl.runs.run_folder import MANIFEST_FILE, read_run
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.effect_plan import plan_effects
+from rigctl.scene.scene_reading import scene_of_file
 
 # Of a prediction: at this an effect is said to be called for or not. A comparison takes all of them all the same.
 _EFFECTS_TOLERANCE = 0.01
@@ -118,7 +119,7 @@ def _comparison(
 
 
 def _effects(scene: SceneFile, given: RunCalibrations) -> EffectsTaken:
-    planned = plan_effects(scene, given.noise, tolerance=_EFFECTS_TOLERANCE)
+    planned = plan_effects(scene_of_file(scene, given.noise), tolerance=_EFFECTS_TOLERANCE)
     return EffectsTaken(plan=planned.plan, taken=acting_effects(scene))
 
 

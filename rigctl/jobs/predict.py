@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from model.accuracy.predict_to_tolerance import AccuratePrediction
@@ -13,13 +14,14 @@ from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radio
 from rigctl.choices import Engine, LightPart
 from rigctl.comparison.performance import Performance, performance_of
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
-from rigctl.comparison.propagated_rows import only_uncertain
-from rigctl.comparison.scene_prediction import ScenePrediction, ScenePredictor
+from rigctl.comparison.scale import with_panel_scale
 from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.files.scene_file import load_scene
 from rigctl.reports.sweep_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
+from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.scene.skies.engine import require_engine
 from rigctl.utc_time import utc_text
 
@@ -186,4 +188,5 @@ def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]
         radiometric = read_radiometric_file(request.radiometric)
         doubts = (*doubts, *require_radiometric_fits(radiometric, used))
     light = SceneLight(engine=request.engine)
-    return ScenePredictor(scene, noise, light=light, source=request.light, radiometric=radiometric), tuple(doubts)
+    scaled = None if radiometric is None else partial(with_panel_scale, radiometric=radiometric)
+    return ScenePredictor(scene, noise, light=light, source=request.light, scaled=scaled), tuple(doubts)

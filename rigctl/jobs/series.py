@@ -14,7 +14,7 @@ from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.pages.series_page import write_series
 from rigctl.runs.run_folder import read_run
-from rigctl.scene.scene_numbers import light_numbers
+from rigctl.scene.scene_reading import sun_of_file
 
 
 def compare_series(run_paths: Sequence[Path], request: CompareRequest, *, out: Path | None = None) -> ComparedSeries:
@@ -74,5 +74,5 @@ def _sun_zenith_deg(measurement: Measurement, scene: SceneFile) -> float | None:
     if len(elevations) == len(frames):
         return 90.0 - sum(elevations) / len(elevations)
     changed, _ = scene_of_run(scene, measurement.run, frames)
-    sun = light_numbers(changed).get("sun.zenith_deg")
-    return None if sun is None else sun.value
+    sun = sun_of_file(changed)
+    return None if sun is None else sun.zenith_deg.value

@@ -9,9 +9,9 @@ from model.effects.names import Effect
 from model.effects.planner import Decision
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
+from rigctl.files.scene_file import NoiseSection
 from rigctl.reports.number_text import to_digits
 from rigctl.reports.report import NOTHING, Table
-from rigctl.scene.scene_inputs import NOISE_NAMES
 from rigctl.version import VERSION
 
 # Of these figures in the last digit, and single pixels of figures, depend.
@@ -24,7 +24,7 @@ def calibration_table(noise: NoiseParameters | None) -> Table | None:
         return None
     rows = [
         (name, to_digits(found.value, found.std_error), f"{found.std_error:.2g}")
-        for name in NOISE_NAMES
+        for name in NoiseSection.model_fields
         if (found := noise.known.get(name)) is not None
     ]
     return Table(header=("noise calibration", "value", "its standard error"), rows=tuple(rows))

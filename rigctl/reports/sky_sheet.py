@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from model.scene.illumination import Illumination
 from model.stokes import dolp
 from rigctl.choices import Engine
-from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.engine import require_engine
 
 FloatArray = NDArray[np.float64]
@@ -125,9 +125,8 @@ def sky_sheet(scene: SceneFile, *, engine: Engine = "own") -> SkySheet:
         raise ConfigError(f"scene {scene.name}: a sky also needs {', '.join(missing)}")
     require_engine(engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
     light = SceneLight(engine=engine)
-    values = ScenePredictor(scene, None, light=light).inputs.named
-    illumination = light.illumination(scene, values)
-    return _sheet(scene.name, illumination, remarks=light.remarks(scene, values))
+    record = scene_of_file(scene)
+    return _sheet(scene.name, light.illumination(record), remarks=light.remarks(record))
 
 
 def _sheet(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> SkySheet:

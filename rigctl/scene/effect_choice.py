@@ -6,6 +6,7 @@ from model.effects.names import ALL, Effect
 from rigctl.errors import ConfigError
 from rigctl.files.effect_sections import EffectsSection, effect_names, effect_of
 from rigctl.files.scene_file import SceneFile
+from rigctl.scene.scene_record import Scene
 
 
 def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequence[str]) -> SceneFile:
@@ -31,7 +32,7 @@ def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequ
     return chosen
 
 
-def forced_effects(scene: SceneFile) -> dict[Effect, bool]:
+def forced_effects(scene: SceneFile | Scene) -> dict[Effect, bool]:
     """Return the effects that are forced on (True) or off (False).
 
     Raises
@@ -47,7 +48,7 @@ def forced_effects(scene: SceneFile) -> dict[Effect, bool]:
     }
 
 
-def acting_effects(scene: SceneFile) -> frozenset[Effect]:
+def acting_effects(scene: SceneFile | Scene) -> frozenset[Effect]:
     """Return the effects that act where no tolerance leaves any out: all but those that the user did."""
     return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}
 

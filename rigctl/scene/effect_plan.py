@@ -9,15 +9,13 @@ from model.effects.names import ALL, Effect
 from model.effects.planner import EffectPlan, plan
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
-from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
-from rigctl.files.scene_file import SceneFile
 from rigctl.scene.effect_choice import forced_effects
-from rigctl.scene.lit_scene import file_settings, lit_scene
-from rigctl.scene.scene_inputs import build_sensor, file_readout, gather
+from rigctl.scene.model_records import settings_of
+from rigctl.scene.model_scene import lit_scene, readout_of, sensor_of
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_record import Scene
 
-_MS_PER_S = 1000.0
 # Share of a tolerance that may go to effects that are left out; numerical settings have the rest.
 SHARE = 0.5
 
@@ -64,20 +62,16 @@ class Verification:
         return tuple(one for one in self.checked if not one.holds)
 
 
-def plan_effects(
-    scene: SceneFile, noise: NoiseParameters | None, *, tolerance: float, light: SceneLight | None = None
-) -> PlannedScene:
-    """Return which effects a scene file calls for at a tolerance, of which these may take one half.
+def plan_effects(scene: Scene, *, tolerance: float, light: SceneLight | None = None) -> PlannedScene:
+    """Return which effects a scene calls for at a tolerance, of which these may take one half.
 
     Raises
     ------
     ConfigError
         A number is outside its range.
     """
-    inputs = gather(scene, noise)
-    values, settings = inputs.named, file_settings(scene)
-    sensor = build_sensor(scene, values, scene.acquisition.exposure_ms / _MS_PER_S)
-    lit = lit_scene(scene, values, sensor=sensor, readout=file_readout(scene))
+    settings = settings_of(scene)
+    lit = lit_scene(scene, sensor=sensor_of(scene, scene.exposure_s), readout=readout_of(scene))
     computer = SceneLight() if light is None else light
 
     def known(effects: frozenset[Effect]) -> tuple[RegionLight, ...]:
@@ -87,7 +81,7 @@ def plan_effects(
         found = plan(lit, tolerance=SHARE * tolerance, forced=forced_effects(scene), known=known)
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}: {error}") from error
-    return PlannedScene(scene=lit, settings=settings, plan=found, remarks=(*inputs.remarks, *found.remarks))
+    return PlannedScene(scene=lit, settings=settings, plan=found, remarks=(*scene.remarks, *found.remarks))
 
 
 def verify_effects(planned: PlannedScene) -> Verification:

@@ -1,4 +1,4 @@
-"""The light of a scene's regions, computed from sun, atmosphere and materials with given numbers."""
+"""The light of a scene's regions, computed from sun, atmosphere and materials."""
 
 from collections.abc import Iterable
 
@@ -13,10 +13,9 @@ from model.scene.illumination import Illumination
 from rigctl.choices import Engine
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
-from rigctl.files.scene_file import SceneFile, SceneRegion
 from rigctl.scene.effect_choice import acting_effects
-from rigctl.scene.lit_scene import file_settings, lit_region
-from rigctl.scene.scene_records import Values, camera_view, sky_request, sun_azimuth_rad
+from rigctl.scene.model_records import camera_view, lit_region, settings_of, sky_request, sun_azimuth_rad
+from rigctl.scene.scene_record import Scene, SceneRegionRecord
 from rigctl.scene.skies.engine import require_engine
 from rigctl.scene.skies.sky_request import SkyRequest, air_of
 from rigctl.scene.skies.sky_store import SkyStore, user_cache_folder
@@ -29,7 +28,7 @@ _BY_SASKTRAN2 = (
 
 
 class SceneLight:
-    """Computes the light of scene files, and keeps what it computed."""
+    """Computes the light of scenes, and keeps what it computed."""
 
     def __init__(self, store: SkyStore | None = None, *, engine: Engine = "own") -> None:
         """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
@@ -49,8 +48,8 @@ class SceneLight:
         """What the model keeps its lights in."""
         return self._lights
 
-    def illumination(self, scene: SceneFile, values: Values) -> Illumination:
-        """Return sun, sky and air of a scene with given numbers.
+    def illumination(self, scene: Scene) -> Illumination:
+        """Return sun, sky and air of a scene.
 
         Raises
         ------
@@ -59,15 +58,15 @@ class SceneLight:
         """
         try:
             return self._lights.illumination(
-                air_of(sky_request(scene, values)),
-                file_settings(scene),
-                sun_azimuth_rad=sun_azimuth_rad(values),
+                air_of(sky_request(scene)),
+                settings_of(scene),
+                sun_azimuth_rad=sun_azimuth_rad(scene),
                 parts=acting_parts(acting_effects(scene)),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
-    def region(self, scene: SceneFile, region: SceneRegion, values: Values) -> FieldLight:
+    def region(self, scene: Scene, region: SceneRegionRecord) -> FieldLight:
         """Return the light of a region that is given by its material.
 
         Raises
@@ -77,22 +76,22 @@ class SceneLight:
         """
         try:
             return self._lights.region(
-                lit_region(scene, region, values),
-                file_settings(scene),
-                air=air_of(sky_request(scene, values)),
-                view=camera_view(scene, values),
-                sun_azimuth_rad=sun_azimuth_rad(values),
+                lit_region(scene, region),
+                settings_of(scene),
+                air=air_of(sky_request(scene)),
+                view=camera_view(scene),
+                sun_azimuth_rad=sun_azimuth_rad(scene),
                 parts=acting_parts(acting_effects(scene)),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
-    def remarks(self, scene: SceneFile, values: Values) -> tuple[str, ...]:
+    def remarks(self, scene: Scene) -> tuple[str, ...]:
         """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
         by_engine = () if self._engine == "own" else (_BY_SASKTRAN2,)
-        return (*_of_atmosphere(scene.atmosphere, sky_request(scene, values)), *by_engine, *self._solved.remarks)
+        return (*_of_atmosphere(scene.atmosphere, sky_request(scene)), *by_engine, *self._solved.remarks)
 
 
 def _of_atmosphere(air: AtmosphereSection, request: SkyRequest) -> Iterable[str]:

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from model.scene.field_light import FieldLight, Source
 from model.stokes import aolp_rad, dolp
-from rigctl.comparison.scene_prediction import ScenePrediction
+from rigctl.scene.scene_prediction import ScenePrediction
 
 # What the light is made of, in the order in which it is shown.
 PARTS: dict[Source, str] = {

@@ -4,12 +4,12 @@ import pytest
 
 from model.effects.names import ALL, Effect
 from rigctl.cli import main
-from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.effect_sections import effect_names, effect_of
 from rigctl.files.scene_file import load_scene
 from rigctl.scene.effect_choice import acting_effects, with_choices
 from rigctl.scene.effect_plan import plan_effects, verify_effects
+from rigctl.scene.scene_prediction import ScenePredictor
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
 PANELS = EXAMPLES / "scene-panels.toml"

@@ -4,21 +4,15 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import drawn_truth, scene_text, take_run
-from rigctl.comparison.rig_inputs import (
-    ANGLE,
-    EXPOSURE,
-    OFFSET,
-    cycle_of_file,
-    cycle_of_run,
-    frame_order,
-    rig_errors,
-    with_rig,
-)
+from rigctl.comparison.run_cycle import cycle_of_run, frame_order
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import RigSection, SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.runs.session_record import RigAsTaken
+from rigctl.scene.parameter_table import ANGLE, EXPOSURE_RATIO, OFFSET
+from rigctl.scene.rig_inputs import cycle_of_file, rig_errors, with_rig
 from rigctl.scene.scene_inputs import Inputs, gather
+from rigctl.scene.scene_reading import scene_of_file
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +26,14 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[SceneFile, Measurem
 
 def inputs(given: tuple[SceneFile, Measurement], **section: object) -> Inputs:
     scene, measurement = given
-    return with_rig(gather(scene, None), RigSection.model_validate(section), cycle_of_run(measurement, scene))
+    cycle = cycle_of_run(measurement, scene)
+    return gather(with_rig(scene_of_file(scene), RigSection.model_validate(section), cycle))
 
 
 def test_an_exact_rig_adds_no_inputs(given: tuple[SceneFile, Measurement]) -> None:
     found = inputs(given)
     assert OFFSET not in found.names
-    assert rig_errors(found.named, cycle_of_run(given[1], given[0])) is None
+    assert rig_errors(found.scene) is None
 
 
 def test_each_angle_is_an_input_of_its_own(given: tuple[SceneFile, Measurement]) -> None:
@@ -50,7 +45,7 @@ def test_each_angle_is_an_input_of_its_own(given: tuple[SceneFile, Measurement])
 
 
 def test_a_stated_offset_turns_every_angle(given: tuple[SceneFile, Measurement]) -> None:
-    errors = rig_errors(inputs(given, polarizer_offset_deg=1.5).named, cycle_of_run(given[1], given[0]))
+    errors = rig_errors(inputs(given, polarizer_offset_deg=1.5).scene)
     assert errors is not None
     np.testing.assert_allclose(errors.turned_rad, np.deg2rad(1.5))
 
@@ -69,7 +64,7 @@ def test_the_uncertainty_of_the_rig_files_offset_is_an_input(given: tuple[SceneF
     session = measurement.run.session
     rig = replace(session.rig or RigAsTaken(), polarizer=replace(session.polarizer, offset_std_deg=0.3))
     told = replace(measurement, run=replace(measurement.run, session=replace(session, rig=rig)))
-    found = with_rig(gather(scene, None), RigSection(), cycle_of_run(told, scene))
+    found = gather(with_rig(scene_of_file(scene), RigSection(), cycle_of_run(told, scene)))
     place = found.names.index(OFFSET)
     assert found.cov[place, place] == pytest.approx(0.09)
 
@@ -77,14 +72,14 @@ def test_the_uncertainty_of_the_rig_files_offset_is_an_input(given: tuple[SceneF
 def test_the_cycle_of_a_scene_file_is_in_the_order_of_its_angles(given: tuple[SceneFile, Measurement]) -> None:
     # The file's angles are 0, 90, 45, 135 in time; its channels are 0, 45, 90, 135.
     cycle = cycle_of_file(given[0])
-    assert cycle.channel_names == ("dn_0", "dn_45", "dn_90", "dn_135")
-    assert cycle.order.tolist() == [0, 2, 1, 3]
+    assert cycle.angle_names == ("0", "45", "90", "135")
+    assert cycle.frame_order == (0, 2, 1, 3)
 
 
 def test_the_uncertainty_of_the_exposure_is_that_of_its_ratio(given: tuple[SceneFile, Measurement]) -> None:
     scene, measurement = given
     stated = scene.acquisition.model_validate({"exposure_ms": {"value": 0.03, "std": 0.0003}})
     told = scene.model_copy(update={"acquisition": stated})
-    found = with_rig(gather(told, None), RigSection(), cycle_of_run(measurement, told))
-    place = found.names.index(EXPOSURE)
+    found = gather(with_rig(scene_of_file(told), RigSection(), cycle_of_run(measurement, told)))
+    place = found.names.index(EXPOSURE_RATIO)
     assert found.cov[place, place] == pytest.approx(1e-4)

@@ -1,5 +1,6 @@
 """The scale of the counts: told, by a panel, or fitted to the run."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,13 @@ from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.panel_response import panel_response
 from rigctl.comparison.radiometric_json import radiometric_json
 from rigctl.comparison.rows import Row
-from rigctl.comparison.scene_prediction import ScenePredictor
+from rigctl.comparison.scale import with_panel_scale
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import measure
 from rigctl.reports.comparison_files import compared_json
+from rigctl.scene.scene_prediction import ScenePredictor
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text
 from tests.rigctl.scene_texts import written
 
@@ -197,10 +199,8 @@ def test_compare_refuses_the_calibration_of_another_camera(tmp_path: Path, capsy
 
 def test_predict_takes_the_panels_scale(tmp_path: Path) -> None:
     told = scene(tmp_path)
-    plain, scaled = (
-        ScenePredictor(told, None, radiometric=radiometric).predict()
-        for radiometric in (None, calibrated(tmp_path, told))
-    )
+    by_panel = partial(with_panel_scale, radiometric=calibrated(tmp_path, told))
+    plain, scaled = (ScenePredictor(told, None, scaled=by).predict() for by in (None, by_panel))
     for name, region in plain.predictions.items():
         ratio = scaled.predictions[name].quantities["s0"]["mean"] / region.quantities["s0"]["mean"]
         assert ratio == pytest.approx(1.12, rel=2e-3)

@@ -5,11 +5,12 @@ import pytest
 
 from model.processing.agreement import propagate_inputs
 from rigctl.cli import main
-from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.scene_inputs import gather
+from rigctl.scene.parameters import get
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_prediction import ScenePredictor
+from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.scene_texts import SCENE, written
 
@@ -81,7 +82,7 @@ def test_a_measured_depth_is_a_number_of_the_scene(tmp_path, store):
     depths = "{ wavelength_nm = 440, optical_depth = { value = 0.3, std = 0.02 } }, "
     depths += "{ wavelength_nm = 870, optical_depth = 0.1 }"
     found = predictor(tmp_path, store, f'tier = "fast"\nmeasured_depths = [{depths}]\nwavelengths = 2\n')
-    assert found.numbers["atmosphere.measured_depths.0.optical_depth"] == 0.3
+    assert get(found.scene, "atmosphere.measured_depths.0.optical_depth").value == 0.3
     assert dolp_std(found) > 1e-4
 
 
@@ -112,7 +113,7 @@ def test_doubt_about_the_kind_is_carried_to_dolp(tmp_path, store, value):
 def test_the_remarks_name_the_doubt(tmp_path, store):
     text = SCENE.replace(AIR, AIR + ALTERNATIVE % (0.1, 0.2))
     scene = load_scene(written(tmp_path, text))
-    remarks = " ".join(SceneLight(store).remarks(scene, gather(scene, None).named))
+    remarks = " ".join(SceneLight(store).remarks(scene_of_file(scene)))
     assert "with a share of 0.1 +- 0.2 of the light as if it were polarizing tropospheric" in remarks
 
 

@@ -4,9 +4,10 @@ import pytest
 from model.stokes import aolp_rad
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.scene_inputs import gather
+from rigctl.scene.model_records import camera_view
+from rigctl.scene.parameters import with_value, with_values
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_records import camera_view
+from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
@@ -18,8 +19,8 @@ def light(tmp_path_factory):
 
 
 def region_light(light, tmp_path, text=SCENE, *, region=0, **changes):
-    scene = load_scene(written(tmp_path, text))
-    return light.region(scene, scene.regions[region], gather(scene, None).named | changes)
+    scene = with_values(scene_of_file(load_scene(written(tmp_path, text))), changes)
+    return light.region(scene, scene.regions[region])
 
 
 # A facet that mirrors a sun at 43 deg into a camera at 53 deg across, phi = +90 deg: sun in the west, camera south.
@@ -103,21 +104,20 @@ def test_what_was_computed_is_not_computed_again(light, tmp_path):
 
 
 def test_the_remarks_name_depth_tier_and_the_largest_uncertainty(light, tmp_path):
-    scene = load_scene(written(tmp_path))
-    text = " ".join(light.remarks(scene, gather(scene, None).named))
+    text = " ".join(light.remarks(scene_of_file(load_scene(written(tmp_path)))))
     assert "optical depth at 550 nm 0.421" in text
     assert "tier fast (radiance 0.3 %" in text
     assert "kind of aerosol is the largest uncertainty" in text
 
 
 def test_a_camera_that_keeps_its_azimuth_from_noon_sees_another_phi():
-    scene = load_scene(EXAMPLES / "scene-rooftop-morning-by-time.toml")
-    values = gather(scene, None).named
-    assert values["sun.zenith_deg"] == pytest.approx(43.0, abs=0.03)
-    turned = np.degrees(np.radians(values["sun.azimuth_deg"]) - camera_view(scene, values).azimuth_rad)
+    scene = scene_of_file(load_scene(EXAMPLES / "scene-rooftop-morning-by-time.toml"))
+    assert scene.sun.zenith_deg.value == pytest.approx(43.0, abs=0.03)
+    azimuth_deg = scene.sun.azimuth_deg.value
+    turned = np.degrees(np.radians(azimuth_deg) - camera_view(scene).azimuth_rad)
     assert turned == pytest.approx(90.0, abs=0.05)
-    kept = camera_view(scene, values | {"geometry.camera_azimuth_deg": 0.0})
-    assert values["sun.azimuth_deg"] - np.degrees(kept.azimuth_rad) == pytest.approx(106.45, abs=0.05)
+    kept = camera_view(with_value(scene, "geometry.camera_azimuth_deg", 0.0))
+    assert azimuth_deg - np.degrees(kept.azimuth_rad) == pytest.approx(106.45, abs=0.05)
 
 
 def test_time_and_place_are_as_good_as_angles(light):
@@ -125,6 +125,7 @@ def test_time_and_place_are_as_good_as_angles(light):
     for name in ("scene-rooftop-noon", "scene-rooftop-noon-by-time"):
         scene = load_scene(EXAMPLES / f"{name}.toml")
         fast = scene.model_copy(update={"atmosphere": scene.atmosphere.model_copy(update={"tier": "fast"})})
-        found.append(light.region(fast, fast.regions[0], gather(fast, None).named).mean())
+        record = scene_of_file(fast)
+        found.append(light.region(record, record.regions[0]).mean())
     # The sun stands 0.067 deg lower than 22: the lobe of the paint, some 15 deg wide, is brighter by 0.7 %.
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=0.01 * found[0][0])

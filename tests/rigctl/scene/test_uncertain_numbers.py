@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.config import with_std_apart
 from rigctl.errors import ConfigError
 from rigctl.files.place import SiteSection
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.input_limits import largest
+from rigctl.scene.parameters import get
 from rigctl.scene.scene_inputs import gather
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_prediction import ScenePredictor
+from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
@@ -94,7 +95,7 @@ def test_a_number_moves_the_prediction(predictor, name):
     [("atmosphere.relative_humidity", 0.8), ("field_of_view.width_deg", 170.0), ("errors.surround_albedo", 1.0)],
 )
 def test_a_number_stays_within_its_range(predictor, name, most):
-    assert largest(predictor.inputs)[predictor.inputs.names.index(name)] == most
+    assert get(predictor.scene, name).most == most
 
 
 @pytest.mark.parametrize(
@@ -134,7 +135,7 @@ def test_a_covariance_that_is_not_symmetric_is_refused(tmp_path):
 
 
 def test_a_site_that_is_not_known_moves_the_sun(tmp_path):
-    inputs = gather(load_scene(written(tmp_path, BY_TIME)), None)
+    inputs = gather(scene_of_file(load_scene(written(tmp_path, BY_TIME))))
     places = [inputs.names.index(f"sun.{name}_deg") for name in ("zenith", "azimuth")]
     _, azimuth_rad = np.deg2rad(inputs.values[places])
     cov = inputs.cov[np.ix_(places, places)]

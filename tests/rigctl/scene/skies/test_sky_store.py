@@ -125,4 +125,4 @@ def test_a_sky_with_scattering_matrices_is_kept_too(tmp_path, solver):
 
 def test_the_solver_that_an_entry_depends_on_is_all_of_its_sources():
     found = solver_sources()
-    assert {"solver.py", "transfer/orders.py", "aerosol/mie_sphere.py"} <= set(found)
+    assert {"solver.py", "transfer/successive_orders.py", "aerosol/mie_sphere.py"} <= set(found)

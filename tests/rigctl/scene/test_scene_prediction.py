@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from model.prediction.performance import pair_detections
-from rigctl.comparison.scene_prediction import ScenePredictor
 from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
@@ -12,6 +11,8 @@ from rigctl.reports.tables.light_tables import light_json, phi_text
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.scene.scene_inputs import gather
 from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_prediction import ScenePredictor
+from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
@@ -32,18 +33,18 @@ def snr(predictions, region="paint"):
 
 
 def test_materials_become_numbers_with_their_uncertainties(tmp_path):
-    inputs = gather(load_scene(written(tmp_path)), None)
+    inputs = gather(scene_of_file(load_scene(written(tmp_path))))
     place = inputs.names.index("regions.paint.slope_rms")
     assert (inputs.values[place], inputs.cov[place, place]) == pytest.approx((0.15, 0.04**2))
     assert any("slope_rms" in remark and "black paint" in remark for remark in inputs.remarks)
 
 
 def test_the_effective_wavelength_follows_from_the_band(tmp_path):
-    inputs = gather(load_scene(written(tmp_path)), None)
+    inputs = gather(scene_of_file(load_scene(written(tmp_path))))
     # By its own spectrum, which falls by a fifth from 460 to 700 nm, sunlight has its mean a little below the middle.
-    assert inputs.named["sensor.wavelength_nm"] == pytest.approx(545.0, abs=1.0)
+    assert inputs.of("sensor.wavelength_nm") == pytest.approx(545.0, abs=1.0)
     stated = SCENE.replace("band_nm", "wavelength_nm = 600\nband_nm")
-    assert gather(load_scene(written(tmp_path, stated)), None).named["sensor.wavelength_nm"] == 600.0
+    assert scene_of_file(load_scene(written(tmp_path, stated))).sensor.wavelength_nm.value == 600.0
 
 
 def test_parts_of_the_light_are_kept_apart(predictor):
