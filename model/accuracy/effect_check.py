@@ -11,6 +11,7 @@ from model.accuracy.evaluation.quantities import Reading, Readings, differences,
 from model.accuracy.evaluation.settings import Settings
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
+from model.prediction.quantity_table import SHARES, is_counts
 from model.scene.lit_scene import LitScene
 
 _DOLP_TOLERANCE = 1e-11
@@ -21,7 +22,6 @@ _REPEATS = 3
 _ROUNDING = 1e-14
 _NONE = 1e-11
 _RADIANCE = frozenset({"radiance", "s0", "s1", "s2"})
-_RATIOS = frozenset({"dolp", "dolp_pixels", "s1n", "s2n"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,9 +120,9 @@ def kind_of(reading: Reading) -> str:
     """Return which number of a `Bound` speaks of a reading."""
     if reading.quantity in {"p_detection", "auc"}:
         return "detection"
-    if reading.quantity in _RATIOS and reading.statistic == "mean":
+    if reading.quantity in SHARES and reading.statistic == "mean":
         return "ratios"
-    is_level = reading.quantity in _RADIANCE or reading.quantity.startswith("dn_")
+    is_level = reading.quantity in _RADIANCE or is_counts(reading.quantity)
     if is_level and (reading.statistic == "mean" or reading.quantity == "radiance"):
         return "radiance"
     return "deviations"

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 # Less polarised light than this share of S0 is the rounding of none, and has no direction.
 _ROUNDING = 1e-12
 
-# quantity -> statistic -> number. Quantities: dn_ANGLE, s0, s1, s2, s1n, s2n, dolp, dolp_pixels, aolp_deg, dolp_snr.
+# quantity -> statistic -> number. Quantities: dn_ANGLE, and those of `model.prediction.quantity_table`.
 # Statistics: "mean"; "std" over the pixels of one frame or cycle; "std_temporal" of one pixel from repeat to repeat;
 # "std_spatial_mean" over the pixels of the mean of all repeats.
 Quantities = dict[str, dict[str, float]]

@@ -7,11 +7,10 @@ import numpy as np
 
 from model.moments import Moments
 from model.prediction.prediction import RegionPrediction
+from model.prediction.quantity_table import is_counts, ratio_name
 from model.processing.channel_ratios import channel_ratios
 from model.processing.sample_moments import Sample
 from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
-
-_COUNTS, _RATIO = "dn_", "ratio_"
 
 
 def with_ratios(predictions: Mapping[str, RegionPrediction]) -> dict[str, RegionPrediction]:
@@ -22,22 +21,18 @@ def with_ratios(predictions: Mapping[str, RegionPrediction]) -> dict[str, Region
 def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
     """Return what a region measured, with a ratio for each channel; none where there is no light."""
     moments = region.channels_mean
-    names = [name for name in region.quantities if name.startswith(_COUNTS)]
+    names = [name for name in region.quantities if is_counts(name)]
     if not moments.mean.mean() > 0.0:
         return region.quantities
     samples = (Sample(value=float(v), std_error=float(e)) for v, e in zip(*channel_ratios(moments), strict=True))
-    return region.quantities | {_named(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
+    return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
 
 
 def _with_ratios(prediction: RegionPrediction) -> RegionPrediction:
     mean = prediction.channels.mean_dn
     if not mean.mean() > 0.0:
         return prediction
-    names = [name for name in prediction.quantities if name.startswith(_COUNTS)]
+    names = [name for name in prediction.quantities if is_counts(name)]
     ratios = channel_ratios(Moments(mean=mean, cov=np.zeros((mean.size, mean.size))))[0]
-    found = {_named(name): {"mean": float(ratio)} for name, ratio in zip(names, ratios, strict=True)}
+    found = {ratio_name(name): {"mean": float(ratio)} for name, ratio in zip(names, ratios, strict=True)}
     return replace(prediction, quantities=prediction.quantities | found)
-
-
-def _named(name: str) -> str:
-    return _RATIO + name.removeprefix(_COUNTS)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.polarimeter.registration import Registration
 from model.moments import Moments
+from model.prediction.quantity_table import angle_of
 from model.processing.bayesian_update import chi_square_tail
 from model.processing.block_means import block_means
 from model.processing.redundancy import linear_response, pair_sum_excess, residual_chi_square
@@ -122,7 +123,7 @@ def _registration(measurement: Measurement, found: Registration | str) -> Check:
     errors = np.linalg.norm(found.std_error_pixels, axis=1)
     worst = int(np.argmax(sizes))
     off = sizes[worst] > max(_SHIFT_FLAGGED_PIXELS, _SIGMAS * errors[worst])
-    angle = measurement.grid.channel_names[worst].removeprefix("dn_")
+    angle = angle_of(measurement.grid.channel_names[worst])
     return Check(
         name=name,
         verdict="flagged" if off else "sound",

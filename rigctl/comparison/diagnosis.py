@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.prediction.quantity_table import is_counts
 from rigctl.comparison.rows import Row
 
 Cause = Literal["scale", "axis-offset", "axis-sense", "polarization", "noise"]
@@ -62,7 +63,7 @@ def diagnose(rows: Sequence[Row]) -> Diagnosis:
 
 
 def _any_count(quantities: set[str]) -> bool:
-    return any(quantity.startswith("dn_") or quantity in ("s1", "s2") for quantity in quantities)
+    return any(is_counts(quantity) or quantity in ("s1", "s2") for quantity in quantities)
 
 
 def _axis_cause(rows: Sequence[Row]) -> Cause:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.bayesian_update import deviations_cov
-from rigctl.comparison.rows import Row
+from rigctl.comparison.rows import Key, Row
 from rigctl.measurement.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
@@ -41,7 +41,7 @@ def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
     regions share the error of the dark level. Temporal deviations are of frames that are independent; spatial ones of
     Stokes parameters go together as far as their pixels do.
     """
-    place = {(row.region, row.quantity, row.statistic): k for k, row in enumerate(rows)}
+    place = {row.key: k for k, row in enumerate(rows)}
     groups = [
         (names, statistic)
         for region in measurement.regions
@@ -51,7 +51,8 @@ def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
             ([(region, name) for name in _STOKES], "std_spatial_mean"),
         )
     ]
-    found = [(*name, statistic) for names, statistic in groups for name in names if (*name, statistic) in place]
+    wanted = [Key(*name, statistic) for names, statistic in groups for name in names]
+    found = [key for key in wanted if key in place]
     position = {key: k for k, key in enumerate(found)}
     cov = np.diag([(rows[place[key]].std_error or 0.0) ** 2 for key in found])
     _fill_means(cov, position, measurement)
@@ -59,13 +60,13 @@ def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
     return Evidence(places=np.array([place[key] for key in found], dtype=np.intp), cov=cov)
 
 
-def _fill_means(cov: FloatArray, position: dict[tuple[str, str, str], int], measurement: Measurement) -> None:
+def _fill_means(cov: FloatArray, position: dict[Key, int], measurement: Measurement) -> None:
     names = measurement.grid.channel_names
     level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
     at = {
-        region: [position[region, name, "mean"] for name in names]
+        region: [position[Key(region, name, "mean")] for name in names]
         for region in measurement.regions
-        if (region, names[0], "mean") in position
+        if Key(region, names[0], "mean") in position
     }
     for one, here in at.items():
         for other, there in at.items():
@@ -74,9 +75,9 @@ def _fill_means(cov: FloatArray, position: dict[tuple[str, str, str], int], meas
             )
 
 
-def _fill_deviations(cov: FloatArray, position: dict[tuple[str, str, str], int], measurement: Measurement) -> None:
+def _fill_deviations(cov: FloatArray, position: dict[Key, int], measurement: Measurement) -> None:
     for name, region in measurement.regions.items():
-        keys = [(name, quantity, "std_spatial_mean") for quantity in _STOKES]
+        keys = [Key(name, quantity, "std_spatial_mean") for quantity in _STOKES]
         if any(key not in position for key in keys):
             continue
         here = [position[key] for key in keys]

@@ -2,15 +2,22 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from model.prediction.prediction import Quantities
+from model.prediction.quantity_table import difference
 from model.processing.agreement import holm_rejections, two_sided_p_value
 from rigctl.measurement.region_numbers import MeasuredQuantities
 
-# An angle of polarization is the same after half a turn [deg].
-_AOLP_TURN_DEG = 180.0
+
+class Key(NamedTuple):
+    """Which number of a comparison."""
+
+    region: str
+    quantity: str
+    statistic: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +53,11 @@ class Row:
     z: float | None = None
     agrees: bool | None = None
 
+    @property
+    def key(self) -> Key:
+        """Which number it is."""
+        return Key(self.region, self.quantity, self.statistic)
+
 
 def pair(region: str, predicted: Quantities, measured: MeasuredQuantities) -> Iterable[Row]:
     """Return a row for each number that both sides have."""
@@ -65,10 +77,7 @@ def pair(region: str, predicted: Quantities, measured: MeasuredQuantities) -> It
 
 def off_prediction(row: Row, value: float) -> float:
     """Return how far a value of a row's quantity is above its prediction; of an AoLP, the shorter way round."""
-    plain = value - row.predicted
-    if row.quantity != "aolp_deg":
-        return plain
-    return (plain + _AOLP_TURN_DEG / 2) % _AOLP_TURN_DEG - _AOLP_TURN_DEG / 2
+    return difference(row.quantity, value, row.predicted)
 
 
 def scored(row: Row, std_error_inputs: float) -> Row:

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from model.prediction.quantity_table import CIRCULAR, FOLLOWED
 from model.processing.drift_line import DriftLine, drift_line
 from rigctl.comparison.comparison import Comparison
-from rigctl.comparison.rows import Row, off_prediction
+from rigctl.comparison.rows import Key, Row, off_prediction
 from rigctl.comparison.trends import Trend, trend
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 from rigctl.runs.run_folder import Run
 
-QUANTITIES = ("s0", "s1n", "s2n", "dolp", "aolp_deg")
 _S_PER_H = 3600.0
 _LEAST_RUNS = 3
 
@@ -86,8 +86,8 @@ def hours_of(points: Sequence[SeriesPoint]) -> list[float] | None:
 
 def mean_row(point: SeriesPoint, region: str, quantity: str) -> Row | None:
     """Return the row of the mean of a quantity, if there is one."""
-    wanted = (region, quantity, "mean")
-    return next((r for r in point.comparison.rows if (r.region, r.quantity, r.statistic) == wanted), None)
+    wanted = Key(region, quantity, "mean")
+    return next((row for row in point.comparison.rows if row.key == wanted), None)
 
 
 def drifts_of(points: Sequence[SeriesPoint]) -> tuple[SeriesDrift, ...]:
@@ -121,14 +121,14 @@ def trends_over_runs(points: Sequence[SeriesPoint]) -> tuple[Trend, ...]:
             measured_cov=np.diag([(row.std_error or 0.0) ** 2 for row in rows]),
         )
         for region, quantity, rows in _complete(points)
-        if quantity != "aolp_deg"
+        if quantity not in CIRCULAR
     )
 
 
 def _complete(points: Sequence[SeriesPoint]) -> Iterable[tuple[str, str, list[Row]]]:
     """Return the quantities that every run has."""
     for region in points[0].measurement.regions:
-        for quantity in QUANTITIES:
+        for quantity in FOLLOWED:
             rows = [mean_row(point, region, quantity) for point in points]
             known = [row for row in rows if row is not None]
             if len(known) == len(points):

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.prediction.quantity_table import ORDERED
 from model.processing.rank_correlation import RankCorrelation, rank_correlation
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
 
-# An angle has no order on a circle, so AoLP has none.
-_OVER_REGIONS = ("s0", "s1n", "s2n", "dolp")
 _LEAST_NUMBERS = 3
 
 
@@ -87,7 +86,7 @@ def _over_angles(rows: Sequence[Row], cov: FloatArray, measurement: Measurement)
 
 
 def _over_regions(rows: Sequence[Row], cov: FloatArray) -> Iterable[Trend]:
-    for quantity in _OVER_REGIONS:
+    for quantity in ORDERED:
         places = [k for k, row in enumerate(rows) if (row.quantity, row.statistic) == (quantity, "mean")]
         if len(places) >= _LEAST_NUMBERS:
             chosen = [rows[k] for k in places]

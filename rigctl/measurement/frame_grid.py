@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.prediction.quantity_table import counts_name
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import FrameRecord, Run
 
@@ -131,7 +132,7 @@ def _named(scene: list[FrameRecord]) -> list[tuple[int, str, FrameRecord]]:
         angle = _target_deg(record)
         before = seen[record.cycle, angle]
         seen[record.cycle, angle] += 1
-        name = f"dn_{angle:g}"
+        name = counts_name(f"{angle:g}")
         if record.cycle is None:
             found.append((before, name, record))
         else:

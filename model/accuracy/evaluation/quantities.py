@@ -7,14 +7,11 @@ import numpy as np
 
 from model.prediction.performance import PairDetection
 from model.prediction.prediction import RegionPrediction
+from model.prediction.quantity_table import CIRCULAR, SHARES
 from model.scene.scenario import Scenario
 
-# Means of these are shares or degrees: the tolerance is absolute. That of all else is relative.
-_ABSOLUTE_MEANS = frozenset({"dolp", "dolp_pixels", "s1n", "s2n"})
 # Of these S0 is the scale: each may be zero, and their sign is that of the frame.
 _OF_S0 = frozenset({"s1", "s2"})
-# Not promised: the angle of polarization has no error law where the degree is near zero.
-_NO_PROMISE = frozenset({"aolp_deg"})
 
 
 class Reading(NamedTuple):
@@ -96,11 +93,11 @@ def _radiance(name: str, stokes: np.ndarray) -> dict[Reading, Value]:
 def _of_region(name: str, prediction: RegionPrediction) -> Iterator[tuple[Reading, Value]]:
     s0 = abs(float(prediction.stokes_dn.mean[0]))
     for quantity, statistics in prediction.quantities.items():
-        if quantity in _NO_PROMISE:
+        if quantity in CIRCULAR:
             continue
         for statistic, number in statistics.items():
             scale = abs(number)
-            if statistic == "mean" and quantity in _ABSOLUTE_MEANS:
+            if statistic == "mean" and quantity in SHARES:
                 scale = 1.0
             elif statistic == "mean" and quantity in _OF_S0:
                 scale = s0

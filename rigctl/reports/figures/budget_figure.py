@@ -5,13 +5,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from model.prediction.quantity_table import FOLLOWED, QUANTITIES
 from rigctl.comparison.uncertainty_budget import RegionBudget
 from rigctl.reports.figures.figure_style import png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_TITLES = {"s0": "S0 (share of itself)", "s1n": "s1", "s2n": "s2", "dolp": "DoLP", "aolp_deg": "AoLP [deg]"}
+# Of S0 the budget is a share of itself.
+_TITLES = {name: QUANTITIES[name].label for name in FOLLOWED} | {"s0": "S0 (share of itself)"}
 # Colours after Okabe and Ito, told apart by colour-blind readers; hatches tell them apart in grey. A cause has the same
 # in every report.
 _LOOKS = {

@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from model.prediction.quantity_table import QUANTITIES
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.series import SeriesPoint, mean_row
 from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_LABELS = {"s0": "S0", "s1n": "s1", "s2n": "s2", "dolp": "DoLP", "aolp_deg": "AoLP [deg]"}
 
 
 def series_figure(
@@ -26,7 +25,7 @@ def series_figure(
         upper, lower = axes[column], axes[len(shown) + column]
         _both(upper, at, rows)
         _residuals(lower, at, rows)
-        name = f"{_LABELS[quantity]} [{unit}]" if quantity == "s0" else _LABELS[quantity]
+        name = QUANTITIES[quantity].label + (f" [{unit}]" if quantity == "s0" else "")
         upper.set_title(f"{region}: {name}", fontsize=9)
         lower.set_xlabel(label, fontsize=9)
     axes[0].set_ylabel("mean of the region")

@@ -6,8 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from model.prediction.quantity_table import FOLLOWED
 from rigctl.comparison.compared_run import ComparedSeries
-from rigctl.comparison.series import QUANTITIES, SeriesPoint, hours_of, mean_row
+from rigctl.comparison.series import SeriesPoint, hours_of, mean_row
 from rigctl.durable_file import write_durably
 from rigctl.reports.compare_context import provenance_json
 from rigctl.reports.comparison_files import write_comparison
@@ -117,7 +118,7 @@ def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:
         pictures = tuple(
             Picture(
                 png=series_figure.series_figure(
-                    points, at, region=region, quantities=QUANTITIES, label=label, unit=points[0].measurement.grid.unit
+                    points, at, region=region, quantities=FOLLOWED, label=label, unit=points[0].measurement.grid.unit
                 ),
                 caption=f"{region}, both sides and residuals against the {name}; bars of residuals: both errors.",
             )
@@ -130,7 +131,7 @@ def _table(points: Sequence[SeriesPoint]) -> Table:
     rows, off = [], []
     for point in points:
         for region in point.measurement.regions:
-            for quantity in QUANTITIES:
+            for quantity in FOLLOWED:
                 row = mean_row(point, region, quantity)
                 if row is not None:
                     error = ((row.std_error or 0.0) ** 2 + (row.std_error_inputs or 0.0) ** 2) ** 0.5
@@ -192,9 +193,7 @@ def _point_json(point: SeriesPoint) -> dict[str, Any]:
         "explanation": None if comparison.explanation is None else comparison.explanation.remark,
         "means": {
             region: {
-                quantity: asdict(row)
-                for quantity in QUANTITIES
-                if (row := mean_row(point, region, quantity)) is not None
+                quantity: asdict(row) for quantity in FOLLOWED if (row := mean_row(point, region, quantity)) is not None
             }
             for region in point.measurement.regions
         },

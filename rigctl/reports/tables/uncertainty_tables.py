@@ -6,9 +6,9 @@ from typing import Any
 from rich.table import Table
 
 from model.prediction.prediction import RegionPrediction
+from model.prediction.quantity_table import ORDERED
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty
 
-_RANKED = ("s0", "s1n", "s2n", "dolp")
 # Of as many inputs as make the uncertainty; the rest is in the JSON.
 _SHOWN = 6
 
@@ -30,7 +30,7 @@ def with_input_errors(
 def input_effects_json(found: PredictedUncertainty) -> dict[str, Any]:
     """Return which input makes how much of the uncertainty, of the means that a user reads first."""
     effects = {
-        region: {quantity: dict(found.ranked(region, quantity)) for quantity in _RANKED if quantity in quantities}
+        region: {quantity: dict(found.ranked(region, quantity)) for quantity in ORDERED if quantity in quantities}
         for region, quantities in found.std_errors.items()
     }
     return {"uncertain_inputs": list(found.inputs), "input_effects": effects, "input_remarks": list(found.remarks)}
