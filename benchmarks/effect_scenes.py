@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.accuracy.evaluation.settings import Settings
-from model.atmosphere.lighting.fidelity import SolverSettings, Tier
+from model.atmosphere.lighting.fidelity import Fidelity, SolverSettings
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
@@ -123,7 +123,7 @@ def _air(generator: np.random.Generator) -> Air:
             irradiance_w_per_m3=1.7e9 * np.maximum(slope, 0.1),
             response=np.ones_like(wavelength),
         ),
-        tier=Tier.FAST if generator.random() < 0.6 else Tier.SINGLE,
+        fidelity=Fidelity.FAST if generator.random() < 0.6 else Fidelity.SINGLE,
         aerosol=generator.choice([AerosolKind.DEPOLARIZING, AerosolKind.POLARIZING]),
         state=AtmosphereState(
             aerosol_optical_depth=_log(generator, 1e-6, 1.0),

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.numerical_settings import KNOBS, Plan, settings_at
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, Plan, settings_at
 from model.accuracy.predict_to_tolerance import predict
 from model.scene.lit_scene import LitScene
 from rigctl.files.scene_file import load_scene
@@ -56,7 +56,7 @@ def by_hand(scene: LitScene, start: Plan, tolerance: float, truth) -> tuple[dict
     error = largest(result, truth)
     while True:
         tried = []
-        for name in KNOBS:
+        for name in NUMERICAL_SETTINGS:
             if plan[name] == 0:
                 continue
             lower = {**plan, name: plan[name] - 1}
@@ -74,14 +74,14 @@ def main() -> int:
     parser.add_argument("--tolerances", nargs="+", type=float, default=TOLERANCES)
     given = parser.parse_args()
     scene = ScenePredictor(load_scene(given.scene), None).lit_scene()
-    finest = {name: len(knob.levels) - 2 for name, knob in KNOBS.items()}
+    finest = {name: len(knob.levels) - 2 for name, knob in NUMERICAL_SETTINGS.items()}
     truth = all_readings(run(scene, finest, 1e-6)[0])
     print(f"{'tolerance':>10} {'promised':>10} {'error':>9} {'by hand':>10} {'error':>9} {'ratio':>6}   plan; by hand")
     for tolerance in given.tolerances:
         found, seconds = timed(partial(predict, scene, tolerance=tolerance))
         error = largest(found.result, truth)
         plan, hand_s, hand_error = by_hand(scene, found.plan, tolerance, truth)
-        levels = ["/".join(str(one[name]) for name in KNOBS) for one in (found.plan, plan)]
+        levels = ["/".join(str(one[name]) for name in NUMERICAL_SETTINGS) for one in (found.plan, plan)]
         numbers = f"{seconds:8.3f} s {error:9.1e} {hand_s:8.3f} s {hand_error:9.1e} {seconds / hand_s:6.2f}"
         print(f"{tolerance:10.0e} {numbers}   {'; '.join(levels)}", flush=True)
     return 0

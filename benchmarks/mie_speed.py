@@ -12,7 +12,7 @@ from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
 from model.atmosphere.aerosol.mie_sphere import efficiencies, sphere_coefficients
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.aerosol.presets import preset_aerosol
-from model.atmosphere.lighting.fidelity import TIERS, Tier
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind
@@ -58,8 +58,8 @@ def matrices() -> None:
 
 def skies() -> None:
     one = column(AtmosphereState(visibility_m=23e3), wavelength_m=550e-9)
-    for tier in (Tier.FAST, Tier.STANDARD):
-        settings = TIERS[tier].settings
+    for tier in (Fidelity.FAST, Fidelity.STANDARD):
+        settings = FIDELITY_LEVELS[tier].settings
         times = {}
         for kind in AerosolKind:
             layers = one.layers(fine=settings.fine_layers, aerosol=kind, matrix_tolerance=settings.matrix_tolerance)

@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from model.atmosphere.lighting.fidelity import TIERS, Tier
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.sasktran2_engine import Sasktran2Solution, sasktran2_solution
 from model.atmosphere.solver import Layer, Solution, solve
@@ -58,8 +58,8 @@ def own_solver() -> None:
         fine = one.layers(fine=True, aerosol=kind)
         nodes = 32 if kind is AerosolKind.SPHERES else 20
         reference = timed(fine, aerosol=kind, nodes=nodes, element_depth=0.02, tolerance=1e-8)[3]
-        for tier in (Tier.FAST, Tier.STANDARD):
-            settings = TIERS[tier].settings
+        for tier in (Fidelity.FAST, Fidelity.STANDARD):
+            settings = FIDELITY_LEVELS[tier].settings
             report(
                 f"{tier}, {kind}",
                 one.layers(fine=settings.fine_layers, aerosol=kind, matrix_tolerance=settings.matrix_tolerance),

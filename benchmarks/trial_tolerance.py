@@ -119,7 +119,7 @@ def scored(found: AccuratePrediction, finest: dict[Reading, Value]) -> dict[str,
     """Return the largest true and estimated error, and how many promises were broken."""
     own = readings(found.result.scenario, found.result.predictions, found.result.detections)
     true = differences(own, finest)
-    promised = {key: error for key, error in true.items() if key not in found.not_promised}
+    promised = {key: error for key, error in true.items() if key not in found.not_guaranteed}
     broken = {key: error for key, error in promised.items() if error > found.tolerance}
     worst = max(promised, key=lambda key: promised[key], default=None)
     ratios = [found.budget.total[key] / error for key, error in promised.items() if error > _SMALLEST_TRUE]

@@ -33,7 +33,7 @@ class CheckedEffect:
     effect
         Which.
     bound, actual
-        Promised and found.
+        Guaranteed and found.
     with_s, without_s
         Time of the chain with all effects and without this one, nothing being kept from before [s].
     """
@@ -75,7 +75,7 @@ def check_effects(
     ValueError
         A number of the scene is outside its range.
     """
-    # Of the law of DoLP the error must not hide what is to be seen.
+    # Of the distribution of DoLP the error must not hide what is to be seen.
     settings = replace(settings, dolp_tolerance=min(settings.dolp_tolerance, _DOLP_TOLERANCE))
     whole, whole_s = _evaluated(scene, settings, ALL, make_store())
     found = []

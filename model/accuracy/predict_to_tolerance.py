@@ -1,4 +1,4 @@
-"""A prediction to a stated tolerance: knobs set at least cost, errors estimated, and knobs raised until they fit."""
+"""Prediction to a guaranteed tolerance: settings at least cost, errors estimated, settings raised until they fit."""
 
 import time
 from collections.abc import Mapping
@@ -9,9 +9,9 @@ from model.accuracy.estimates.light_error import light_errors
 from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.planning.budget_allocation import allot
-from model.accuracy.planning.forecast import Outlook, outlook, seen
-from model.accuracy.planning.numerical_settings import KNOBS, Plan, settings_at
+from model.accuracy.planning.budget_allocation import allocate
+from model.accuracy.planning.forecast import Forecast, forecast, seen
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, Plan, settings_at
 from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.names import ALL, Effect
 from model.scene.lit_scene import LitScene
@@ -43,10 +43,10 @@ class AccuratePrediction:
     tolerance
         That was asked for.
     plan
-        Level of each knob.
+        Level of each setting.
     budget
-        Estimated errors by knob and in sum, in the units of the tolerance.
-    not_promised
+        Estimated errors by setting and in sum, in the units of the tolerance.
+    not_guaranteed
         Reading to the reason why its error may exceed the tolerance; all others keep it.
     stage_s
         Time of each stage over all rounds, that of the error estimates beside them [s].
@@ -58,7 +58,7 @@ class AccuratePrediction:
     tolerance: float
     plan: Plan
     budget: Budget
-    not_promised: Mapping[Reading, str]
+    not_guaranteed: Mapping[Reading, str]
     stage_s: Mapping[str, float]
     rounds: int
 
@@ -94,8 +94,8 @@ def predict(
 
     Notes
     -----
-    Where a reading would need finer settings than there are, or the law of its error is not known, the result says so
-    in `not_promised`.
+    Where a reading would need finer settings than there are, or the convergence of its error is not known, the result
+    says so in `not_guaranteed`.
 
     References
     ----------
@@ -105,8 +105,8 @@ def predict(
         raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
     lights = LightStore() if store is None else store
     taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
-    ahead = outlook(scene)
-    plan = allot(scene, ahead, dict.fromkeys(KNOBS, 1.0), _first_aim(tolerance))
+    ahead = forecast(scene)
+    plan = allocate(scene, ahead, dict.fromkeys(NUMERICAL_SETTINGS, 1.0), _first_aim(tolerance))
     for rounds in range(1, _ROUNDS + 1):
         settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
         result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)
@@ -125,7 +125,7 @@ def predict(
         tolerance=tolerance,
         plan=plan,
         budget=budget,
-        not_promised=_not_promised(scene, budget, tolerance),
+        not_guaranteed=_not_guaranteed(scene, budget, tolerance),
         stage_s=taken,
         rounds=rounds,
     )
@@ -136,23 +136,23 @@ def _first_aim(tolerance: float) -> float:
     return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, _FIRST_COARSEST)
 
 
-def _finer(scene: LitScene, ahead: Outlook, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:
+def _finer(scene: LitScene, ahead: Forecast, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:
     """Return a finer plan for the readings that can be brought within the tolerance; the same one if there are none."""
     allowed, finer = _AIM * tolerance, plan
     for key in (key for key, error in budget.total.items() if error > tolerance):
         scales = _scales(ahead, plan, budget, key)
-        raised = allot(scene, ahead, scales, allowed, start=finer)
+        raised = allocate(scene, ahead, scales, allowed, start=finer)
         if ahead.error(raised, scales) <= allowed:
             finer = raised
     return finer
 
 
-def _scales(ahead: Outlook, plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:
-    """By what the likely errors of the knobs are to be multiplied for those that were estimated of a reading."""
-    return {name: budget.by_knob[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
+def _scales(ahead: Forecast, plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:
+    """By what the likely errors of the settings are to be multiplied for those that were estimated of a reading."""
+    return {name: budget.by_setting[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
 
 
-def _not_promised(scene: LitScene, budget: Budget, tolerance: float) -> dict[Reading, str]:
+def _not_guaranteed(scene: LitScene, budget: Budget, tolerance: float) -> dict[Reading, str]:
     if _has_spheres(scene):
         return dict.fromkeys(budget.total, _SPHERES)
     return {
@@ -163,7 +163,7 @@ def _not_promised(scene: LitScene, budget: Budget, tolerance: float) -> dict[Rea
 
 
 def _most(budget: Budget, key: Reading) -> str:
-    return max(budget.by_knob, key=lambda knob: budget.by_knob[knob].get(key, 0.0))
+    return max(budget.by_setting, key=lambda setting: budget.by_setting[setting].get(key, 0.0))
 
 
 def _has_spheres(scene: LitScene) -> bool:

@@ -212,7 +212,7 @@ def dolp_budget(light: CycleLight, session: Session, disturbances: Disturbances,
 
     References
     ----------
-    [MK14] eq. (24), (25) by the exact law of DoLP; drift and settling to first order: definition.
+    [MK14] eq. (24), (25) by the exact distribution of DoLP; drift and settling to first order: definition.
     """
     if pixels < 1:
         raise ValueError(f"pixels = {pixels}; allowed is 1 or more")
@@ -241,8 +241,8 @@ def dolp_sigma(light: CycleLight, *, cycles: int, pixels: int = 1) -> float:
     Notes
     -----
     What was computed is kept: a search asks for the same light and number again, with other times and orders.
-    By the exact law, not the first order: for weak polarization it is 0.655 times the usual NEDoLP, not it. Not a
-    number where no standard deviation exists.
+    By the exact distribution, not the first order: for weak polarization it is 0.655 times the usual NEDoLP, not it.
+    Not a number where no standard deviation exists.
 
     References
     ----------

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.transfer.blocks import estimate_error, solve_blocks
-from model.atmosphere.transfer.delta_m_truncation import without_forward_peak
+from model.atmosphere.transfer.delta_m_truncation import delta_m_truncated
 from model.atmosphere.transfer.depth import element_edges
 from model.atmosphere.transfer.expansion_length import degree_max, mode_blocks, truncation_error
 from model.atmosphere.transfer.layers import Layer, merge_alike
@@ -77,7 +77,7 @@ def solve(
     kind = AerosolKind(aerosol)
     alike = merge_alike(layers_of_kind(layers, kind))
     degree = degree_max(alike, nodes=nodes)
-    merged = without_forward_peak(alike, degree=degree)
+    merged = delta_m_truncated(alike, degree=degree)
     grid, owner = _grid(merged, mu0=mu0, nodes=nodes, element_depth=element_depth)
     setting = Setting(
         grid=grid, transport=transport_of(grid), albedo=albedo, tolerance=tolerance, max_orders=max_orders

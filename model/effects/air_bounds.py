@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expn
 
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import Column, column
 from model.scene.lit_scene import Air
 
@@ -45,7 +45,8 @@ def bound_air(air: Air) -> AirBounds:
     Parameters
     ----------
     air
-        The air. For a table and for the analytic tier, whose light obeys no conservation of energy, nothing is known.
+        The air. For a table and for the analytic fidelity level, whose light obeys no conservation of energy, nothing
+        is known.
 
     Notes
     -----
@@ -66,7 +67,7 @@ def bound_air(air: Air) -> AirBounds:
             ground_radiance=max(one.ground_radiance, other.ground_radiance),
             received=max(one.received, other.received),
         )
-    if air.state is None or air.tier in (Tier.ANALYTIC, Tier.TABLE):
+    if air.state is None or air.fidelity in (Fidelity.ANALYTIC, Fidelity.TABLE):
         return UNKNOWN_AIR
     outside, mu, tau = _outside(air), float(np.cos(air.sun_zenith_rad)), _deepest(air).depth
     received = _received(air, outside, tau)
@@ -107,7 +108,7 @@ def path_bound(air: Air, *, height_m: float, view_zenith_rad: float, scattering_
     if air.alternative is not None:
         where = {"height_m": height_m, "view_zenith_rad": view_zenith_rad, "scattering_rad": scattering_rad}
         return max(path_bound(one, **where) for one in (replace(air, alternative=None, share=0.0), air.alternative))
-    if air.state is None or air.tier in (Tier.ANALYTIC, Tier.TABLE):
+    if air.state is None or air.fidelity in (Fidelity.ANALYTIC, Fidelity.TABLE):
         return np.inf
     deepest, outside = _deepest(air), _outside(air)
     tau = deepest.depth

@@ -4,13 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.bound import Bound, Disturbance
-from model.effects.radiance_bounds import RegionBracket, share_of
+from model.effects.radiance_bounds import RegionBounds, share_of
 
 FloatArray = NDArray[np.float64]
 
 _EVERYTHING = Bound(radiance=np.inf, ratios=np.inf, deviations=np.inf, detection=np.inf)
 # S0 falls this many deviations below its mean in one pixel of three million. Where that is nearer to zero than a
-# quarter of the mean nothing is promised: the pixels' DoLP then has hardly any moments.
+# quarter of the mean nothing is guaranteed: the pixels' DoLP then has hardly any moments.
 _TAIL = 5.0
 _LARGEST_TAIL = 0.75
 # Polarised light so many deviations above its noise is as good as normal.
@@ -24,7 +24,7 @@ _SURFACE = 1.0
 _ROUNDING = 1e-14
 
 
-def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
+def bound_of(bracket: RegionBounds, found: Disturbance) -> Bound:
     """Return what a disturbance does to the numbers of one region at most; detection is left at 0.
 
     Parameters
@@ -37,9 +37,9 @@ def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
     Notes
     -----
     Covariance: where the eigenvalues of the one covariance over the other lie within 1 - x and 1 + x, the likelihood
-    ratio L of the two normal laws has var L <= (1 - x^2)^(-3/2) - 1 =: c^2 (chi-square divergence), and by Cauchy and
-    Schwarz the mean of the pixels' DoLP changes by at most c times its deviation, its variance by at most 2 c + c^2
-    of itself (kurtosis up to 5). Deviations of what is linear change by at most x.
+    ratio L of the two normal distributions has var L <= (1 - x^2)^(-3/2) - 1 =: c^2 (chi-square divergence), and by
+    Cauchy and Schwarz the mean of the pixels' DoLP changes by at most c times its deviation, its variance by at most 2
+    c + c^2 of itself (kurtosis up to 5). Deviations of what is linear change by at most x.
 
     Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (a + b) / (1 - a). The deviation of DoLP
     changes as its gradient does: by no more than (2 b / P + 3 a) times the largest deviation of a Stokes parameter over
@@ -47,7 +47,7 @@ def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
 
     References
     ----------
-    Definition; Cauchy-Schwarz with the chi-square divergence of two normal laws.
+    Definition; Cauchy-Schwarz with the chi-square divergence of two normal distributions.
     """
     if found.is_nothing:
         return Bound()
@@ -72,7 +72,7 @@ def bound_of(bracket: RegionBracket, found: Disturbance) -> Bound:
 
 
 def detection_bound(
-    target: RegionBracket, of_target: Disturbance, background: RegionBracket, of_background: Disturbance, *, eta: float
+    target: RegionBounds, of_target: Disturbance, background: RegionBounds, of_background: Disturbance, *, eta: float
 ) -> float:
     """Return what disturbances of target and background do to a probability of detection at most.
 
@@ -85,10 +85,10 @@ def detection_bound(
 
     Notes
     -----
-    Target: two laws whose covariances differ by x have a total variation of at most c / 2, two whose means differ by h
-    deviations at most 0.4 h. Background: another mean is a shift of the target; another covariance moves the ellipsoid
-    of detection by at most x sqrt(eta) of its deviations, and a normal vector lies within such a shell with at most its
-    width times the Gaussian surface of a ball over the least deviation of the target along it.
+    Target: two distributions whose covariances differ by x have a total variation of at most c / 2, two whose means
+    differ by h deviations at most 0.4 h. Background: another mean is a shift of the target; another covariance moves
+    the ellipsoid of detection by at most x sqrt(eta) of its deviations, and a normal vector lies within such a shell
+    with at most its width times the Gaussian surface of a ball over the least deviation of the target along it.
 
     References
     ----------
@@ -106,7 +106,7 @@ def detection_bound(
     return float(min(0.4 * moved + 0.5 * _divergence(of_target.share) + shell, 1.0))
 
 
-def deviation_limits(bracket: RegionBracket) -> tuple[float, float]:
+def deviation_limits(bracket: RegionBounds) -> tuple[float, float]:
     """Return a lower and an upper limit of the deviation of a pixel's DoLP."""
     least = np.sqrt(max(float(np.linalg.eigvalsh(bracket.noise_low)[0]), 0.0)) / bracket.s0_high
     if not np.all(np.isfinite(bracket.cov_high)):
@@ -116,7 +116,7 @@ def deviation_limits(bracket: RegionBracket) -> tuple[float, float]:
     return least, most
 
 
-def _of_gradient(bracket: RegionBracket, found: Disturbance, *, shift: float, low: float, dolp_low: float) -> float:
+def _of_gradient(bracket: RegionBounds, found: Disturbance, *, shift: float, low: float, dolp_low: float) -> float:
     """Relative change of the deviations of DoLP, S1/S0 and S2/S0 by another mean."""
     if shift == 0.0:
         return 0.0
@@ -128,7 +128,7 @@ def _of_gradient(bracket: RegionBracket, found: Disturbance, *, shift: float, lo
     return float(max(by_gradient, by_shift))
 
 
-def _of_counts(bracket: RegionBracket, found: Disturbance, shift: float) -> float:
+def _of_counts(bracket: RegionBounds, found: Disturbance, shift: float) -> float:
     """Change of the Stokes parameters over S0, and of counts each over itself."""
     moved = shift + found.counts
     if moved == 0.0:
@@ -137,7 +137,7 @@ def _of_counts(bracket: RegionBracket, found: Disturbance, shift: float) -> floa
     return moved * max(1.0, bracket.s0_high / darkest if darkest > 0.0 else np.inf) + found.factor
 
 
-def _shift_in_deviations(found: Disturbance, moved: RegionBracket, seen: RegionBracket) -> float:
+def _shift_in_deviations(found: Disturbance, moved: RegionBounds, seen: RegionBounds) -> float:
     """How far a mean moves in deviations of the target."""
     length = np.hypot(found.s0 + found.factor, found.polarised + found.factor) * moved.s0_high
     if length == 0.0:
@@ -147,5 +147,5 @@ def _shift_in_deviations(found: Disturbance, moved: RegionBracket, seen: RegionB
 
 
 def _divergence(share: float) -> float:
-    """Root of the chi-square divergence of two normal laws of three components; x of 0 gives 0 without rounding."""
+    """Root of the chi-square divergence of normal distributions of three components; 0 gives 0 without rounding."""
     return float(np.sqrt(np.expm1(-1.5 * np.log1p(-(share**2)))))

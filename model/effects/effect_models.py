@@ -9,7 +9,7 @@ import numpy as np
 from model.effects import light_bounds, noise_bounds, session_bounds
 from model.effects.bound import Disturbance
 from model.effects.names import Effect
-from model.effects.radiance_bounds import RegionBracket
+from model.effects.radiance_bounds import RegionBounds
 from model.effects.sun_light import SunLight
 from model.scene.lit_scene import LightParts, LitRegion, LitScene
 from model.sensor.imperfections import Imperfections
@@ -45,7 +45,7 @@ class EffectModel:
     place: str = _RECORD
     cost: str = _LITTLE
     of_light: bool = False
-    bound: Callable[[LitScene, RegionBracket, SunLight], Disturbance]
+    bound: Callable[[LitScene, RegionBounds, SunLight], Disturbance]
     removed: Callable[[LitScene], LitScene]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from model.effects.air_bounds import depth
 from model.effects.bound import NOTHING, UNKNOWN, Disturbance
-from model.effects.radiance_bounds import RegionBracket
+from model.effects.radiance_bounds import RegionBounds
 from model.effects.sun_light import SunLight
 from model.scene.falloff import cosine_fourth
 from model.scene.lit_scene import LitScene
@@ -13,17 +13,17 @@ from model.scene.lit_scene import LitScene
 _POWER = 4.2
 
 
-def skylight(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+def skylight(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return what the sky adds: the largest reflectance times all of its light (`model.effects.sun_light`)."""
     return _added(scene, region, light.sky) if scene.source in ("total", "reflected", "reflected_sky") else NOTHING
 
 
-def path_radiance(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+def path_radiance(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return what the air adds between region and camera (`model.effects.air_bounds.path_bound`)."""
     return _added(scene, region, light.path) if scene.source in ("total", "path") else NOTHING
 
 
-def adjacency(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+def adjacency(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
 
     The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T <= (1 - b) tau / mu arrive.
@@ -31,7 +31,7 @@ def adjacency(scene: LitScene, region: RegionBracket, light: SunLight) -> Distur
     return _added(scene, region, light.adjacency) if scene.source in ("total", "path") else NOTHING
 
 
-def field_of_view(scene: LitScene, region: RegionBracket, light: SunLight) -> Disturbance:
+def field_of_view(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return the largest difference over the field from the axis, as a shift of the mean and as a spread.
 
     Notes
@@ -49,7 +49,7 @@ def field_of_view(scene: LitScene, region: RegionBracket, light: SunLight) -> Di
     return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + region.spatial_share(spread))
 
 
-def wavelengths(scene: LitScene, region: RegionBracket, _light: SunLight) -> Disturbance:
+def wavelengths(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
     """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
 
     Notes
@@ -71,7 +71,7 @@ def wavelengths(scene: LitScene, region: RegionBracket, _light: SunLight) -> Dis
     return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
 
 
-def falloff(scene: LitScene, region: RegionBracket, _light: SunLight) -> Disturbance:
+def falloff(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
     """Return mean and variance of cos^4 over the region's part of the field: both are closed integrals.
 
     Notes
@@ -89,7 +89,7 @@ def falloff(scene: LitScene, region: RegionBracket, _light: SunLight) -> Disturb
     return Disturbance(factor=1.0 / found.mean - 1.0, share=found.mean**-4 - 1.0 + region.spatial_share(apart))
 
 
-def _added(scene: LitScene, region: RegionBracket, radiance: float) -> Disturbance:
+def _added(scene: LitScene, region: RegionBounds, radiance: float) -> Disturbance:
     if radiance == 0.0:
         return NOTHING
     if not (region.is_known and np.isfinite(radiance)):
@@ -98,7 +98,7 @@ def _added(scene: LitScene, region: RegionBracket, radiance: float) -> Disturban
     return _moved(scene, region, share, share) if share < 1.0 else UNKNOWN
 
 
-def _moved(scene: LitScene, region: RegionBracket, s0: float, polarised: float) -> Disturbance:
+def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -> Disturbance:
     """Return a shift of the mean, with what it does to the shot noise and to the texture."""
     noise = scene.sensor.noise
     s0, polarised = s0 + region.crosstalk * max(s0, polarised), polarised + region.crosstalk * max(s0, polarised)
@@ -108,7 +108,7 @@ def _moved(scene: LitScene, region: RegionBracket, s0: float, polarised: float) 
     return Disturbance(s0=s0, polarised=polarised, share=share + _of_texture(scene, region, s0 + polarised))
 
 
-def _of_texture(scene: LitScene, region: RegionBracket, shift: float) -> float:
+def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
     """Share by which texture, pattern and spread over the field, which go with the light, change.
 
     Of a part with amplitude b it is 2 b + b^2; over a field the light of each direction may change by all of the shift.

@@ -11,7 +11,7 @@ from model.effects.bound import Bound, Disturbance
 from model.effects.consequences import bound_of, detection_bound
 from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import ALL, Effect
-from model.effects.radiance_bounds import RegionBracket, bracket
+from model.effects.radiance_bounds import RegionBounds, bracket
 from model.effects.sun_light import SunLight, beam_lighting, known_light, sun_light
 from model.scene.lit_scene import LitRegion, LitScene
 from model.scene.scenario import RegionLight
@@ -223,13 +223,13 @@ def _as_given(region: LitRegion) -> RegionLight:
 
 
 def _disturbances(
-    effect: Effect, scene: LitScene, regions: Mapping[str, RegionBracket], lights: Mapping[str, SunLight]
+    effect: Effect, scene: LitScene, regions: Mapping[str, RegionBounds], lights: Mapping[str, SunLight]
 ) -> dict[str, Disturbance]:
     bound = EFFECT_MODELS[effect].bound
     return {name: bound(scene, region, lights[name]) for name, region in regions.items()}
 
 
-def _bound(scene: LitScene, regions: Mapping[str, RegionBracket], found: Mapping[str, Disturbance]) -> Bound:
+def _bound(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[str, Disturbance]) -> Bound:
     worst = Bound()
     for name, region in regions.items():
         worst = worst.worse(bound_of(region, found[name]))

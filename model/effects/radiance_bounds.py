@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RegionBracket:
+class RegionBounds:
     """Limits of one region, in counts [DN]; equal where its radiance is given.
 
     Attributes
@@ -105,7 +105,7 @@ class RegionBracket:
         return ratio / (1.0 + ratio) if is_part and np.isfinite(ratio) else ratio
 
 
-def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBracket:
+def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBounds:
     """Return the limits of a region.
 
     Parameters
@@ -144,7 +144,7 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBracke
     noise_low, noise_high = (plan.inverse @ np.diag(one) @ plan.inverse.T for one in (variance_low, variance_high))
     s0_high = most * scale * (light.s0_high + light.added)
     texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
-    return RegionBracket(
+    return RegionBounds(
         region=region,
         s0_low=least * scale * light.s0_low,
         s0_high=s0_high,

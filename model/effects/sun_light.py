@@ -104,7 +104,7 @@ def beam_lighting(air: Air) -> Lighting:
         raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed, or a table")
     return compute_lighting(
         air.state,
-        tier=air.tier,
+        fidelity=air.fidelity,
         band=air.band,
         mu0=float(np.cos(air.sun_zenith_rad)),
         albedo=air.ground_albedo,

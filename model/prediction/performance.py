@@ -1,4 +1,4 @@
-"""What a prediction is worth for finding things: the law of DoLP, its noise floor, and detection between regions."""
+"""Performance of a predicted scene: distribution of DoLP, its noise floor, and detection between regions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class PolarizationStrength:
 
 @dataclass(frozen=True, kw_only=True)
 class PairDetection:
-    """RX detection of one region on another, by the exact law.
+    """RX detection of one region on another, by the exact distribution.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class PairDetection:
 def polarization_strength(
     prediction: RegionPrediction, *, probabilities: Sequence[float] = (0.025, 0.5, 0.975)
 ) -> PolarizationStrength:
-    """Return the law of a region's DoLP in a few numbers, and its noise floor.
+    """Return the distribution of a region's DoLP in a few numbers, and its noise floor.
 
     Parameters
     ----------

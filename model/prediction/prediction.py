@@ -122,21 +122,23 @@ def predict_region(
     stokes = Moments(mean=stokes_mean, cov=stokes_covs["std"])
     quantities = _linear(channel_names, channels.mean_dn, covs)
     quantities |= _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
-    law = _law(stokes, tolerance)
+    distribution = _distribution(stokes, tolerance)
     if stokes.mean[0] > 0.0:
         quantities |= _ratios(stokes)
-    if law.exists:
-        quantities["dolp_pixels"] = {"mean": law.mean, "std": law.std}
-        if law.std > 0.0:
-            quantities["dolp_snr"] = {"mean": law.mean / law.std} | quantities.get("dolp_snr", {})
-    missing = () if law.exists else (f"mean and deviation of the pixels' DoLP do not exist: {law.reason}",)
+    if distribution.exists:
+        quantities["dolp_pixels"] = {"mean": distribution.mean, "std": distribution.std}
+        if distribution.std > 0.0:
+            quantities["dolp_snr"] = {"mean": distribution.mean / distribution.std} | quantities.get("dolp_snr", {})
+    missing = (
+        () if distribution.exists else (f"mean and deviation of the pixels' DoLP do not exist: {distribution.reason}",)
+    )
     return RegionPrediction(
         channels=channels,
         stokes_dn=stokes,
         stokes_noise_dn2=stokes_covs["std_temporal"],
-        dolp_method=law.method,
-        dolp_mean_error=law.mean_error,
-        dolp_std_error=law.std_error,
+        dolp_method=distribution.method,
+        dolp_mean_error=distribution.mean_error,
+        dolp_std_error=distribution.std_error,
         quantities=quantities,
         warnings=(*channels.warnings, *plan.warnings, *missing),
     )
@@ -170,7 +172,7 @@ def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Law:
+class _Distribution:
     """Mean and deviation of the pixels' DoLP, or why there are none."""
 
     mean: float
@@ -182,10 +184,10 @@ class _Law:
     reason: str
 
 
-def _law(stokes: Moments, tolerance: float) -> _Law:
+def _distribution(stokes: Moments, tolerance: float) -> _Distribution:
     if not stokes.mean[0] > 0.0:
         reason = f"the mean of S0 is {stokes.mean[0]:.3g} DN, not above 0"
-        return _Law(
+        return _Distribution(
             mean=np.nan,
             std=np.nan,
             mean_error=np.nan,
@@ -195,7 +197,7 @@ def _law(stokes: Moments, tolerance: float) -> _Law:
             reason=reason,
         )
     found = dolp.moments(stokes.mean, stokes.cov, tolerance=tolerance)
-    return _Law(
+    return _Distribution(
         mean=float(found.mean),
         std=float(found.std),
         mean_error=float(found.mean_error),

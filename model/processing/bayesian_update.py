@@ -201,7 +201,7 @@ def deviations_cov(std_errors: ArrayLike, correlation: ArrayLike) -> FloatArray:
     References
     ----------
     Anderson (2003), An Introduction to Multivariate Statistical Analysis, 3rd ed., section 3.3: moments of the Wishart
-    law.
+    distribution.
     """
     errors = np.asarray(std_errors, dtype=np.float64)
     return np.asarray(np.outer(errors, errors) * np.asarray(correlation, dtype=np.float64) ** 2)

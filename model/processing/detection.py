@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.processing.detection_distribution import DetectionLaw, condition_warnings, detection_law
+from model.processing.detection_distribution import DetectionDistribution, condition_warnings, detection_distribution
 from model.processing.quadratic_forms import chi_square
 from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
 
@@ -116,8 +116,8 @@ def rx_p_detection(
     ----------
     [MK14] eq. (30); definition.
     """
-    law = detection_law(target_mean, target_cov, background_mean, background_cov)
-    return _tails(_threshold(p_false_alarm, law), law, tolerance).upper
+    distribution = detection_distribution(target_mean, target_cov, background_mean, background_cov)
+    return _tails(_threshold(p_false_alarm, distribution), distribution, tolerance).upper
 
 
 def rx_p_miss(
@@ -138,8 +138,8 @@ def rx_p_miss(
     ----------
     [MK14] eq. (30); definition.
     """
-    law = detection_law(target_mean, target_cov, background_mean, background_cov)
-    return _tails(_threshold(p_false_alarm, law), law, tolerance).lower
+    distribution = detection_distribution(target_mean, target_cov, background_mean, background_cov)
+    return _tails(_threshold(p_false_alarm, distribution), distribution, tolerance).lower
 
 
 def rx_roc(
@@ -160,10 +160,10 @@ def rx_roc(
     ----------
     [MK14] eq. (30); the area: definition.
     """
-    law = detection_law(target_mean, target_cov, background_mean, background_cov)
-    threshold = _threshold(p_false_alarm, law)
-    tails = _tails(threshold, law, tolerance)
-    area = _area(law, tolerance)
+    distribution = detection_distribution(target_mean, target_cov, background_mean, background_cov)
+    threshold = _threshold(p_false_alarm, distribution)
+    tails = _tails(threshold, distribution, tolerance)
+    area = _area(distribution, tolerance)
     shape = tails.upper.shape
     return RxRoc(
         p_false_alarm=np.broadcast_to(np.asarray(p_false_alarm, dtype=np.float64), shape),
@@ -173,24 +173,28 @@ def rx_roc(
         error=tails.error,
         auc=area.upper,
         auc_error=area.error,
-        background_condition=law.condition,
-        warnings=condition_warnings(law.condition),
+        background_condition=distribution.condition,
+        warnings=condition_warnings(distribution.condition),
     )
 
 
-def _threshold(p_false_alarm: ArrayLike, law: DetectionLaw) -> FloatArray:
-    return rx_threshold(p_false_alarm, law.weights.shape[-1])
+def _threshold(p_false_alarm: ArrayLike, distribution: DetectionDistribution) -> FloatArray:
+    return rx_threshold(p_false_alarm, distribution.weights.shape[-1])
 
 
-def _tails(threshold: FloatArray, law: DetectionLaw, tolerance: float) -> TailProbabilities:
-    return tail_probabilities(threshold, law.weights, law.offsets, constant=law.constant, tolerance=tolerance)
+def _tails(threshold: FloatArray, distribution: DetectionDistribution, tolerance: float) -> TailProbabilities:
+    return tail_probabilities(
+        threshold, distribution.weights, distribution.offsets, constant=distribution.constant, tolerance=tolerance
+    )
 
 
-def _area(law: DetectionLaw, tolerance: float) -> TailProbabilities:
+def _area(distribution: DetectionDistribution, tolerance: float) -> TailProbabilities:
     """Return P(D of a target > chi-square of the background) and its complement."""
-    dim = law.weights.shape[-1]
-    background = np.full((*law.weights.shape[:-1], 1), -1.0)
-    weights = np.concatenate([law.weights, background], axis=-1)
-    offsets = np.concatenate([law.offsets, np.zeros_like(background)], axis=-1)
+    dim = distribution.weights.shape[-1]
+    background = np.full((*distribution.weights.shape[:-1], 1), -1.0)
+    weights = np.concatenate([distribution.weights, background], axis=-1)
+    offsets = np.concatenate([distribution.offsets, np.zeros_like(background)], axis=-1)
     degrees = np.append(np.ones(dim), float(dim))
-    return tail_probabilities(0.0, weights, offsets, degrees=degrees, constant=law.constant, tolerance=tolerance)
+    return tail_probabilities(
+        0.0, weights, offsets, degrees=degrees, constant=distribution.constant, tolerance=tolerance
+    )

@@ -1,4 +1,4 @@
-"""The law of the RX statistic of a target seen against a background: the weights of a quadratic form."""
+"""The distribution of the RX statistic of a target seen against a background: the weights of a quadratic form."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ _NO_SPREAD = 1e-30  # weight relative to the largest: below it a component is a 
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectionLaw:
+class DetectionDistribution:
     """D = constant + sum_j weights_j (z_j + offsets_j)^2, z standard normal, and the condition of the background.
 
     `weights` and `offsets` have shape (..., n), `constant` and `condition` the leading shape.
@@ -28,10 +28,10 @@ class DetectionLaw:
     condition: FloatArray
 
 
-def detection_law(
+def detection_distribution(
     target_mean: ArrayLike, target_cov: ArrayLike, background_mean: ArrayLike, background_cov: ArrayLike
-) -> DetectionLaw:
-    """Return the law of D = (x - m_b)' S_b^-1 (x - m_b) for x ~ N(m_t, S_t).
+) -> DetectionDistribution:
+    """Return the distribution of D = (x - m_b)' S_b^-1 (x - m_b) for x ~ N(m_t, S_t).
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def detection_law(
 
     Returns
     -------
-    DetectionLaw
+    DetectionDistribution
         Leading axes of the arguments broadcast.
 
     Raises
@@ -76,7 +76,7 @@ def detection_law(
     shift = np.linalg.solve(root, ((mean_t - mean_b) / scale)[..., None])
     weights, axes = _principal_axes(root, cov_t / area, (cov_t - cov_b) / area)
     along = np.sum(axes * shift, axis=-2)
-    return _law(weights, along, condition)
+    return _distribution(weights, along, condition)
 
 
 def background_condition(background_cov: FloatArray) -> FloatArray:
@@ -139,14 +139,14 @@ def _graded_factor(cov: FloatArray) -> FloatArray:
     return np.asarray(deviation[..., :, None] * vectors * root[..., None, :], dtype=np.float64)
 
 
-def _law(weights: FloatArray, along: FloatArray, condition: FloatArray) -> DetectionLaw:
+def _distribution(weights: FloatArray, along: FloatArray, condition: FloatArray) -> DetectionDistribution:
     largest = np.max(weights, axis=-1, keepdims=True)
     spread = weights > np.maximum(_NO_SPREAD * largest, np.finfo(float).tiny)
     kept = np.where(spread, weights, 0.0)
     offsets = np.where(spread, along / np.sqrt(np.where(spread, weights, 1.0)), 0.0)
     constant = np.sum(np.where(spread, 0.0, along**2), axis=-1)
     full = np.broadcast_shapes(kept.shape, offsets.shape)
-    return DetectionLaw(
+    return DetectionDistribution(
         weights=np.broadcast_to(kept, full),
         offsets=offsets,
         constant=constant,

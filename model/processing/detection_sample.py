@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainccinv, betaincinv
 
-from model.processing.detection_distribution import condition_warnings, detection_law
+from model.processing.detection_distribution import condition_warnings, detection_distribution
 from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
 
 FloatArray = NDArray[np.float64]
@@ -160,11 +160,13 @@ def _tails(
     dim = np.shape(target_mean)[-1]
     threshold = sample_threshold(p_false_alarm, training, dim)
     seen = np.asarray(target_cov, dtype=np.float64) + np.asarray(background_cov, dtype=np.float64) / training
-    law = detection_law(target_mean, seen, background_mean, background_cov)
-    lead = np.broadcast_shapes(threshold.shape, law.constant.shape)
+    distribution = detection_distribution(target_mean, seen, background_mean, background_cov)
+    lead = np.broadcast_shapes(threshold.shape, distribution.constant.shape)
     scatter = np.broadcast_to(-threshold / (training - 1), lead)[..., None]
-    weights = np.concatenate([np.broadcast_to(law.weights, (*lead, dim)), scatter], axis=-1)
-    offsets = np.concatenate([np.broadcast_to(law.offsets, (*lead, dim)), np.zeros((*lead, 1))], axis=-1)
+    weights = np.concatenate([np.broadcast_to(distribution.weights, (*lead, dim)), scatter], axis=-1)
+    offsets = np.concatenate([np.broadcast_to(distribution.offsets, (*lead, dim)), np.zeros((*lead, 1))], axis=-1)
     degrees = np.append(np.ones(dim), float(training - dim))
-    tails = tail_probabilities(0.0, weights, offsets, degrees=degrees, constant=law.constant, tolerance=tolerance)
-    return tails, law.condition
+    tails = tail_probabilities(
+        0.0, weights, offsets, degrees=degrees, constant=distribution.constant, tolerance=tolerance
+    )
+    return tails, distribution.condition

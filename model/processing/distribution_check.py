@@ -1,4 +1,4 @@
-"""Whether the DoLP of a region's pixels follows the law that the region's own Stokes moments give."""
+"""Whether the DoLP of a region's pixels follows the distribution that the region's own Stokes moments give."""
 
 from dataclasses import dataclass
 
@@ -18,16 +18,18 @@ _TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawCheck:
-    """One statistic of the pixels' DoLP by the law and by the pixels, and the standard error of the difference."""
+class DistributionCheck:
+    """One statistic of the pixels' DoLP, by the distribution and by the pixels, with the error of the difference."""
 
     predicted: float
     measured: float
     std_error: float
 
 
-def check_dolp_law(frame_stokes: ArrayLike, mean_stokes: ArrayLike, added_cov: ArrayLike) -> dict[str, LawCheck]:
-    """Return mean, deviation and SNR of the pixels' DoLP beside what the Gaussian law makes of their Stokes moments.
+def check_dolp_distribution(
+    frame_stokes: ArrayLike, mean_stokes: ArrayLike, added_cov: ArrayLike
+) -> dict[str, DistributionCheck]:
+    """Return mean, deviation and SNR of the pixels' DoLP beside those of the Gaussian distribution of their moments.
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ def check_dolp_law(frame_stokes: ArrayLike, mean_stokes: ArrayLike, added_cov: A
     Raises
     ------
     ValueError
-        The law has no moments: S0 is not bounded away from zero.
+        The distribution has no moments: S0 is not bounded away from zero.
 
     Notes
     -----
@@ -61,14 +63,14 @@ def check_dolp_law(frame_stokes: ArrayLike, mean_stokes: ArrayLike, added_cov: A
     frame, mean = np.asarray(frame_stokes, dtype=np.float64), np.asarray(mean_stokes, dtype=np.float64)
     moments = _pack(mean.mean(axis=1), np.cov(mean, bias=True))
     added = np.asarray(added_cov, dtype=np.float64)
-    law = _law(moments, added)
-    influence_of_law = _influence_on_moments(mean, moments).T @ _gradient(moments, added).T
+    distribution = _distribution(moments, added)
+    influence_of_moments = _influence_on_moments(mean, moments).T @ _gradient(moments, added).T
     values = np.asarray(degree_of_polarization(frame.T))
     found = _statistics(float(values.mean()), float(values.std()))
-    influence = _influence_on_statistics(values) - influence_of_law
+    influence = _influence_on_statistics(values) - influence_of_moments
     errors = influence.std(axis=0) / np.sqrt(values.size)
     return {
-        name: LawCheck(predicted=float(law[k]), measured=float(found[k]), std_error=float(errors[k]))
+        name: DistributionCheck(predicted=float(distribution[k]), measured=float(found[k]), std_error=float(errors[k]))
         for k, name in enumerate(("mean", "std", "snr"))
     }
 
@@ -77,11 +79,11 @@ def _statistics(mean: float, std: float) -> FloatArray:
     return np.array([mean, std, mean / std])
 
 
-def _law(packed: FloatArray, added: FloatArray) -> FloatArray:
-    law = dolp.moments(packed[:3], _unpack_cov(packed) + added, tolerance=_TOLERANCE)
-    if not bool(law.exists):
-        raise ValueError(f"mean and deviation of the pixels' DoLP do not exist: {law.reason}")
-    return _statistics(float(law.mean), float(law.std))
+def _distribution(packed: FloatArray, added: FloatArray) -> FloatArray:
+    distribution = dolp.moments(packed[:3], _unpack_cov(packed) + added, tolerance=_TOLERANCE)
+    if not bool(distribution.exists):
+        raise ValueError(f"mean and deviation of the pixels' DoLP do not exist: {distribution.reason}")
+    return _statistics(float(distribution.mean), float(distribution.std))
 
 
 def _pack(mean: FloatArray, cov: FloatArray) -> FloatArray:
@@ -111,12 +113,12 @@ def _influence_on_statistics(values: FloatArray) -> FloatArray:
 
 
 def _gradient(packed: FloatArray, added: FloatArray) -> FloatArray:
-    """Return the derivative of the law's three statistics by the nine moments, shape (3, 9)."""
+    """Return the derivative of the distribution's three statistics by the nine moments, shape (3, 9)."""
     deviations = np.sqrt(np.diag(_unpack_cov(packed) + added))
     scales = np.concatenate([deviations, [deviations[i] * deviations[j] for i, j in _FREE]])
     columns = []
     for k, scale in enumerate(scales):
         step = np.zeros(9)
         step[k] = _STEP * scale
-        columns.append((_law(packed + step, added) - _law(packed - step, added)) / (2.0 * step[k]))
+        columns.append((_distribution(packed + step, added) - _distribution(packed - step, added)) / (2.0 * step[k]))
     return np.stack(columns, axis=1)

@@ -1,4 +1,4 @@
-"""Degree of linear polarization of Gaussian Stokes parameters: moments to a stated tolerance, and its law.
+"""Degree of linear polarization of Gaussian Stokes parameters: moments to a stated tolerance, and its distribution.
 
 Stokes parameters are on the last axis; all leading axes broadcast. DoLP is the naive one, sqrt(S1^2 + S2^2) / S0 of
 the noisy Stokes parameters: biased upward and above 1 with some probability.
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.moments import checked_pair
-from model.processing.dolp_distribution.distribution import cdf, law_tails, pdf, probability_above
+from model.processing.dolp_distribution.distribution import cdf, distribution_tails, pdf, probability_above
 from model.processing.dolp_distribution.existence import Ambiguity, always_existing, ambiguity
 from model.processing.dolp_distribution.frame import DolpFrame, dolp_frame
 from model.processing.dolp_distribution.moment_expansion import Expansion, first_order, second_order
@@ -21,8 +21,8 @@ __all__ = [
     "DolpMoments",
     "always_existing",
     "cdf",
+    "distribution_tails",
     "first_order",
-    "law_tails",
     "moments",
     "pdf",
     "probability_above",

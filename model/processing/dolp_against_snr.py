@@ -73,8 +73,8 @@ def dolp_against_snr(
 
     Notes
     -----
-    Shot noise only. The draws are Poisson counts and the law is Gaussian: they differ where a channel holds few
-    electrons, which is at the lowest ratios.
+    Shot noise only. The draws are Poisson counts and the distribution is Gaussian: they differ where a channel holds
+    few electrons, which is at the lowest ratios.
 
     Raises
     ------

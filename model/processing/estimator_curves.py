@@ -1,4 +1,4 @@
-"""Inverted Rice laws: the true length behind a measured one, in units of the noise, tabulated once.
+"""Inverted Rice distributions: the true length behind a measured one, in units of the noise, tabulated once.
 
 Each estimator inverts one curve between the true length v and the measured one r, both over the standard
 deviation of a component. In u = 1/r^2 the ratio (v/r)^2 falls smoothly from 1 at u = 0 to 0 at the largest u that
@@ -67,7 +67,7 @@ def _square_of_mean(measured: FloatArray) -> FloatArray:
 
 
 def mean_length(square: FloatArray) -> FloatArray:
-    """Return the mean of the Rice law whose true length has this square.
+    """Return the mean of the Rice distribution whose true length has this square.
 
     References
     ----------

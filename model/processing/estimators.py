@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 Estimator = Literal["naive", "asymptotic", "wardle_kronberg", "maximum_likelihood", "mean", "median", "mas"]
 ESTIMATORS: tuple[Estimator, ...] = get_args(Estimator)
 
-_REACH = 13.0  # standard deviations; the Rice law beyond holds less than 1e-36
+_REACH = 13.0  # standard deviations; the Rice distribution beyond holds less than 1e-36
 _PANELS = 16
 _NODES = 20
 
@@ -102,8 +102,8 @@ def bias_and_rms(estimator: Estimator, true_snr_values: ArrayLike) -> EstimatorE
 
     Notes
     -----
-    Gauss-Legendre quadrature over the Rice law of the measured value, r = r_0 + x^2 above the value r_0 where the
-    estimate leaves 0: most estimators rise there as the root of r - r_0.
+    Gauss-Legendre quadrature over the Rice distribution of the measured value, r = r_0 + x^2 above the value r_0 where
+    the estimate leaves 0: most estimators rise there as the root of r - r_0.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Laws of s1 = S1 / S0 and s2 = S2 / S0 given S0 > 0: ratios of correlated normal variables, exactly."""
+"""Distributions of s1 = S1 / S0 and s2 = S2 / S0 given S0 > 0: ratios of correlated normal variables, exactly."""
 
 from dataclasses import dataclass
 
@@ -19,8 +19,8 @@ _REACH = 300.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RatioLaw:
-    """Law of a normalised Stokes parameter given S0 > 0, each of the broadcast shape.
+class RatioDistribution:
+    """Distribution of a normalised Stokes parameter given S0 > 0, each of the broadcast shape.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class RatioLaw:
     density: FloatArray
 
 
-def law(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, component: int) -> RatioLaw:
+def distribution(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, component: int) -> RatioDistribution:
     """Return both tails and the density of S1 / S0 or S2 / S0 given S0 > 0.
 
     Parameters
@@ -51,7 +51,7 @@ def law(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, componen
 
     Returns
     -------
-    RatioLaw
+    RatioDistribution
         To rounding, at any signal-to-noise ratio.
 
     Raises
@@ -68,14 +68,14 @@ def law(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, componen
     ----------
     G. Marsaglia, J. Stat. Softw. 16 (2006) 4, doi:10.18637/jss.v016.i04, for the unconditional ratio.
     """
-    ratio, shift, law_shape = _ratio(stokes_mean, stokes_cov, component)
+    ratio, shift, lead_shape = _ratio(stokes_mean, stokes_cov, component)
     values = np.asarray(x, dtype=np.float64)
     if not np.all(np.isfinite(values)):
         raise ValueError("x has values that are not finite")
-    shape = np.broadcast_shapes(values.shape, law_shape)
-    index = np.broadcast_to(np.arange(shift.size).reshape(law_shape), shape).ravel()
-    found = _law(_rows(ratio, index), np.broadcast_to(values, shape).ravel() - shift[index])
-    return RatioLaw(
+    shape = np.broadcast_shapes(values.shape, lead_shape)
+    index = np.broadcast_to(np.arange(shift.size).reshape(lead_shape), shape).ravel()
+    found = _distribution(_rows(ratio, index), np.broadcast_to(values, shape).ravel() - shift[index])
+    return RatioDistribution(
         lower=found.lower.reshape(shape)[()],
         upper=found.upper.reshape(shape)[()],
         density=found.density.reshape(shape)[()],
@@ -104,18 +104,18 @@ def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, com
     Raises
     ------
     ValueError
-        If p is not between 0 and 1, or as for `law`.
+        If p is not between 0 and 1, or as for `distribution`.
 
     References
     ----------
     Definition.
     """
-    ratio, shift, law_shape = _ratio(stokes_mean, stokes_cov, component)
+    ratio, shift, lead_shape = _ratio(stokes_mean, stokes_cov, component)
     wanted = np.asarray(p, dtype=np.float64)
     if np.any(~((wanted > 0.0) & (wanted < 1.0))):
         raise ValueError(f"p runs from {np.min(wanted)} to {np.max(wanted)}; allowed is above 0 and below 1")
-    shape = np.broadcast_shapes(wanted.shape, law_shape)
-    index = np.broadcast_to(np.arange(shift.size).reshape(law_shape), shape).ravel()
+    shape = np.broadcast_shapes(wanted.shape, lead_shape)
+    index = np.broadcast_to(np.arange(shift.size).reshape(lead_shape), shape).ravel()
     found = _solve(_rows(ratio, index), np.broadcast_to(wanted, shape).ravel())
     return np.asarray((found + shift[index]).reshape(shape)[()])
 
@@ -147,10 +147,10 @@ def _rows(ratio: NormalRatio, index: NDArray[np.int64]) -> NormalRatio:
     return NormalRatio(**{name: getattr(ratio, name)[index] for name in ratio.__dataclass_fields__})
 
 
-def _law(ratio: NormalRatio, value: FloatArray) -> RatioLaw:
+def _distribution(ratio: NormalRatio, value: FloatArray) -> RatioDistribution:
     infinite = np.full_like(value, np.inf)
     lit = normal_ratio.positive(ratio)
-    return RatioLaw(
+    return RatioDistribution(
         lower=normal_ratio.between(ratio, -infinite, value) / lit,
         upper=normal_ratio.between(ratio, value, infinite) / lit,
         density=normal_ratio.density(ratio, value) / lit,
@@ -162,8 +162,10 @@ def _solve(ratio: NormalRatio, p: FloatArray) -> FloatArray:
     scale = ratio.sigma_y / np.maximum(np.abs(ratio.mean_x), ratio.sigma_x)
     centre = ratio.mean_y / np.where(ratio.mean_x == 0.0, 1.0, ratio.mean_x)
 
-    def law_at(index: NDArray[np.int64], place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        found = _law(_rows(ratio, index), centre[index] + scale[index] * np.sinh(place))
+    def distribution_at(index: NDArray[np.int64], place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        found = _distribution(_rows(ratio, index), centre[index] + scale[index] * np.sinh(place))
         return found.lower, found.upper, found.density * scale[index] * np.cosh(place)
 
-    return np.asarray(centre + scale * np.sinh(find_quantiles(law_at, p=p, start=np.zeros_like(p), reach=_REACH)))
+    return np.asarray(
+        centre + scale * np.sinh(find_quantiles(distribution_at, p=p, start=np.zeros_like(p), reach=_REACH))
+    )

@@ -1,4 +1,4 @@
-"""Mean and deviation of DoLP of few photo-electrons: the plain sum over all counts that Poisson's law allows."""
+"""Mean and deviation of DoLP of few photo-electrons: the plain sum over all Poisson counts."""
 
 from dataclasses import dataclass
 
@@ -50,8 +50,8 @@ def poisson_dolp(plan: Design, stokes_e: ArrayLike) -> PoissonDolp:
     Raises
     ------
     ValueError
-        A channel has a mean below 0, or so many electrons arrive that the sum has more than 3e7 terms; there the law
-        of Gaussian counts (`model.processing.dolp`) is exact to some 1e-4.
+        A channel has a mean below 0, or so many electrons arrive that the sum has more than 3e7 terms; there the
+        distribution of Gaussian counts (`model.processing.dolp`) is exact to some 1e-4.
 
     References
     ----------

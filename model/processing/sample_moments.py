@@ -1,7 +1,7 @@
 """What the pixels of a region say of a mean and of a deviation, each with its standard error.
 
-Every standard error here is taken from the scatter of the pixels themselves, not from an assumed law, and holds for
-pixels that are independent of each other: `effective_pixels` says how far they are.
+Every standard error here is taken from the scatter of the pixels themselves, not from an assumed distribution, and
+holds for pixels that are independent of each other: `effective_pixels` says how far they are.
 """
 
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ def deviation(values: ArrayLike) -> Sample:
     -------
     Sample
         Deviation (P - 1 in its denominator); its error from the fourth central moment m4 of the same pixels,
-        sqrt((m4 - m2^2) / P) / (2 sqrt(m2)), so that no law is assumed. Of equal values both are 0.
+        sqrt((m4 - m2^2) / P) / (2 sqrt(m2)), so that no distribution is assumed. Of equal values both are 0.
 
     References
     ----------

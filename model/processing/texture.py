@@ -75,8 +75,8 @@ def estimate_texture(
     Notes
     -----
     Standard errors come from the scatter of the products of deviations, (d_i d_j) over pixels, so they hold for any
-    law of independent pixels; the error of the noise that is taken off is not in them. A region that served for this
-    estimate does not test it: use another half or another run.
+    distribution of independent pixels; the error of the noise that is taken off is not in them. A region that served
+    for this estimate does not test it: use another half or another run.
 
     References
     ----------

@@ -39,7 +39,7 @@ def with_surroundings(
     ----------
     Definition; for the split of direct and diffuse transmittance Kaufman, J. Geophys. Res. 84 (1979) 3165.
     """
-    received = illumination.beam_irradiance + illumination.sky_irradiance
+    received = illumination.direct_horizontal_irradiance + illumination.sky_irradiance
     radiance = (surround_albedo - ground_albedo) / np.pi * received
     return replace(light, lights=tuple(_mixed(one, radiance) for one in light.lights))
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.scene.diffuse_radiance import Skylight
-from model.scene.hemisphere import TOLERANCE, Rules, reflected_by_rules, reflected_skylight
+from model.scene.diffuse_radiance import DiffuseRadiance
+from model.scene.hemisphere import TOLERANCE, Rules, reflected_by_rules, reflected_diffuse
 from model.scene.illumination import Illumination
 from model.scene.panel_light import PanelLight
 from model.scene.view import View
@@ -141,11 +141,11 @@ def aperture_lights(
 
 
 def _sky_part(
-    panel: PanelLight, light: Skylight, tolerance: float, rules: Rules | None
+    panel: PanelLight, light: DiffuseRadiance, tolerance: float, rules: Rules | None
 ) -> tuple[FloatArray, FloatArray, Rules]:
     """Reflected skylight (V, 3), its error (V,) and its rules."""
     if rules is not None:
         stokes = reflected_by_rules(panel, light, rules)
         return stokes, rules.error * stokes[:, 0], rules
-    found = reflected_skylight(panel, light, tolerance=tolerance)
+    found = reflected_diffuse(panel, light, tolerance=tolerance)
     return found.stokes, found.error, found.rules

@@ -43,7 +43,7 @@ class Nodes:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Skylight:
+class DiffuseRadiance:
     """All light on a target but the beam: the sky above the horizon, and a Lambertian ground below it.
 
     Attributes

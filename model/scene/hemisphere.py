@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.scene.diffuse_radiance import Skylight
+from model.scene.diffuse_radiance import DiffuseRadiance
 from model.scene.panel_light import PanelLight
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Rules:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ReflectedSkylight:
+class ReflectedDiffuse:
     """Skylight that a panel sends to V cameras.
 
     Attributes
@@ -58,7 +58,7 @@ class ReflectedSkylight:
     rules: Rules
 
 
-def reflected_skylight(panel: PanelLight, light: Skylight, *, tolerance: float = TOLERANCE) -> ReflectedSkylight:
+def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: float = TOLERANCE) -> ReflectedDiffuse:
     """Return the skylight that a panel reflects to cameras, and its estimated error.
 
     Parameters
@@ -92,22 +92,22 @@ def reflected_skylight(panel: PanelLight, light: Skylight, *, tolerance: float =
     s0 = stokes[:, 0]
     of_rules = np.divide(lobe.order_error + diffuse.order_error, s0, out=np.zeros_like(s0), where=s0 > 0.0)
     beside = light.relative_error + (0.0 if panel.is_level else _TAIL)
-    return ReflectedSkylight(
+    return ReflectedDiffuse(
         stokes=stokes,
         error=lobe.error + diffuse.error + beside * s0,
         rules=Rules(lobe=lobe.order, diffuse=diffuse.order, error=float(np.max(of_rules)) + beside),
     )
 
 
-def reflected_by_rules(panel: PanelLight, light: Skylight, rules: Rules) -> FloatArray:
+def reflected_by_rules(panel: PanelLight, light: DiffuseRadiance, rules: Rules) -> FloatArray:
     """Return the skylight that a panel reflects to cameras, by given rules: no refinement, no error.
 
     Parameters
     ----------
     panel, light
-        As in `reflected_skylight`.
+        As in `reflected_diffuse`.
     rules
-        As a `ReflectedSkylight` of a similar view names them.
+        As a `ReflectedDiffuse` of a similar view names them.
 
     Returns
     -------

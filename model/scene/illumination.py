@@ -6,7 +6,7 @@ import numpy as np
 
 from model.atmosphere.lighting.lighting import Lighting
 from model.quadrature import gauss_legendre
-from model.scene.diffuse_radiance import Skylight
+from model.scene.diffuse_radiance import DiffuseRadiance
 from model.scene.sky import Sky
 
 # Largest zenith angle of the sun for which a plane-parallel atmosphere holds [rad].
@@ -31,13 +31,13 @@ class Illumination:
     """
 
     lighting: Lighting
-    skylight: Skylight
+    skylight: DiffuseRadiance
     sky_irradiance: float
     sun_zenith_rad: float
     sun_azimuth_rad: float
 
     @property
-    def beam_irradiance(self) -> float:
+    def direct_horizontal_irradiance(self) -> float:
         """Of the beam on level ground [W m-2]."""
         return self.lighting.direct_irradiance * float(np.cos(self.sun_zenith_rad))
 
@@ -83,7 +83,7 @@ def illuminate(
     seen = lighting.sky if sky is None else sky
     from_sky = _sky_irradiance(seen)
     received = from_sky + lighting.direct_irradiance * float(np.cos(sun_zenith_rad))
-    skylight = Skylight(
+    skylight = DiffuseRadiance(
         sky=seen,
         sun_azimuth_rad=sun_azimuth_rad,
         ground_radiance=ground_albedo / np.pi * received,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
@@ -35,7 +35,7 @@ class Air:
         0 to 85 deg [rad].
     band
         Spectrum of the sun at its actual distance, with the sensor's response.
-    tier
+    fidelity
         ANALYTIC, SINGLE and TABLE are models of their own; FAST and STANDARD are one, to different accuracy, and the
         numerical settings alone say to which.
     aerosol
@@ -45,9 +45,9 @@ class Air:
     ground_albedo
         Of the ground around, 0 to 1.
     dolp_max
-        Largest degree of polarization of the sky; tier ANALYTIC alone uses it.
+        Largest degree of polarization of the sky; fidelity ANALYTIC alone uses it.
     table
-        The light of a table; None for all other tiers.
+        The light of a table; None for all other fidelity levels.
     alternative, share
         Another air that it might as well be, and how much of its light is taken
         (`model.atmosphere.lighting.mixed_lighting`); None for none.
@@ -55,7 +55,7 @@ class Air:
 
     sun_zenith_rad: float
     band: SolarBand
-    tier: Tier
+    fidelity: Fidelity
     aerosol: AerosolKind
     state: AtmosphereState | None
     ground_albedo: float
@@ -67,13 +67,13 @@ class Air:
     @property
     def is_solved(self) -> bool:
         """Whether light scattered more than once is computed."""
-        return self.tier in (Tier.FAST, Tier.STANDARD)
+        return self.fidelity in (Fidelity.FAST, Fidelity.STANDARD)
 
     @property
     def key(self) -> tuple[object, ...]:
         """Equal for two airs of the same light; hashable."""
         band = (self.band.wavelength_m, self.band.irradiance_w_per_m3, self.band.response)
-        model = "solved" if self.is_solved else self.tier
+        model = "solved" if self.is_solved else self.fidelity
         same = (self.sun_zenith_rad, model, self.aerosol, self.state, self.ground_albedo, self.dolp_max)
         other = None if self.alternative is None else (self.alternative.key, self.share)
         return (*same, *(array.tobytes() for array in band), None if self.table is None else id(self.table), other)

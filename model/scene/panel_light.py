@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import geometry
-from model.scene.diffuse_radiance import Nodes, Skylight, hemisphere_nodes, nodes_toward
+from model.scene.diffuse_radiance import DiffuseRadiance, Nodes, hemisphere_nodes, nodes_toward
 from model.scene.view import View
 from model.stokes import rotate_frame
 from model.surface.facet_quadrature import facet_nodes
@@ -80,7 +80,7 @@ class PanelLight:
         on_panel = irradiance * np.maximum(np.cos(local.theta_i_rad), 0.0)
         return self._to_cameras(on_panel[:, np.newaxis] * mueller[:, :, 0])
 
-    def lobe(self, light: Skylight, order: int) -> FloatArray:
+    def lobe(self, light: DiffuseRadiance, order: int) -> FloatArray:
         """Return the skylight that the lobe reflects, shape (V, 3) [W m-2 sr-1].
 
         Parameters
@@ -108,7 +108,7 @@ class PanelLight:
             found += self._sums(nodes, incident, seen_by, specular=True)
         return self._to_cameras(found)
 
-    def diffuse(self, light: Skylight, order: int) -> FloatArray:
+    def diffuse(self, light: DiffuseRadiance, order: int) -> FloatArray:
         """Return the skylight that the diffuse term reflects, shape (V, 3) [W m-2 sr-1].
 
         Parameters

@@ -12,7 +12,7 @@ from model.accuracy.estimates.light_error import light_errors
 from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
-from model.accuracy.planning.numerical_settings import KNOBS, WAVELENGTHS, Plan, settings_at
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
 from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
 from model.prediction.rig_errors import predict_with_errors
 from model.scene.lit_scene import LitScene
@@ -118,7 +118,7 @@ def accuracy_curves(
     truth = _readings(reference)
     points = [_of_chain(found, truth) for found in predictions]
     middle = predictions[(len(predictions) - 1) // 2]
-    for knob in KNOBS:
+    for knob in NUMERICAL_SETTINGS:
         yield knob
         points += _of_knob(scene, knob, middle, truth, clock)
     yield Curves(
@@ -131,7 +131,7 @@ def accuracy_curves(
 
 def steps(tolerances: Sequence[float]) -> int:
     """Return how many steps `accuracy_curves` takes."""
-    return len(tolerances) + len(KNOBS) + 2
+    return len(tolerances) + len(NUMERICAL_SETTINGS) + 2
 
 
 def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
@@ -149,7 +149,7 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
     inputs, store = predictor.inputs, LightStore()
     deviations = np.sqrt(np.diag(inputs.cov))
     used = np.flatnonzero(deviations > 0.0)
-    coarse = settings_at(dict.fromkeys(KNOBS, 0), 1e-2)
+    coarse = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 1e-2)
 
     def at(scene: Scene) -> dict[Reading, Value]:
         result, errors = evaluate(predictor.lit_scene(scene), coarse, store=store), rig_errors(scene)
@@ -177,7 +177,7 @@ def _slope(value: Value, above: Value | None, below: Value | None, step: float) 
 
 def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePoint:
     true = differences(_readings(found.result), truth)
-    promised = [key for key in true if key not in found.not_promised]
+    promised = [key for key in true if key not in found.not_guaranteed]
     largest = max((true[key] for key in promised), default=np.nan)
     return CurvePoint(
         knob=WHOLE_CHAIN,
@@ -196,7 +196,7 @@ def _of_knob(
 
     The others are finer than the plan has them, so that what they leave does not show in the curve.
     """
-    top = min(middle.plan[knob] + 2, len(KNOBS[knob].levels) - 1)
+    top = min(middle.plan[knob] + 2, len(NUMERICAL_SETTINGS[knob].levels) - 1)
     levels = range(max(middle.plan[knob] - _BELOW, 0), top + 1)
     others = _finer(middle.plan)
     found = [_at_level(scene, {**others, knob: level}, middle.tolerance, clock) for level in levels]
@@ -207,7 +207,7 @@ def _of_knob(
         points.append(
             CurvePoint(
                 knob=knob,
-                setting=KNOBS[knob].levels[level].label,
+                setting=NUMERICAL_SETTINGS[knob].levels[level].label,
                 seconds=sum(result.stage_s.values()),
                 true=_largest(own, truth),
                 whole=_largest(own, whole),
@@ -229,13 +229,13 @@ def _at_level(
     result = evaluate(scene, settings_at(plan, tolerance, face_m=scene.sensor_height_m), store=store, clock=clock)
     lights = light_errors(scene, plan, result, store, tolerance=tolerance)
     budget = error_budget(scene, result, lights, tolerance=tolerance)
-    return result, {knob: dict(errors) for knob, errors in budget.by_knob.items()}
+    return result, {knob: dict(errors) for knob, errors in budget.by_setting.items()}
 
 
 def _finer(plan: Plan) -> dict[str, int]:
     """Return a plan one level finer in each knob, the wavelengths two: about a tenth of the errors that count."""
-    more = dict.fromkeys(KNOBS, 1) | {WAVELENGTHS: 2}
-    return {name: min(plan[name] + more[name], len(knob.levels) - 1) for name, knob in KNOBS.items()}
+    more = dict.fromkeys(NUMERICAL_SETTINGS, 1) | {WAVELENGTHS: 2}
+    return {name: min(plan[name] + more[name], len(knob.levels) - 1) for name, knob in NUMERICAL_SETTINGS.items()}
 
 
 def _readings(result: ChainResult) -> dict[Reading, Value]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from model.prediction.prediction import RegionPrediction, predict_region
 from model.processing.agreement import propagate_inputs
-from model.processing.distribution_check import check_dolp_law
+from model.processing.distribution_check import check_dolp_distribution
 from model.processing.sample_moments import Sample, deviation
 from model.sensor.channels import ChannelMoments
 from rigctl.calibrations.noise.noise_file import NoiseParameters
@@ -147,7 +147,7 @@ class _RegionLoop:
         if not self._law_rows_exist():
             return
         inflation = self._region.pixels / self._region.independent_pixels
-        checks = check_dolp_law(self._region.stokes_pixels, self._texture_pixels, self._added)
+        checks = check_dolp_distribution(self._region.stokes_pixels, self._texture_pixels, self._added)
         places = {"mean": ("dolp_pixels", "mean"), "std": ("dolp_pixels", "std"), "snr": ("dolp_snr", "mean")}
         for name, check in checks.items():
             quantity, statistic = places[name]

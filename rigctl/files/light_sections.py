@@ -7,7 +7,7 @@ from pydantic import AfterValidator, AwareDatetime, Field, model_validator
 
 from model.atmosphere.aerosol.choice import AerosolChoice
 from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.field_of_view import TileRule
 from rigctl.config import NotNegative, Positive, Section, Uncertain
@@ -126,7 +126,7 @@ class AtmosphereSection(Section):
     it is below and above 2 km; `own_aerosol` and `own_upper_aerosol`, spheres of one's own, take the place of these.
     """
 
-    tier: Tier = Tier.STANDARD
+    tier: Fidelity = Fidelity.STANDARD
     visibility_km: Positive | None = None
     aerosol_optical_depth: NotNegative | None = None
     measured_depths: tuple[MeasuredDepthSection, MeasuredDepthSection] | None = None
@@ -159,9 +159,9 @@ class AtmosphereSection(Section):
     def _one_source(self) -> "AtmosphereSection":
         sources = ("visibility_km", "aerosol_optical_depth", "measured_depths", "table")
         given = [name for name in sources if getattr(self, name) is not None]
-        if self.tier is Tier.TABLE and given != ["table"]:
+        if self.tier is Fidelity.TABLE and given != ["table"]:
             raise ValueError("tier 'table' needs table = \"FILE.npz\", and neither visibility_km nor an optical depth")
-        if self.tier is not Tier.TABLE and (len(given) != 1 or self.table is not None):
+        if self.tier is not Fidelity.TABLE and (len(given) != 1 or self.table is not None):
             raise ValueError(
                 f"tier '{self.tier}' needs exactly one of visibility_km, aerosol_optical_depth and measured_depths"
             )
@@ -173,7 +173,7 @@ class AtmosphereSection(Section):
             raise ValueError("measured_depths say the angstrom_exponent too; leave it out")
         if self.measured_depths is not None and len({one.wavelength_nm for one in self.measured_depths}) != 2:
             raise ValueError("measured_depths need two different wavelengths")
-        if self.tier is Tier.TABLE and (self.alternative or self.own_aerosol or self.own_upper_aerosol):
+        if self.tier is Fidelity.TABLE and (self.alternative or self.own_aerosol or self.own_upper_aerosol):
             raise ValueError(
                 "tier 'table' has its own aerosol: leave out alternative, own_aerosol and own_upper_aerosol"
             )

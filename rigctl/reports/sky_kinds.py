@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.transfer.phase import AerosolKind
 from rigctl.choices import Engine
 from rigctl.errors import ConfigError
@@ -47,7 +47,7 @@ def skies_of_kinds(scene: SceneFile, *, engine: Engine = "own") -> Iterator[SkyO
         The scene's sky is a table, which has one aerosol, or cannot be computed.
     """
     own = scene.atmosphere
-    if own is None or own.tier is Tier.TABLE:
+    if own is None or own.tier is Fidelity.TABLE:
         raise ConfigError(f"--compare-aerosols: {scene.name} has no atmosphere that is computed; a table's sky is one")
     for label, air in _kinds(own):
         changed = scene.model_copy(update={"atmosphere": air.model_copy(update={"alternative": None})})

@@ -135,11 +135,11 @@ def _sheet(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -
         name=name,
         zenith_deg=_ZENITH_DEG,
         azimuth_deg=_AZIMUTH_DEG,
-        stokes=illumination.skylight.sky(zenith_rad=np.deg2rad(_ZENITH_DEG)[:, np.newaxis], phi_rad=phi_rad),
+        stokes=illumination.diffuse_radiance.sky(zenith_rad=np.deg2rad(_ZENITH_DEG)[:, np.newaxis], phi_rad=phi_rad),
         sun_zenith_deg=float(np.degrees(illumination.sun_zenith_rad)),
         sun_azimuth_deg=float(np.degrees(illumination.sun_azimuth_rad)) % 360.0,
         direct_irradiance=illumination.lighting.direct_irradiance,
         sky_irradiance=illumination.sky_irradiance,
-        relative_error=illumination.skylight.relative_error,
+        relative_error=illumination.diffuse_radiance.relative_error,
         remarks=remarks,
     )

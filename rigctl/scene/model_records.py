@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.evaluation.settings import Settings, settings_of_tier
+from model.accuracy.evaluation.settings import Settings, settings_of_fidelity
 from model.atmosphere.aerosol.angstrom import angstrom_law
 from model.atmosphere.aerosol.choice import AerosolChoice
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import AtmosphereState
 from model.scene.field_of_view import FieldPart, part_of_picture, whole_field
 from model.scene.lit_scene import LitRegion
@@ -55,7 +55,7 @@ def sky_request(scene: Scene) -> SkyRequest:
         response=band_points(scene.sensor, scene.name),
         tier=air.tier,
         aerosol=air.aerosol,
-        state=None if air.tier is Tier.TABLE else _state(air, lower=air.lower, upper=air.upper),
+        state=None if air.tier is Fidelity.TABLE else _state(air, lower=air.lower, upper=air.upper),
         alternative=_alternative(air),
         ground_albedo=air.ground_albedo.value,
         wavelengths=air.wavelengths,
@@ -98,8 +98,8 @@ def sun_azimuth_rad(scene: Scene) -> float:
 def settings_of(scene: Scene) -> Settings:
     """Return the numerical settings that a scene file states, without a tolerance."""
     air, field = scene.atmosphere, scene.field_of_view
-    settings = settings_of_tier(
-        Tier.STANDARD if air is None else air.tier, wavelengths=4 if air is None else air.wavelengths
+    settings = settings_of_fidelity(
+        Fidelity.STANDARD if air is None else air.tier, wavelengths=4 if air is None else air.wavelengths
     )
     if field is None:
         return settings

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from model.accuracy.evaluation.light_store import LightStore
-from model.atmosphere.lighting.fidelity import TIERS
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS
 from model.atmosphere.profile import column
 from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.transfer.phase import AerosolKind
@@ -95,7 +95,7 @@ class SceneLight:
 
 
 def _of_atmosphere(air: AtmosphereSection, request: SkyRequest) -> Iterable[str]:
-    facts = TIERS[air.tier]
+    facts = FIDELITY_LEVELS[air.tier]
     if request.state is None:
         yield f"atmosphere: tier table ({facts.accuracy}), from {air.table}; its optical depth is the table's own"
         return

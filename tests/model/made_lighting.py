@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.atmosphere.lighting.analytic_sky import analytic_sky
-from model.scene.diffuse_radiance import Skylight
+from model.scene.diffuse_radiance import DiffuseRadiance
 
 SUN_AZIMUTH_RAD = np.radians(200.0)
 
@@ -29,7 +29,7 @@ def even_sky(*, zenith_rad, phi_rad):
 
 
 def skylight(sky=None, **changes):
-    return Skylight(sky=polarized_sky() if sky is None else sky, sun_azimuth_rad=SUN_AZIMUTH_RAD, **changes)
+    return DiffuseRadiance(sky=polarized_sky() if sky is None else sky, sun_azimuth_rad=SUN_AZIMUTH_RAD, **changes)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ exact SNR of unpolarised light. docs/paper-statements.md has all of them with th
 import numpy as np
 import pytest
 
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.processing.detection import rx_p_detection
 from rigctl.config import Uncertain
 from rigctl.files.scene_file import load_scene
@@ -51,7 +51,7 @@ class Airborne:
         scene = load_scene(EXAMPLES / "scene-airborne.toml")
         none = (Uncertain(value=0.0),) * 3
         road = scene.regions[1].model_copy(update={"texture_diagonal": none})
-        air = scene.atmosphere.model_copy(update={"tier": Tier.FAST})
+        air = scene.atmosphere.model_copy(update={"tier": Fidelity.FAST})
         field = scene.field_of_view.model_copy(update={"tiles_per_side": 4})
         light = SceneLight(store)
         whole = scene.model_copy(

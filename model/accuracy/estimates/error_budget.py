@@ -1,4 +1,4 @@
-"""From errors of the light to errors of what a user reads: per knob, and their sum."""
+"""From errors of the light to errors of what a user reads: per setting, and their sum."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -29,18 +29,18 @@ class Budget:
 
     Attributes
     ----------
-    by_knob
-        Knob to reading to error; readings that a knob does not touch are left out.
+    by_setting
+        Setting to reading to error; readings that a setting does not touch are left out.
     total
-        Reading to the sum over the knobs: all are of one kind, may have one sign, and are added as they are.
+        Reading to the sum over the settings: all are of one kind, may have one sign, and are added as they are.
     """
 
-    by_knob: Mapping[str, Mapping[Reading, float]]
+    by_setting: Mapping[str, Mapping[Reading, float]]
     total: Mapping[Reading, float]
 
-    def worst(self, knob: str) -> float:
-        """Return the largest error of a knob."""
-        return max(self.by_knob.get(knob, {}).values(), default=0.0)
+    def worst(self, setting: str) -> float:
+        """Return the largest error of a setting."""
+        return max(self.by_setting.get(setting, {}).values(), default=0.0)
 
 
 def error_budget(
@@ -53,7 +53,7 @@ def error_budget(
     scene, result
         What was evaluated, and what was found.
     lights
-        Knob to region to the error of its light.
+        Setting to region to the error of its light.
     tolerance
         That is asked for.
 
@@ -61,23 +61,23 @@ def error_budget(
     ----------
     Definition: first order in the errors of the light, whose signs are not known.
     """
-    by_knob: dict[str, dict[Reading, float]] = {knob: defaultdict(float) for knob in lights}
+    by_setting: dict[str, dict[Reading, float]] = {setting: defaultdict(float) for setting in lights}
     for region in result.scenario.regions:
         if region.name not in result.lights:
             continue
-        errors = {knob: of_region[region.name] for knob, of_region in lights.items() if region.name in of_region}
-        for knob, found in _of_region(scene, result, region, errors, tolerance=tolerance):
-            _add(by_knob[knob], found)
-    by_knob |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
+        errors = {setting: of_region[region.name] for setting, of_region in lights.items() if region.name in of_region}
+        for setting, found in _of_region(scene, result, region, errors, tolerance=tolerance):
+            _add(by_setting[setting], found)
+    by_setting |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
     every = readings(result.scenario, result.predictions, result.detections)
-    total = {key: sum(errors.get(key, 0.0) for errors in by_knob.values()) for key in every}
-    return Budget(by_knob={knob: dict(errors) for knob, errors in by_knob.items()}, total=total)
+    total = {key: sum(errors.get(key, 0.0) for errors in by_setting.values()) for key in every}
+    return Budget(by_setting={setting: dict(errors) for setting, errors in by_setting.items()}, total=total)
 
 
 def _of_region(
     scene: LitScene, result: ChainResult, region: RegionLight, errors: Mapping[str, LightError], *, tolerance: float
 ) -> Iterator[tuple[str, Changes]]:
-    """Yield knobs and what they change: by their errors, by what differs of these over the field, and by the tiles."""
+    """Yield settings and their changes: by their errors, by the differences of these over the field, by the tiles."""
     differ = sum((error.field for error in errors.values()), np.zeros(3))
     stepped = steps(region, tolerance=tolerance)
     others: dict[str, RegionLight] = {}
@@ -88,11 +88,11 @@ def _of_region(
     found = changes(scene, result, region.name, (*stepped.lights, *others.values()))
     moves = stepped.per_unit(found[: len(stepped.lights)])
     changed = dict(zip(others, found[len(stepped.lights) :], strict=True))
-    for knob, error in errors.items():
-        yield knob, _moved(moves, error)
+    for setting, error in errors.items():
+        yield setting, _moved(moves, error)
         if np.any(error.field):
             share = float(np.mean((error.field / differ)[differ > 0.0]))
-            yield knob, {key: share * abs(change) for key, change in changed[_WIDER].items()}
+            yield setting, {key: share * abs(change) for key, change in changed[_WIDER].items()}
     if TILES in changed:
         yield TILES, {key: _OF_MORE_TILES * abs(change) for key, change in changed[TILES].items()}
 
@@ -118,7 +118,7 @@ def _moved(moves: tuple[Changes, ...], error: LightError) -> Changes:
 
 
 def _of_dolp(result: ChainResult) -> dict[Reading, float]:
-    """Return what the law of DoLP says of itself."""
+    """Return what the distribution of DoLP says of itself."""
     found = {}
     for name, one in result.predictions.items():
         numbers = one.quantities.get("dolp_pixels")

@@ -1,4 +1,4 @@
-"""Estimated error of the light of each region, knob by knob."""
+"""Estimated error of the light of each region, setting by setting."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.accuracy.estimates.lines_of_sight import LinesOfSight, lines_of_sight
-from model.accuracy.estimates.refined_reference import Pair, companions, ends_of_band
+from model.accuracy.estimates.refined_reference import Pair, ends_of_band, refined_references
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import Settings
-from model.accuracy.planning.numerical_settings import HEMISPHERE, KNOBS, SKY_GRID, WAVELENGTHS, Plan
+from model.accuracy.planning.numerical_settings import HEMISPHERE, NUMERICAL_SETTINGS, SKY_GRID, WAVELENGTHS, Plan
 from model.accuracy.planning.spectral_error import SpectralError, spectral_error
 from model.scene.aperture_radiance import ApertureLight
 from model.scene.field_light import FieldLight, Source
@@ -72,7 +72,7 @@ _NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=np.zeros(3))
 def light_errors(
     scene: LitScene, plan: Plan, result: ChainResult, store: LightStore, *, tolerance: float
 ) -> dict[str, dict[str, LightError]]:
-    """Return knob to region to the estimated error of its light, but for the tiles.
+    """Return setting to region to the estimated error of its light, but for the tiles.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def light_errors(
     result
         What was found.
     store
-        Solves the companions.
+        Solves the refined references.
     tolerance
         That is asked for; what is far below it need not be looked at closely.
 
@@ -91,12 +91,12 @@ def light_errors(
     ----------
     Definition.
     """
-    found: dict[str, dict[str, LightError]] = {knob: {} for knob in KNOBS}
+    found: dict[str, dict[str, LightError]] = {setting: {} for setting in NUMERICAL_SETTINGS}
     if result.illumination is None or scene.air is None:
         return found
     lighting = result.illumination.lighting
-    pairs = companions(scene.air, plan, result.settings, lighting, store)
-    skies = {knob: _difference(pair) for knob, pair in pairs.items()}
+    pairs = refined_references(scene.air, plan, result.settings, lighting, store)
+    skies = {setting: _difference(pair) for setting, pair in pairs.items()}
     skies_of_ends = tuple(end.sky for end in ends_of_band(lighting))
     grid = _Grid(skies=skies_of_ends, settings=result.settings, illumination=result.illumination)
     for region in scene.regions:
@@ -104,8 +104,8 @@ def light_errors(
             continue
         light = result.lights[region.name]
         lines = lines_of_sight(scene, region, light)
-        for knob, pair in pairs.items():
-            found[knob][region.name] = _between(pair, skies[knob], lines, scene.source)
+        for setting, pair in pairs.items():
+            found[setting][region.name] = _between(pair, skies[setting], lines, scene.source)
         if scene.air.state is not None:
             found[WAVELENGTHS][region.name] = _of_wavelengths(scene.air, result.settings, lines, scene.source)
         found[SKY_GRID][region.name] = _of_grid(grid, light, lines, scene.source, tolerance=tolerance)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from model.atmosphere.lighting.lighting import Lighting
 from model.scene.aperture_radiance import ApertureLight
-from model.scene.diffuse_radiance import Skylight
+from model.scene.diffuse_radiance import DiffuseRadiance
 from model.scene.field_light import FieldLight
 from model.scene.hemisphere import reflected_by_rules
 from model.scene.lit_scene import LitRegion, LitScene
@@ -54,7 +54,7 @@ class LinesOfSight:
         if self.region.surface is None or self.region.tilt is None:
             raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
         panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, views=self._views)
-        skylight = Skylight(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
+        skylight = DiffuseRadiance(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
         stokes = reflected_by_rules(panel, skylight, self.lights[0].rules)
         through = np.array([light.transmittance for light in self.lights])
         return rotate_frame(through[:, np.newaxis] * stokes, self._roll_rad)

@@ -1,4 +1,4 @@
-"""Pairs of lightings whose difference stands for what a knob of the sky costs; cheap beside the evaluation itself."""
+"""Refined references of a sky: pairs of lightings whose difference estimates the error of a numerical setting."""
 
 from dataclasses import dataclass, replace
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import Settings
-from model.accuracy.planning.numerical_settings import KNOBS, LAYERS, STREAMS, Plan, at_level
+from model.accuracy.planning.numerical_settings import LAYERS, NUMERICAL_SETTINGS, STREAMS, Plan, at_level
 from model.atmosphere.lighting.analytic_sky import AnalyticLighting
 from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.compute_lighting import analytic_lighting
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.mixed_lighting import MixedLighting
 from model.atmosphere.lighting.single_scattering import single_solution
@@ -21,8 +21,8 @@ from model.scene.lit_scene import Air
 # fewest streams, for with the fewest they seem to miss more. Up to this level of the layers the plan's own of both are
 # as few, for they are solved already.
 _FEW, _CHEAP = {STREAMS: 0, LAYERS: 1}, 1
-# What lies beyond the next level, in its difference from this one, by the law of the knob; and in the difference from
-# the level before, where there is no next one.
+# What lies beyond the next level, in its difference from this one, by the convergence of the setting; and in the
+# difference from the level before, where there is no next one.
 _BEYOND = {STREAMS: (1.6,) * 6, LAYERS: (4 / 3, 1.1, 1.1, 1.1, 1.1)}
 _BEFORE = {STREAMS: 0.5, LAYERS: 0.1}
 
@@ -44,8 +44,10 @@ class Pair:
     factor: float
 
 
-def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, store: LightStore) -> dict[str, Pair]:
-    """Return knob to a pair of lightings that shows its error.
+def refined_references(
+    air: Air, plan: Plan, settings: Settings, lighting: Lighting, store: LightStore
+) -> dict[str, Pair]:
+    """Return setting to a pair of lightings that shows its error.
 
     Parameters
     ----------
@@ -69,8 +71,8 @@ def companions(air: Air, plan: Plan, settings: Settings, lighting: Lighting, sto
     band = lighting.path_and_beam if isinstance(lighting, AnalyticLighting) else lighting
     if not isinstance(band, BandLighting):
         return {}
-    knobs = (STREAMS, LAYERS) if air.is_solved else (LAYERS,)
-    return {knob: _next_level(air, plan, settings, band, knob, store) for knob in knobs}
+    settings_of_sky = (STREAMS, LAYERS) if air.is_solved else (LAYERS,)
+    return {setting: _next_level(air, plan, settings, band, setting, store) for setting in settings_of_sky}
 
 
 def ends_of_band(lighting: Lighting) -> tuple[Lighting, ...]:
@@ -101,20 +103,20 @@ def _alone(band: BandLighting, at: slice) -> BandLighting:
     return replace(band, columns=band.columns[at], solutions=band.solutions[at], irradiance=total)
 
 
-def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, knob: str, store: LightStore) -> Pair:
+def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, setting: str, store: LightStore) -> Pair:
     """Return the shortest wavelength at this level and at the next, or at the one before where there is none."""
-    other = LAYERS if knob == STREAMS else STREAMS
-    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _FEW[knob])
-    is_finest = plan[knob] + 1 == len(KNOBS[knob].levels)
-    neighbour = plan[knob] - 1 if is_finest else plan[knob] + 1
-    here, there = (_solved(air, at_level(coarse, knob, level), band, store) for level in (plan[knob], neighbour))
-    beyond = _BEFORE[knob] if is_finest else _BEYOND[knob][plan[knob]]
+    other = LAYERS if setting == STREAMS else STREAMS
+    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _FEW[setting])
+    is_finest = plan[setting] + 1 == len(NUMERICAL_SETTINGS[setting].levels)
+    neighbour = plan[setting] - 1 if is_finest else plan[setting] + 1
+    here, there = (_solved(air, at_level(coarse, setting, level), band, store) for level in (plan[setting], neighbour))
+    beyond = _BEFORE[setting] if is_finest else _BEYOND[setting][plan[setting]]
     return Pair(one=_seen(air, here), other=_seen(air, there), factor=beyond)
 
 
 def _seen(air: Air, band: BandLighting) -> Lighting:
-    """Light as the tier of the air has it."""
-    if air.tier is not Tier.ANALYTIC:
+    """Light as the fidelity level of the air has it."""
+    if air.fidelity is not Fidelity.ANALYTIC:
         return band
     return analytic_lighting(band, mu0=float(np.cos(air.sun_zenith_rad)), dolp_max=air.dolp_max)
 
@@ -137,13 +139,13 @@ def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore)
 def _mixed(
     air: Air, alternative: Air, plan: Plan, settings: Settings, lighting: MixedLighting, store: LightStore
 ) -> dict[str, Pair]:
-    alone = companions(replace(air, alternative=None, share=0.0), plan, settings, lighting.first, store)
-    other = companions(alternative, plan, settings, lighting.second, store)
+    alone = refined_references(replace(air, alternative=None, share=0.0), plan, settings, lighting.first, store)
+    other = refined_references(alternative, plan, settings, lighting.second, store)
     return {
-        knob: Pair(
-            one=MixedLighting(first=pair.one, second=other[knob].one, share=air.share),
-            other=MixedLighting(first=pair.other, second=other[knob].other, share=air.share),
-            factor=max(pair.factor, other[knob].factor),
+        setting: Pair(
+            one=MixedLighting(first=pair.one, second=other[setting].one, share=air.share),
+            other=MixedLighting(first=pair.other, second=other[setting].other, share=air.share),
+            factor=max(pair.factor, other[setting].factor),
         )
-        for knob, pair in alone.items()
+        for setting, pair in alone.items()
     }

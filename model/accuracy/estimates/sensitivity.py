@@ -16,7 +16,7 @@ from model.scene.scenario import RegionLight
 FloatArray = NDArray[np.float64]
 Changes = Mapping[Reading, float]
 
-# Of the tolerance, as a share of S0: small beside what bends the law of a quantity, large beside its rounding.
+# Of the tolerance, as a share of S0: small beside what bends the curve of a quantity, large beside its rounding.
 _STEP = 0.3
 _LEAST_STEP = 1e-7
 # Of the largest component of an error what any may have at other places of the field.
@@ -47,7 +47,7 @@ class Steps:
 
 
 def steps(region: RegionLight, *, tolerance: float) -> Steps:
-    """Return steps small beside what bends the law of a quantity, and large beside its rounding; none in the dark.
+    """Return steps small beside what bends the curve of a quantity, and large beside its rounding; none in the dark.
 
     Parameters
     ----------

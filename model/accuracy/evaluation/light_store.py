@@ -157,7 +157,7 @@ class LightStore:
             raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed, or a table")
         return compute_lighting(
             air.state,
-            tier=air.tier,
+            fidelity=air.fidelity,
             band=air.band,
             mu0=float(np.cos(air.sun_zenith_rad)),
             albedo=air.ground_albedo,

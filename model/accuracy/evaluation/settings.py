@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from model.atmosphere.lighting.fidelity import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, STANDARD_SETTINGS, Fidelity, SolverSettings
 from model.scene.field_of_view import TileRule
 
 
@@ -45,14 +45,14 @@ class Settings:
     roc_tolerance: float = 1e-10
 
 
-def settings_of_tier(tier: Tier, *, wavelengths: int = 4) -> Settings:
-    """Return the settings that a tier stands for.
+def settings_of_fidelity(fidelity: Fidelity, *, wavelengths: int = 4) -> Settings:
+    """Return the settings that a fidelity level stands for.
 
     Parameters
     ----------
-    tier
-        For a tier that solves nothing the settings of STANDARD stand in; they are not used.
+    fidelity
+        For a fidelity level that solves nothing the settings of STANDARD stand in; they are not used.
     wavelengths
         As in `Settings`.
     """
-    return Settings(wavelengths=wavelengths, solver=TIERS[tier].settings or STANDARD_SETTINGS)
+    return Settings(wavelengths=wavelengths, solver=FIDELITY_LEVELS[fidelity].settings or STANDARD_SETTINGS)

@@ -1,12 +1,12 @@
-"""Which level of each knob: the least time for which the errors that are to be expected sum to no more than allowed."""
+"""Allocation of the error budget: levels of the settings at least time whose expected errors sum to what is allowed."""
 
 from collections.abc import Mapping
 
-from model.accuracy.planning.forecast import Outlook
+from model.accuracy.planning.forecast import Forecast
 from model.accuracy.planning.numerical_settings import (
     HEMISPHERE,
-    KNOBS,
     LAYERS,
+    NUMERICAL_SETTINGS,
     SKY_GRID,
     STREAMS,
     TILES,
@@ -23,7 +23,7 @@ _LINES_OF_POINT = 12.0
 _READING = 0.6
 
 
-def expected_s(scene: LitScene, plan: Plan, ahead: Outlook) -> float:
+def expected_s(scene: LitScene, plan: Plan, ahead: Forecast) -> float:
     """Return the time that a plan is likely to take [s].
 
     Parameters
@@ -31,7 +31,7 @@ def expected_s(scene: LitScene, plan: Plan, ahead: Outlook) -> float:
     scene
         To be evaluated.
     plan
-        Level of each knob.
+        Level of each setting.
     ahead
         What each level is likely to cost.
     """
@@ -43,8 +43,8 @@ def expected_s(scene: LitScene, plan: Plan, ahead: Outlook) -> float:
     return effort[WAVELENGTHS] * sky + _SEEN_S * lines * effort[HEMISPHERE]
 
 
-def allot(
-    scene: LitScene, ahead: Outlook, scales: Mapping[str, float], allowed: float, *, start: Plan | None = None
+def allocate(
+    scene: LitScene, ahead: Forecast, scales: Mapping[str, float], allowed: float, *, start: Plan | None = None
 ) -> dict[str, int]:
     """Return the cheapest plan whose expected errors sum to no more than is allowed, or the finest of all.
 
@@ -55,7 +55,7 @@ def allot(
     ahead
         Likely error and effort of each level.
     scales
-        By what the likely error of each knob is to be multiplied.
+        By what the likely error of each setting is to be multiplied.
     allowed
         Sum of errors.
     start
@@ -63,18 +63,22 @@ def allot(
 
     Notes
     -----
-    From the lowest levels that knob is raised, again and again, and by as many levels, which takes off most error per
-    second; in the end what the last steps made superfluous is taken back. For errors that fall as powers of the time
-    this ends where each error times its power is in proportion to its time.
+    From the lowest levels that setting is raised, again and again, and by as many levels, which takes off most error
+    per second; in the end what the last steps made superfluous is taken back. For errors that fall as powers of the
+    time this ends where each error times its power is in proportion to its time.
 
     References
     ----------
     Definition: steepest descent.
     """
-    lowest = dict.fromkeys(KNOBS, 0) if start is None else dict(start)
+    lowest = dict.fromkeys(NUMERICAL_SETTINGS, 0) if start is None else dict(start)
     plan = dict(lowest)
     while ahead.error(plan, scales) > allowed:
-        raised = [{**plan, name: level} for name in KNOBS for level in range(plan[name] + 1, len(KNOBS[name].levels))]
+        raised = [
+            {**plan, name: level}
+            for name in NUMERICAL_SETTINGS
+            for level in range(plan[name] + 1, len(NUMERICAL_SETTINGS[name].levels))
+        ]
         if not raised:
             return plan
         plan = max(raised, key=lambda finer: _gain(scene, plan, finer, ahead, scales))
@@ -82,18 +86,18 @@ def allot(
 
 
 def _without_the_superfluous(
-    scene: LitScene, ahead: Outlook, scales: Mapping[str, float], allowed: float, plan: dict[str, int], lowest: Plan
+    scene: LitScene, ahead: Forecast, scales: Mapping[str, float], allowed: float, plan: dict[str, int], lowest: Plan
 ) -> dict[str, int]:
-    """Lower knobs, each time by the level that saves most time, as long as the errors stay within what is allowed."""
+    """Lower settings, each time by the level that saves most time, while the errors stay within what is allowed."""
     while True:
-        lowered = [{**plan, name: plan[name] - 1} for name in KNOBS if plan[name] > lowest[name]]
+        lowered = [{**plan, name: plan[name] - 1} for name in NUMERICAL_SETTINGS if plan[name] > lowest[name]]
         within = [coarser for coarser in lowered if ahead.error(coarser, scales) <= allowed]
         if not within:
             return plan
         plan = min(within, key=lambda coarser: expected_s(scene, coarser, ahead))
 
 
-def _gain(scene: LitScene, plan: Plan, finer: Plan, ahead: Outlook, scales: Mapping[str, float]) -> float:
+def _gain(scene: LitScene, plan: Plan, finer: Plan, ahead: Forecast, scales: Mapping[str, float]) -> float:
     """Error that a finer plan takes off, per second."""
     less = ahead.error(plan, scales) - ahead.error(finer, scales)
     return less / max(expected_s(scene, finer, ahead) - expected_s(scene, plan, ahead), 1e-6)

@@ -1,4 +1,4 @@
-"""What each level of each knob is likely to leave out and to cost in a scene."""
+"""What each level of each setting is likely to leave out and to cost in a scene."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ import numpy as np
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.planning.field_decay import decay
 from model.accuracy.planning.numerical_settings import (
-    KNOBS,
+    NUMERICAL_SETTINGS,
     STREAMS,
     TILES,
     WAVELENGTHS,
@@ -22,7 +22,7 @@ from model.accuracy.planning.spectral_error import spectral_errors
 from model.atmosphere.profile import column
 from model.scene.lit_scene import Air, LitScene
 
-# The law of the tiles is taken to be no steeper, for few tiles do not show a kink, and no flatter.
+# The convergence of the tiles is taken to be no steeper, for few tiles do not show a kink, and no flatter.
 _FASTEST, _SLOWEST = 0.05, 0.7
 # What streams miss, over the first term of the scattering function that they do not resolve; molecules have as much
 # of it as an aerosol of this asymmetry.
@@ -30,27 +30,27 @@ _OF_TERM, _LEAST_ASYMMETRY = 0.5, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outlook:
+class Forecast:
     """Likely errors and efforts of a scene.
 
     Attributes
     ----------
     errors
-        Knob to the likely relative error of the light at each of its levels, falling.
+        Setting to the likely relative error of the light at each of its levels, falling.
     efforts
-        Knob to by what the time of its stage is multiplied at each of its levels, over the lowest.
+        Setting to by what the time of its stage is multiplied at each of its levels, over the lowest.
     """
 
     errors: Mapping[str, tuple[float, ...]]
     efforts: Mapping[str, tuple[float, ...]]
 
     def error(self, plan: Plan, scales: Mapping[str, float]) -> float:
-        """Return the sum of the errors that are to be expected, each multiplied by a scale of its knob."""
+        """Return the sum of the errors that are to be expected, each multiplied by a scale of its setting."""
         return sum(scales[name] * self.errors[name][level] for name, level in plan.items())
 
 
-def outlook(scene: LitScene) -> Outlook:
-    """Return the likely errors and efforts of all levels of all knobs.
+def forecast(scene: LitScene) -> Forecast:
+    """Return the likely errors and efforts of all levels of all settings.
 
     Parameters
     ----------
@@ -66,18 +66,18 @@ def outlook(scene: LitScene) -> Outlook:
     ----------
     Definition.
     """
-    errors = {name: tuple(level.error for level in knob.levels) for name, knob in KNOBS.items()}
-    efforts = {name: tuple(level.effort for level in knob.levels) for name, knob in KNOBS.items()}
+    errors = {name: tuple(level.error for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}
+    efforts = {name: tuple(level.effort for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}
     found = [_of_wavelengths(air) for air in _computed(scene)]
     if found:
         errors[WAVELENGTHS] = tuple(max(each) for each in zip(*(error for error, _ in found), strict=True))
         efforts[WAVELENGTHS] = tuple(max(each) for each in zip(*(effort for _, effort in found), strict=True))
         errors[STREAMS] = _of_streams(max(_asymmetry(air) for air in _computed(scene)))
-    return Outlook(errors=errors, efforts=efforts)
+    return Forecast(errors=errors, efforts=efforts)
 
 
-def seen(ahead: Outlook, scene: LitScene, result: ChainResult) -> Outlook:
-    """Return an outlook with the law of the tiles as a field shows it that was seen already.
+def seen(ahead: Forecast, scene: LitScene, result: ChainResult) -> Forecast:
+    """Return a forecast with the convergence of the tiles as a field shows it that was seen already.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def seen(ahead: Outlook, scene: LitScene, result: ChainResult) -> Outlook:
     if not found:
         return ahead
     ratio = min(max(*found, _FASTEST), _SLOWEST)
-    sides = np.array([tiles_per_side(level) for level in range(len(KNOBS[TILES].levels))])
+    sides = np.array([tiles_per_side(level) for level in range(len(NUMERICAL_SETTINGS[TILES].levels))])
     return replace(ahead, errors={**ahead.errors, TILES: tuple((ratio**sides).tolist())})
 
 
@@ -114,12 +114,12 @@ def _asymmetry(air: Air) -> float:
 
 
 def _of_streams(asymmetry: float) -> tuple[float, ...]:
-    counts = np.array([streams(level) for level in range(len(KNOBS[STREAMS].levels))])
+    counts = np.array([streams(level) for level in range(len(NUMERICAL_SETTINGS[STREAMS].levels))])
     return tuple((_OF_TERM * max(asymmetry, _LEAST_ASYMMETRY) ** (2.0 * counts)).tolist())
 
 
 def _of_wavelengths(air: Air) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    lowest = settings_at(dict.fromkeys(KNOBS, 0), 1e-2)
-    levels = range(len(KNOBS[WAVELENGTHS].levels))
+    lowest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 1e-2)
+    levels = range(len(NUMERICAL_SETTINGS[WAVELENGTHS].levels))
     found = spectral_errors(air, [at_level(lowest, WAVELENGTHS, level) for level in levels])
     return tuple(one.scattered for one in found), tuple(float(one.rule.wavelength_m.size) for one in found)

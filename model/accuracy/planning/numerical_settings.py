@@ -1,4 +1,4 @@
-"""What can be turned in the chain: each knob with its levels, its law of convergence, and its likely cost.
+"""What can be turned in the chain: each setting with its levels, its convergence, and its likely cost.
 
 The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin
 (`model.accuracy.planning.forecast`). What a result states is estimated on its own scene
@@ -26,14 +26,14 @@ STREAMS, LAYERS, WAVELENGTHS, SKY_GRID, HEMISPHERE, TILES, DOLP, ROC = (
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """One position of a knob.
+    """One position of a setting.
 
     Attributes
     ----------
     label
         In words.
     error
-        Likely relative error of the light, or of what the knob acts on.
+        Likely relative error of the light, or of what the setting acts on.
     effort
         By what the time of its stage is likely to be multiplied, over the lowest level.
     """
@@ -44,14 +44,14 @@ class Level:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knob:
+class NumericalSetting:
     """One thing that costs time and buys accuracy.
 
     Attributes
     ----------
     name, stage
-        Of the knob, and the stage of `model.accuracy.evaluation.chain` whose time it costs.
-    law
+        Of the setting, and the stage of `model.accuracy.evaluation.chain` whose time it costs.
+    convergence
         How its error falls.
     estimate
         How the error of a result is estimated.
@@ -61,12 +61,12 @@ class Knob:
 
     name: str
     stage: str
-    law: str
+    convergence: str
     estimate: str
     levels: tuple[Level, ...]
 
 
-# Level of each knob by its name.
+# Level of each setting by its name.
 Plan = Mapping[str, int]
 
 _STREAMS = (4, 6, 8, 12, 16, 24, 32)
@@ -89,14 +89,14 @@ def _levels(labels: tuple[str, ...], errors: tuple[float, ...], efforts: tuple[f
     )
 
 
-KNOBS: Mapping[str, Knob] = MappingProxyType(
+NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
     {
-        knob.name: knob
-        for knob in (
-            Knob(
+        setting.name: setting
+        for setting in (
+            NumericalSetting(
                 name=STREAMS,
                 stage="sky",
-                law="geometric above the length of the phase function's expansion",
+                convergence="geometric above the length of the phase function's expansion",
                 estimate="the shortest wavelength, coarse layers, beside the next level",
                 levels=_levels(
                     tuple(f"{n} a hemisphere" for n in _STREAMS),
@@ -104,10 +104,10 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                     (0.7, 1.0, 1.3, 2.2, 3.5, 6.0, 9.0),
                 ),
             ),
-            Knob(
+            NumericalSetting(
                 name=LAYERS,
                 stage="sky",
-                law="square of the thickness; its fourth power where two are extrapolated to none",
+                convergence="square of the thickness; its fourth power where two are extrapolated to none",
                 estimate="the shortest wavelength, few streams, beside the next level",
                 levels=_levels(
                     tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
@@ -115,10 +115,10 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                     (1.0, 1.3, 2.3, 3.3, 5.5, 10.0),
                 ),
             ),
-            Knob(
+            NumericalSetting(
                 name=WAVELENGTHS,
                 stage="sky",
-                law="geometric; below 1e-4 only between the entries of the aerosol's tables",
+                convergence="geometric; below 1e-4 only between the entries of the aerosol's tables",
                 estimate="the same rule for functions of depth, albedo and asymmetry",
                 levels=_levels(
                     tuple(f"{n} split" if split else str(n) for n, split in _WAVELENGTHS),
@@ -126,19 +126,19 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                     (1.0, 2.0, 3.0, 5.0, 6.0, 8.0, 10.0, 14.0, 18.0),
                 ),
             ),
-            Knob(
+            NumericalSetting(
                 name=SKY_GRID,
                 stage="sky",
-                law="geometric, as fast as the aureole lets it",
+                convergence="geometric, as fast as the aureole lets it",
                 estimate="both ends of the band, as the panel reflects them, beside a finer grid",
                 levels=_levels(
                     tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)
                 ),
             ),
-            Knob(
+            NumericalSetting(
                 name=HEMISPHERE,
                 stage="light",
-                law="geometric; of the square root of the nodes where a horizon lies in the lobe",
+                convergence="geometric; of the square root of the nodes where a horizon lies in the lobe",
                 estimate="finer rules in corners and middle",
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
@@ -146,10 +146,10 @@ KNOBS: Mapping[str, Knob] = MappingProxyType(
                     (1.0, 1.3, 1.8, 4.0, 20.0),
                 ),
             ),
-            Knob(
+            NumericalSetting(
                 name=TILES,
                 stage="light",
-                law="geometric over a smooth field; slower where the shadowing has its kink in it",
+                convergence="geometric over a smooth field; slower where the shadowing has its kink in it",
                 estimate="one more tile along each side",
                 levels=_levels(
                     tuple(f"{n} x {n}" for n in _TILES),
@@ -176,7 +176,7 @@ def settings_at(plan: Plan, tolerance: float, *, face_m: float = 0.0) -> Setting
     Parameters
     ----------
     plan
-        Level of each knob of `KNOBS`.
+        Level of each setting of `NUMERICAL_SETTINGS`.
     tolerance
         That is asked for; statistics and orders of scattering follow it.
     face_m
@@ -216,21 +216,21 @@ def streams(level: int) -> int:
     return _STREAMS[level]
 
 
-def at_level(settings: Settings, knob: str, level: int) -> Settings:
-    """Return settings with one knob of the sky at another level.
+def at_level(settings: Settings, setting: str, level: int) -> Settings:
+    """Return settings with one setting of the sky at another level.
 
     Parameters
     ----------
     settings
         To be changed.
-    knob
+    setting
         STREAMS, LAYERS or WAVELENGTHS.
     level
         Its new level.
     """
-    if knob == STREAMS:
+    if setting == STREAMS:
         return replace(settings, solver=replace(settings.solver, nodes=_STREAMS[level]))
-    if knob == WAVELENGTHS:
+    if setting == WAVELENGTHS:
         count, split_at_kinks = _WAVELENGTHS[level]
         return replace(settings, wavelengths=count, split_at_kinks=split_at_kinks)
     return replace(settings, solver=_in_layers(settings.solver, level))

@@ -1,4 +1,4 @@
-"""Light in a band, computed with the effort of a tier."""
+"""Light in a band, computed with the effort of a fidelity level."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from model.atmosphere.lighting.analytic_sky import AnalyticLighting
 from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
-from model.atmosphere.lighting.fidelity import STANDARD_SETTINGS, TIERS, SolverSettings, Tier
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, STANDARD_SETTINGS, Fidelity, SolverSettings
 from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.lighting.solve_column import LightSolver, solve_column
 from model.atmosphere.ozone import ozone_optical_depth
@@ -20,7 +20,7 @@ from model.atmosphere.transfer.phase import AerosolKind
 def compute_lighting(
     state: AtmosphereState,
     *,
-    tier: Tier,
+    fidelity: Fidelity,
     band: SolarBand,
     mu0: float,
     albedo: float,
@@ -37,7 +37,7 @@ def compute_lighting(
     ----------
     state
         The atmosphere.
-    tier
+    fidelity
         Any but TABLE, which is made from a table (`model.atmosphere.lighting.table_lighting`).
     band
         Spectrum of the sun at its actual distance, and response of the sensor.
@@ -53,7 +53,7 @@ def compute_lighting(
         Whether each stretch between the entries of the aerosol's tables has its own part of them, rounded up: pays
         below an error of 1e-4.
     dolp_max
-        Largest degree of polarization of the sky; tier ANALYTIC alone uses it.
+        Largest degree of polarization of the sky; fidelity ANALYTIC alone uses it.
     solver
         What solves a wavelength.
     settings
@@ -68,7 +68,7 @@ def compute_lighting(
     ----------
     definition
     """
-    if tier is Tier.TABLE:
+    if fidelity is Fidelity.TABLE:
         raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
     kind = AerosolKind(aerosol)
     ozone = np.exp(-ozone_optical_depth(wavelength_m=band.wavelength_m, ozone_m=state.ozone_m) / mu0)
@@ -79,7 +79,7 @@ def compute_lighting(
         kinks_m=kinks_m(state, aerosol=kind) if split_at_kinks else (),
     )
     columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in rule.wavelength_m)
-    own = TIERS[tier].settings
+    own = FIDELITY_LEVELS[fidelity].settings
     solutions = tuple(
         solve_column(
             single_solution if own is None else solver,
@@ -92,7 +92,7 @@ def compute_lighting(
         for one in columns
     )
     lighting = _band_lighting(state, band, ozone, rule, columns, solutions)
-    return lighting if tier is not Tier.ANALYTIC else analytic_lighting(lighting, mu0=mu0, dolp_max=dolp_max)
+    return lighting if fidelity is not Fidelity.ANALYTIC else analytic_lighting(lighting, mu0=mu0, dolp_max=dolp_max)
 
 
 def analytic_lighting(path_and_beam: BandLighting, *, mu0: float, dolp_max: float) -> AnalyticLighting:

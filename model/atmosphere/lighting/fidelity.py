@@ -6,7 +6,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 
-class Tier(StrEnum):
+class Fidelity(StrEnum):
     """Levels of effort."""
 
     ANALYTIC = "analytic"
@@ -18,7 +18,7 @@ class Tier(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SolverSettings:
-    """Numerical settings of a computed tier.
+    """Numerical settings of a computed fidelity level.
 
     Attributes
     ----------
@@ -48,8 +48,8 @@ class SolverSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TierFacts:
-    """What a tier promises, for views up to 80 degrees and a sun up to 75 degrees from the zenith.
+class FidelityFacts:
+    """What a fidelity level promises, for views up to 80 degrees and a sun up to 75 degrees from the zenith.
 
     Of spheres it holds ten degrees and more from the sun (three, but for dust); of dust, the radiance is off by 5 times
     as much in FAST and 40 times in STANDARD, the degree of polarization by 2 and 3 times. Their scattering matrix costs
@@ -72,33 +72,33 @@ class TierFacts:
 
 STANDARD_SETTINGS = SolverSettings(fine_layers=True, nodes=12, element_depth=0.05, tolerance=1e-5)
 
-TIERS: Mapping[Tier, TierFacts] = MappingProxyType(
+FIDELITY_LEVELS: Mapping[Fidelity, FidelityFacts] = MappingProxyType(
     {
-        Tier.ANALYTIC: TierFacts(
+        Fidelity.ANALYTIC: FidelityFacts(
             accuracy="geometry of the polarization only: no neutral points, angle of polarization off by up to "
             "8 deg, degree as given, radiance low by up to a factor 4",
             seconds=0.02,
             settings=None,
         ),
-        Tier.SINGLE: TierFacts(
+        Fidelity.SINGLE: FidelityFacts(
             accuracy="light scattered once is exact; the rest is missing: radiance low by a factor 0.25 to 0.94, "
             "degree of polarization too high by up to 0.33",
             seconds=0.02,
             settings=None,
         ),
-        Tier.FAST: TierFacts(
+        Fidelity.FAST: FidelityFacts(
             accuracy="radiance 0.3 % rms, 0.7 % at most; degree of polarization 1e-3",
             seconds=0.02,
             settings=SolverSettings(
                 fine_layers=False, nodes=6, element_depth=0.1, tolerance=1e-3, matrix_tolerance=3e-3
             ),
         ),
-        Tier.STANDARD: TierFacts(
+        Fidelity.STANDARD: FidelityFacts(
             accuracy="radiance 2e-4, degree of polarization 1e-4",
             seconds=0.08,
             settings=STANDARD_SETTINGS,
         ),
-        Tier.TABLE: TierFacts(
+        Fidelity.TABLE: FidelityFacts(
             accuracy="that of the table; between its nodes Stokes parameters are linear",
             seconds=0.0,
             settings=None,

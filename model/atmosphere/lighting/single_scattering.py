@@ -7,7 +7,7 @@ from math import exp, pi
 import numpy as np
 
 from model.atmosphere.lighting.irradiance import MATRIX_DEGREE, sky_irradiance
-from model.atmosphere.transfer.delta_m_truncation import single_peak_irradiance, with_absorbed_peak
+from model.atmosphere.transfer.delta_m_truncation import single_peak_irradiance, truncated_by_absorption
 from model.atmosphere.transfer.layers import Layer, merge_alike
 from model.atmosphere.transfer.solution import Solution
 
@@ -37,7 +37,7 @@ def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: 
         raise ValueError(f"single_solution: mu0 = {mu0!r} must be above 0 to 1, albedo = {albedo!r} from 0 to 1")
     merged = merge_alike(layers)
     # The sky's irradiance is that of a matrix without its peak, and the peak's.
-    smooth = with_absorbed_peak(merged, degree=MATRIX_DEGREE)
+    smooth = truncated_by_absorption(merged, degree=MATRIX_DEGREE)
     sky = sky_irradiance(_beam_only(smooth, mu0=mu0, albedo=0.0))
     peak = single_peak_irradiance(merged, degree=MATRIX_DEGREE, mu0=mu0)
     return replace(_beam_only(merged, mu0=mu0, albedo=albedo), diffuse_irradiance=sky + peak)

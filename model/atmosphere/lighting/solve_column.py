@@ -1,4 +1,4 @@
-"""One wavelength of an atmosphere, solved with the settings of a tier."""
+"""One wavelength of an atmosphere, solved with the settings of a fidelity level."""
 
 from dataclasses import replace
 from typing import Protocol, TypedDict, TypeVar, Unpack

@@ -22,7 +22,7 @@ def forward_share(layer: Layer, *, degree: int) -> float:
     return max(float(layer.matrix.coefficients[degree + 1, 0]) / (2 * degree + 3), 0.0)
 
 
-def without_forward_peak(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
+def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     """Layers whose scattering matrices give up the forward peak that an expansion to a degree cannot hold.
 
     Notes
@@ -40,7 +40,7 @@ def without_forward_peak(layers: Sequence[Layer], *, degree: int) -> list[Layer]
 
 
 def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
-    """Layers of lesser depth and albedo, whose matrices end at a degree: as `without_forward_peak`, also seen once.
+    """Layers of lesser depth and albedo, whose matrices end at a degree: as `delta_m_truncated`, also seen once.
 
     Notes
     -----
@@ -76,7 +76,7 @@ def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) 
     return scattered * exp(-depth / mu0)
 
 
-def with_absorbed_peak(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
+def truncated_by_absorption(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     """Layers of the same depth whose matrices end at a degree, the forward peak taken from their albedo.
 
     References
@@ -94,7 +94,7 @@ def _truncated(layer: Layer, degree: int) -> Layer:
 
 
 def _cut(layer: Layer, degree: int) -> Layer:
-    """Return one layer of `with_absorbed_peak`."""
+    """Return one layer of `truncated_by_absorption`."""
     share = forward_share(layer, degree=degree)
     if layer.matrix is None or share == 0.0:
         return layer

@@ -36,7 +36,7 @@ class Border:
     Parameters
     ----------
     frame
-        M laws.
+        M distributions.
     a, b
         Shape (M,), >= 0, not both zero: the border is the directions (a, b cos beta, b sin beta).
     """

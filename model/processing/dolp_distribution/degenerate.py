@@ -1,4 +1,4 @@
-"""Law of DoLP where the Stokes parameters fluctuate in a line, or in a plane through zero light.
+"""Distribution of DoLP where the Stokes parameters fluctuate in a line, or in a plane through zero light.
 
 There the directions of the Stokes parameters fill no area, and the line integral of `dolp_cone` has nothing to
 integrate. In a plane through zero, DoLP is a function of a ratio of normal variables; on a line, of S0 alone.
@@ -26,7 +26,7 @@ def on_a_line(frame: DolpFrame) -> Mask:
     Parameters
     ----------
     frame
-        M laws.
+        M distributions.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def in_a_plane_through_zero(frame: DolpFrame) -> Mask:
     Parameters
     ----------
     frame
-        M laws.
+        M distributions.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def plane_tails(frame: DolpFrame, x: FloatArray) -> Tails:
     Parameters
     ----------
     frame
-        M laws.
+        M distributions.
     x
         DoLP, shape (M,), > 0 and finite.
 
@@ -99,7 +99,7 @@ def line_tails(frame: DolpFrame, x: FloatArray) -> Tails:
     Parameters
     ----------
     frame
-        M laws.
+        M distributions.
     x
         DoLP, shape (M,), > 0 and finite.
 

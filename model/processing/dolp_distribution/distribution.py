@@ -53,7 +53,7 @@ def cdf(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArr
     ----------
     Definition; derivation in `model.processing.dolp_distribution.cone`.
     """
-    return law_tails(x, stokes_mean, stokes_cov).lower
+    return distribution_tails(x, stokes_mean, stokes_cov).lower
 
 
 def probability_above(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArray:
@@ -82,7 +82,7 @@ def probability_above(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLik
     ----------
     Definition.
     """
-    return law_tails(x, stokes_mean, stokes_cov).upper
+    return distribution_tails(x, stokes_mean, stokes_cov).upper
 
 
 def pdf(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArray:
@@ -109,12 +109,12 @@ def pdf(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArr
 
     References
     ----------
-    Same law as L. Montier et al., A&A 574 (2015) A135, doi:10.1051/0004-6361/201322271, for S0 > 0.
+    Same distribution as L. Montier et al., A&A 574 (2015) A135, doi:10.1051/0004-6361/201322271, for S0 > 0.
     """
-    return law_tails(x, stokes_mean, stokes_cov).density
+    return distribution_tails(x, stokes_mean, stokes_cov).density
 
 
-def law_tails(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Tails:
+def distribution_tails(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Tails:
     """Return lower tail, upper tail and density of DoLP given S0 > 0, together.
 
     Parameters
@@ -168,30 +168,30 @@ def paired(
     Returns
     -------
     frame, index, values, shape
-        Law number index[k] goes with value number k.
+        Distribution number index[k] goes with value number k.
 
     Raises
     ------
     ValueError
         If shapes do not fit, or the arguments are no mean and covariance.
     """
-    frame, law_shape = dolp_frame(stokes_mean, stokes_cov)
+    frame, lead_shape = dolp_frame(stokes_mean, stokes_cov)
     array = np.asarray(values, dtype=np.float64)
     try:
-        shape = np.broadcast_shapes(array.shape, law_shape)
+        shape = np.broadcast_shapes(array.shape, lead_shape)
     except ValueError as error:
-        raise ValueError(f"{name} of shape {array.shape} and laws of shape {law_shape} do not broadcast") from error
-    index = np.broadcast_to(np.arange(len(frame)).reshape(law_shape), shape).ravel()
+        raise ValueError(f"{name} of shape {array.shape} and laws of shape {lead_shape} do not broadcast") from error
+    index = np.broadcast_to(np.arange(len(frame)).reshape(lead_shape), shape).ravel()
     return frame, index, np.broadcast_to(array, shape).ravel().copy(), shape
 
 
 def pair_tails(frame: DolpFrame, x: FloatArray) -> Tails:
-    """Return both tails and the density for pairs of any law and any value.
+    """Return both tails and the density for pairs of any distribution and any value.
 
     Parameters
     ----------
     frame
-        M laws.
+        M distributions.
     x
         DoLP, shape (M,), any number.
 
@@ -216,10 +216,10 @@ def _fill(
     frame: DolpFrame,
     x: FloatArray,
     chosen: NDArray[np.bool_],
-    law: Callable[[DolpFrame, FloatArray], Tails],
+    distribution: Callable[[DolpFrame, FloatArray], Tails],
 ) -> None:
     index = np.flatnonzero(chosen)
     for start in range(0, index.size, _CHUNK):
         part = index[start : start + _CHUNK]
-        found = law(frame[part], x[part])
+        found = distribution(frame[part], x[part])
         result.lower[part], result.upper[part], result.density[part] = found.lower, found.upper, found.density

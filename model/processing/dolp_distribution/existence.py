@@ -69,7 +69,7 @@ def ambiguity(frame: DolpFrame) -> Ambiguity:
     Parameters
     ----------
     frame
-        M laws.
+        M distributions.
 
     Returns
     -------

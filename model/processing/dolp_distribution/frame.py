@@ -1,4 +1,4 @@
-"""Gaussian Stokes parameters in the frame in which the law of DoLP is computed.
+"""Gaussian Stokes parameters in the frame in which the distribution of DoLP is computed.
 
 Units are divided out, and the axes of (S1, S2) are turned to the principal axes of their covariance given S0. Then
 
@@ -22,7 +22,7 @@ _NO_LIGHT = 1e-60
 
 @dataclass(frozen=True, kw_only=True)
 class DolpFrame:
-    """Parameters of M Gaussian laws, each of shape (M,), in units of `unit`.
+    """Parameters of M Gaussian distributions, each of shape (M,), in units of `unit`.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def dolp_frame(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> tuple[DolpFrame
     Returns
     -------
     frame
-        One entry per law.
+        One entry per distribution.
     shape
         Broadcast leading axes of the arguments.
 

@@ -48,7 +48,7 @@ def exact_moments(frame: DolpFrame, *, refinement: int = 0) -> ExactMoments:
     Parameters
     ----------
     frame
-        M laws with S0 bounded away from zero: mean of S0 at least several standard deviations.
+        M distributions with S0 bounded away from zero: mean of S0 at least several standard deviations.
     refinement
         How often the step of the outer rule is halved.
 

@@ -1,4 +1,4 @@
-"""Law of the ratio of two normal variables, given that the denominator is positive."""
+"""Distribution of the ratio of two normal variables, given that the denominator is positive."""
 
 from dataclasses import dataclass
 

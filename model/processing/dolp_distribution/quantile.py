@@ -54,12 +54,12 @@ def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Flo
 
 
 def _solve(frame: DolpFrame, p: FloatArray) -> FloatArray:
-    def law(index: NDArray[np.int64], log_x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def distribution(index: NDArray[np.int64], log_x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         x = np.exp(log_x)
         found = pair_tails(frame[index], x)
         return found.lower, found.upper, found.density * x
 
-    return np.exp(find_quantiles(law, p=p, start=np.log(_guess(frame, p)), reach=_LOG_RANGE))
+    return np.exp(find_quantiles(distribution, p=p, start=np.log(_guess(frame, p)), reach=_LOG_RANGE))
 
 
 def _guess(frame: DolpFrame, p: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Search for quantiles of many laws at once: Newton's method on normal scores within a shrinking bracket."""
+"""Search for quantiles of many distributions at once: Newton's method on normal scores within a shrinking bracket."""
 
 from collections.abc import Callable
 
@@ -16,19 +16,19 @@ _LONGEST_STEP = 3.0
 
 
 def find_quantiles(
-    law: Callable[[IntArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
+    distribution: Callable[[IntArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
     *,
     p: FloatArray,
     start: FloatArray,
     reach: float,
 ) -> FloatArray:
-    """Return the places at which increasing laws reach given probabilities.
+    """Return the places at which increasing distributions reach given probabilities.
 
     Parameters
     ----------
-    law
-        Of (number of each law, places), both of shape (K,): returns lower tail, upper tail and density per unit of
-        place. A law may jump.
+    distribution
+        Of (number of each distribution, places), both of shape (K,): returns lower tail, upper tail and density per
+        unit of place. A distribution may jump.
     p
         Probabilities, shape (M,), above 0 and below 1.
     start
@@ -39,12 +39,12 @@ def find_quantiles(
     Returns
     -------
     ndarray
-        Shape (M,), to rounding; the place of the jump where a law jumps over p.
+        Shape (M,), to rounding; the place of the jump where a distribution jumps over p.
 
     Raises
     ------
     ValueError
-        If a search does not end, which means that a law is not increasing.
+        If a search does not end, which means that a distribution is not increasing.
 
     References
     ----------
@@ -55,7 +55,7 @@ def find_quantiles(
     last = np.full_like(p, np.inf)
     active = np.arange(p.size)
     for _ in range(_MAX_STEPS):
-        error, slope = _score_error(law(active, place[active]), wanted[active])
+        error, slope = _score_error(distribution(active, place[active]), wanted[active])
         low[active] = np.where(error < 0.0, place[active], low[active])
         high[active] = np.where(error < 0.0, high[active], place[active])
         open_ended = (low[active] == -reach) | (high[active] == reach)
@@ -73,7 +73,7 @@ def find_quantiles(
 
 
 def _score_error(found: tuple[FloatArray, FloatArray, FloatArray], wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return normal score of the law less the one wanted, and its slope."""
+    """Return normal score of the distribution less the one wanted, and its slope."""
     lower, upper, density = found
     score = np.where(lower < upper, ndtri(lower), -ndtri(upper))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

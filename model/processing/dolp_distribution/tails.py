@@ -1,4 +1,4 @@
-"""Both tails and the density of DoLP given S0 > 0, for pairs of a law and a value, each to relative precision."""
+"""Tails and density of DoLP given S0 > 0, for pairs of a distribution and a value, each to relative precision."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _CANCELLED_UPPER = 1e-2
 
 @dataclass(frozen=True, kw_only=True)
 class Tails:
-    """Law of DoLP given S0 > 0 at M values, each of shape (M,).
+    """Distribution of DoLP given S0 > 0 at M values, each of shape (M,).
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class Tails:
 
 
 def tails(frame: DolpFrame, x: FloatArray) -> Tails:
-    """Return both tails and the density for pairs of a law and a value.
+    """Return both tails and the density for pairs of a distribution and a value.
 
     Parameters
     ----------
     frame
-        M laws with radius_1 > 0 whose plane of fluctuation, if thin, does not hold the apex.
+        M distributions with radius_1 > 0 whose plane of fluctuation, if thin, does not hold the apex.
     x
         DoLP, shape (M,), > 0 and finite.
 

@@ -1,4 +1,4 @@
-"""The chi-square law in closed form, to full relative accuracy in both tails."""
+"""The chi-square distribution in closed form, to full relative accuracy in both tails."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

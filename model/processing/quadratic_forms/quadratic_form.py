@@ -1,4 +1,4 @@
-"""Tail probabilities of Q = sum_j w_j (z_j + b_j)^2, z standard normal: the law behind RX and behind DoLP."""
+"""Tail probabilities of Q = sum_j w_j (z_j + b_j)^2, z standard normal: the distribution behind RX and behind DoLP."""
 
 from dataclasses import dataclass
 
@@ -88,7 +88,7 @@ def tail_probabilities(
     References
     ----------
     Rice, SIAM J. Sci. Stat. Comput. 1, 438 (1980), doi:10.1137/0901032 (saddle-point contours);
-    Imhof, Biometrika 48, 419 (1961), doi:10.1093/biomet/48.3-4.419 (the law).
+    Imhof, Biometrika 48, 419 (1961), doi:10.1093/biomet/48.3-4.419 (the distribution).
     """
     _require_tolerance(tolerance)
     level, w, b, nu = _broadcast(threshold, weights, offsets, degrees, constant)

@@ -160,7 +160,7 @@ def _histogram(ax: "Axes", values: FloatArray, law: Law, *, title: str) -> None:
 
 
 def _ratio_law(stokes: Moments, component: int) -> Law:
-    return lambda x: normalized_stokes.law(x, stokes.mean, stokes.cov, component=component).density
+    return lambda x: normalized_stokes.distribution(x, stokes.mean, stokes.cov, component=component).density
 
 
 def _dolp_law(stokes: Moments) -> Law:

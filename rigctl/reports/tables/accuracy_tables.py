@@ -4,7 +4,7 @@ from typing import Any
 
 from rich.table import Table
 
-from model.accuracy.planning.numerical_settings import KNOBS, STATISTICS
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STATISTICS
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 
 _PERCENT = 100.0
@@ -17,7 +17,7 @@ def accuracy_table(found: AccuratePrediction) -> Table:
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for name in ("knob", "setting", "largest error", "estimated by"):
         table.add_column(name)
-    for name, knob in KNOBS.items():
+    for name, knob in NUMERICAL_SETTINGS.items():
         label = knob.levels[found.plan[name]].label
         table.add_row(name, label, f"{found.budget.worst(name):.1e}", knob.estimate)
     for name in STATISTICS:
@@ -27,7 +27,7 @@ def accuracy_table(found: AccuratePrediction) -> Table:
 
 def accuracy_lines(found: AccuratePrediction) -> list[str]:
     """Return the sum of the errors, the time of each stage, and what is not promised and why."""
-    promised = {key: error for key, error in found.budget.total.items() if key not in found.not_promised}
+    promised = {key: error for key, error in found.budget.total.items() if key not in found.not_guaranteed}
     lines = []
     if promised:
         worst = max(promised, key=lambda key: promised[key])
@@ -38,7 +38,7 @@ def accuracy_lines(found: AccuratePrediction) -> list[str]:
     total = sum(found.stage_s.values())
     parts = ", ".join(f"{stage} {_share(seconds, total)}" for stage, seconds in found.stage_s.items())
     lines.append(f"{total:.2g} s in {found.rounds} rounds: {parts}")
-    missed = [f"{', '.join(key)}: {reason}" for key, reason in found.not_promised.items()]
+    missed = [f"{', '.join(key)}: {reason}" for key, reason in found.not_guaranteed.items()]
     lines += [f"not promised: {line}" for line in missed[:_MOST_LISTED]]
     if len(missed) > _MOST_LISTED:
         lines.append(f"not promised: {len(missed) - _MOST_LISTED} more; --json lists all")
@@ -49,13 +49,13 @@ def accuracy_json(found: AccuratePrediction) -> dict[str, Any]:
     """Return the same as JSON holds it; errors that are not known are null."""
     return {
         "tolerance": found.tolerance,
-        "settings": {name: knob.levels[found.plan[name]].label for name, knob in KNOBS.items()},
-        "largest_error": {name: _number(found.budget.worst(name)) for name in found.budget.by_knob},
+        "settings": {name: knob.levels[found.plan[name]].label for name, knob in NUMERICAL_SETTINGS.items()},
+        "largest_error": {name: _number(found.budget.worst(name)) for name in found.budget.by_setting},
         "estimated_errors": [
             {"place": key.place, "quantity": key.quantity, "statistic": key.statistic, "error": _number(error)}
             for key, error in found.budget.total.items()
         ],
-        "not_promised": {"/".join(key): reason for key, reason in found.not_promised.items()},
+        "not_promised": {"/".join(key): reason for key, reason in found.not_guaranteed.items()},
         "stage_s": dict(found.stage_s),
         "rounds": found.rounds,
     }

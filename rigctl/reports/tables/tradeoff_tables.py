@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.planning.numerical_settings import KNOBS
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
 from rigctl.comparison.accuracy_curves import WHOLE_CHAIN, CurvePoint, Curves
 from rigctl.reports.figures.figure_style import png, subplots
 from rigctl.reports.tables.accuracy_tables import accuracy_json
@@ -76,7 +76,7 @@ def choice_table(curves: Curves) -> Table:
     for name in ("tolerance", *names, "most of the error", "time in"):
         table.add_column(name)
     for found in curves.predictions:
-        labels = [KNOBS[name].levels[found.plan[name]].label for name in names]
+        labels = [NUMERICAL_SETTINGS[name].levels[found.plan[name]].label for name in names]
         total = sum(found.stage_s.values())
         slow = sorted(found.stage_s.items(), key=lambda item: -item[1])[:2]
         where = ", ".join(f"{stage} {100.0 * seconds / total:.0f} %" for stage, seconds in slow if total > 0.0)

@@ -2,12 +2,12 @@
 
 import importlib.util
 
-from model.atmosphere.lighting.fidelity import TIERS, Tier
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
 from rigctl.choices import Engine
 from rigctl.errors import ConfigError
 
 
-def require_engine(engine: Engine, *, tier: Tier | None = None) -> None:
+def require_engine(engine: Engine, *, tier: Fidelity | None = None) -> None:
     """Refuse a program that is not installed, or for which a tier has no work.
 
     Raises
@@ -17,7 +17,7 @@ def require_engine(engine: Engine, *, tier: Tier | None = None) -> None:
     """
     if engine == "own":
         return
-    if tier is not None and TIERS[tier].settings is None:
+    if tier is not None and FIDELITY_LEVELS[tier].settings is None:
         raise ConfigError(f"--engine {engine}: solves the tiers fast and standard; tier '{tier}' calls no solver")
     if importlib.util.find_spec("sasktran2") is None:
         raise ConfigError(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
@@ -38,7 +38,7 @@ class SkyRequest:
     sun_zenith_rad: float
     distance_factor: float
     response: tuple[tuple[float, float], ...]
-    tier: Tier
+    tier: Fidelity
     aerosol: AerosolKind
     state: AtmosphereState | None
     ground_albedo: float
@@ -65,12 +65,12 @@ def air_of(request: SkyRequest) -> Air:
     air = Air(
         sun_zenith_rad=request.sun_zenith_rad,
         band=request.band,
-        tier=request.tier,
+        fidelity=request.tier,
         aerosol=request.aerosol,
         state=request.state,
         ground_albedo=request.ground_albedo,
         dolp_max=request.dolp_max,
-        table=_table(request) if request.tier is Tier.TABLE else None,
+        table=_table(request) if request.tier is Fidelity.TABLE else None,
     )
     other = request.alternative
     if other is None:

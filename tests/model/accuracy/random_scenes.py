@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.transfer.phase import AerosolKind
 from model.geometry import angle_between_rad, direction
@@ -79,7 +79,15 @@ def _hostile_air(draw: np.random.Generator, air: Air) -> Air:
     )
     other = replace(
         air,
-        tier=draw.choice([Tier.STANDARD, Tier.STANDARD, Tier.STANDARD, Tier.SINGLE, Tier.ANALYTIC]),
+        fidelity=draw.choice(
+            [
+                Fidelity.STANDARD,
+                Fidelity.STANDARD,
+                Fidelity.STANDARD,
+                Fidelity.SINGLE,
+                Fidelity.ANALYTIC,
+            ]
+        ),
         sun_zenith_rad=np.radians(draw.uniform(0.0, 82.0)),
         state=state,
     )
@@ -107,7 +115,7 @@ def random_air(draw: np.random.Generator) -> Air:
     return Air(
         sun_zenith_rad=np.radians(draw.uniform(0.0, 75.0)),
         band=response_band(wavelength_nm=np.array([short_nm, long_nm]), response=np.ones(2), distance_factor=1.0),
-        tier=Tier.STANDARD,
+        fidelity=Fidelity.STANDARD,
         aerosol=AerosolKind(draw.choice(["depolarizing", "polarizing"])),
         state=AtmosphereState(aerosol_optical_depth=draw.choice([0.0, draw.uniform(0.02, 0.8)])),
         ground_albedo=draw.choice([0.0, draw.uniform(0.0, 0.8)]),

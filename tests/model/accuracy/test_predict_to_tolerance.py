@@ -6,13 +6,13 @@ import pytest
 from model.accuracy.evaluation.chain import STAGES, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.numerical_settings import KNOBS, settings_at
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
 from model.accuracy.predict_to_tolerance import ESTIMATES, predict
 from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.lit_scene import LitRegion
 from tests.model.accuracy.random_scenes import random_scene
 
-FINER = dict.fromkeys(KNOBS, 2) | {"wavelengths": 3}
+FINER = dict.fromkeys(NUMERICAL_SETTINGS, 2) | {"wavelengths": 3}
 
 
 def ticking(step_s=1.0):
@@ -53,37 +53,37 @@ def test_what_is_promised_keeps_the_tolerance(lit):
     _, found, finer = lit
     own = readings(found.result.scenario, found.result.predictions, found.result.detections)
     errors = differences(own, finer)
-    assert len(found.not_promised) < len(errors)
-    assert max(error for key, error in errors.items() if key not in found.not_promised) <= found.tolerance
+    assert len(found.not_guaranteed) < len(errors)
+    assert max(error for key, error in errors.items() if key not in found.not_guaranteed) <= found.tolerance
 
 
 def test_the_largest_estimate_is_above_the_largest_true_error(lit):
     _, found, finer = lit
     own = readings(found.result.scenario, found.result.predictions, found.result.detections)
     errors = differences(own, finer)
-    promised = [key for key in errors if key not in found.not_promised]
+    promised = [key for key in errors if key not in found.not_guaranteed]
     assert max(found.budget.total[key] for key in promised) > max(errors[key] for key in promised)
 
 
 def test_errors_of_the_knobs_sum_to_the_total(lit):
     _, found, _ = lit
     for key, total in found.budget.total.items():
-        assert total == pytest.approx(sum(errors.get(key, 0.0) for errors in found.budget.by_knob.values()))
+        assert total == pytest.approx(sum(errors.get(key, 0.0) for errors in found.budget.by_setting.values()))
 
 
 def test_spheres_are_not_promised():
     scene = given()
     air = replace(random_scene(1).air, aerosol=AerosolKind.SPHERES)
     found = predict(replace(scene, air=air), tolerance=0.01)
-    assert set(found.not_promised) == set(found.budget.total)
-    assert "spheres" in next(iter(found.not_promised.values()))
+    assert set(found.not_guaranteed) == set(found.budget.total)
+    assert "spheres" in next(iter(found.not_guaranteed.values()))
 
 
 def test_given_radiance_has_no_error_but_that_of_the_statistics():
     found = predict(given(), tolerance=1e-5)
     assert found.rounds == 1
-    assert not found.not_promised
-    assert all(found.budget.worst(knob) == 0.0 for knob in KNOBS)
+    assert not found.not_guaranteed
+    assert all(found.budget.worst(knob) == 0.0 for knob in NUMERICAL_SETTINGS)
 
 
 def test_given_radiance_keeps_the_tolerance_in_every_reading():

@@ -31,7 +31,7 @@ def test_every_number_that_is_promised_keeps_the_tolerance_and_the_estimate_is_a
     # With the tolerance of the law of DoLP, on which it depends whether there are moments.
     finer = evaluate(scene, settings_at(FINER, tolerance, face_m=scene.sensor_height_m))
     own, true = (readings(one.scenario, one.predictions, one.detections) for one in (found.result, finer))
-    promised = {key: error for key, error in differences(own, true).items() if key not in found.not_promised}
+    promised = {key: error for key, error in differences(own, true).items() if key not in found.not_guaranteed}
     assert promised
     worst = max(promised, key=promised.get)
     assert promised[worst] <= tolerance, worst

@@ -8,7 +8,7 @@ from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
 from model.atmosphere.aerosol.refractive_index import RefractiveIndex
 from model.atmosphere.aerosol.size_distribution import LogNormal
 from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import TIERS, Tier
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
 from model.atmosphere.profile import AtmosphereState, column, optical_depth
 from model.atmosphere.solver import solve
 from model.atmosphere.sun import SolarBand
@@ -33,7 +33,7 @@ ZENITH_RAD, PHI_RAD = np.meshgrid(np.radians(np.arange(0, 81, 10)), np.radians(n
 def largest_dolp(state, kind):
     """Largest degree of polarization of the sky at 550 nm over black ground, sun at 25 degrees."""
     one = column(state, wavelength_m=550e-9)
-    settings = TIERS[Tier.STANDARD].settings
+    settings = FIDELITY_LEVELS[Fidelity.STANDARD].settings
     solution = solve(
         one.layers(fine=True, aerosol=kind, matrix_tolerance=settings.matrix_tolerance),
         mu0=np.cos(np.radians(25.0)),
@@ -111,10 +111,10 @@ def test_spheres_light_a_band():
     state = AtmosphereState(aerosol_optical_depth=0.2, boundary_aerosol=OWN, upper_aerosol=OWN)
     arguments = {"band": BAND, "mu0": 0.9, "albedo": 0.2, "wavelengths": 2}
     fast, single = (
-        compute_lighting(state, tier=tier, aerosol=AerosolKind.SPHERES, **arguments)
-        for tier in (Tier.FAST, Tier.SINGLE)
+        compute_lighting(state, fidelity=fidelity, aerosol=AerosolKind.SPHERES, **arguments)
+        for fidelity in (Fidelity.FAST, Fidelity.SINGLE)
     )
-    depolarizing = compute_lighting(state, tier=Tier.FAST, aerosol=AerosolKind.DEPOLARIZING, **arguments)
+    depolarizing = compute_lighting(state, fidelity=Fidelity.FAST, aerosol=AerosolKind.DEPOLARIZING, **arguments)
     assert fast.direct_irradiance == depolarizing.direct_irradiance
     assert fast.diffuse_irradiance == pytest.approx(depolarizing.diffuse_irradiance, rel=0.03)
     assert 0.5 < single.diffuse_irradiance / fast.diffuse_irradiance < 1.0

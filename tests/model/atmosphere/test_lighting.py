@@ -3,7 +3,7 @@ import pytest
 
 from model.atmosphere.lighting.analytic_sky import AnalyticLighting, analytic_sky
 from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import TIERS, Tier
+from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
 from model.atmosphere.lighting.path import path_radiance, path_transmittance
 from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.lighting.table_lighting import TableLighting
@@ -102,7 +102,7 @@ def test_ground_under_a_black_target_is_taken_off_the_path():
 
 @pytest.fixture(scope="module")
 def standard():
-    return compute_lighting(STATE, tier=Tier.STANDARD, band=BAND, mu0=MU0, albedo=0.2)
+    return compute_lighting(STATE, fidelity=Fidelity.STANDARD, band=BAND, mu0=MU0, albedo=0.2)
 
 
 def relative(lighting, reference):
@@ -121,7 +121,8 @@ def relative(lighting, reference):
 
 def test_four_wavelengths_are_enough_for_the_visible():
     four, six = (
-        compute_lighting(STATE, tier=Tier.FAST, band=BAND, mu0=MU0, albedo=0.2, wavelengths=count) for count in (4, 6)
+        compute_lighting(STATE, fidelity=Fidelity.FAST, band=BAND, mu0=MU0, albedo=0.2, wavelengths=count)
+        for count in (4, 6)
     )
     # 2e-4 rms are stated for a flat response; the worst direction is some times that.
     assert np.max(relative(four, six)) < 1e-3
@@ -147,7 +148,7 @@ def test_fast_is_as_accurate_as_stated(standard, fast):
 
 
 def test_single_scattering_lacks_light(standard):
-    single = compute_lighting(STATE, tier=Tier.SINGLE, band=BAND, mu0=MU0, albedo=0.2)
+    single = compute_lighting(STATE, fidelity=Fidelity.SINGLE, band=BAND, mu0=MU0, albedo=0.2)
     share = (
         single.sky(zenith_rad=ZENITH_RAD, phi_rad=PHI_RAD)[:, 0]
         / standard.sky(zenith_rad=ZENITH_RAD, phi_rad=PHI_RAD)[:, 0]
@@ -175,7 +176,11 @@ def test_direct_beam_is_the_attenuated_spectrum(standard):
 def test_ozone_darkens_beam_and_sky_alike():
     usual, bare = (
         compute_lighting(
-            AtmosphereState(visibility_m=23e3, ozone_m=ozone_m), tier=Tier.FAST, band=BAND, mu0=MU0, albedo=0.2
+            AtmosphereState(visibility_m=23e3, ozone_m=ozone_m),
+            fidelity=Fidelity.FAST,
+            band=BAND,
+            mu0=MU0,
+            albedo=0.2,
         )
         for ozone_m in (3.44e-3, 0.0)
     )
@@ -200,8 +205,8 @@ def test_analytic_sky_is_polarized_across_the_scattering_plane():
 
 
 def test_analytic_lighting_keeps_beam_and_path_of_single_scattering():
-    analytic = compute_lighting(STATE, tier=Tier.ANALYTIC, band=BAND, mu0=MU0, albedo=0.2, dolp_max=0.25)
-    single = compute_lighting(STATE, tier=Tier.SINGLE, band=BAND, mu0=MU0, albedo=0.2)
+    analytic = compute_lighting(STATE, fidelity=Fidelity.ANALYTIC, band=BAND, mu0=MU0, albedo=0.2, dolp_max=0.25)
+    single = compute_lighting(STATE, fidelity=Fidelity.SINGLE, band=BAND, mu0=MU0, albedo=0.2)
     assert isinstance(analytic, AnalyticLighting)
     assert analytic.direct_irradiance == single.direct_irradiance
     np.testing.assert_array_equal(
@@ -218,19 +223,19 @@ def test_a_store_may_stand_in_for_the_solver():
         seen.append(settings["nodes"])
         return solve(layers, **settings)
 
-    compute_lighting(STATE, tier=Tier.FAST, band=BAND, mu0=MU0, albedo=0.2, wavelengths=2, solver=remembering)
-    assert seen == [TIERS[Tier.FAST].settings.nodes] * 2
+    compute_lighting(STATE, fidelity=Fidelity.FAST, band=BAND, mu0=MU0, albedo=0.2, wavelengths=2, solver=remembering)
+    assert seen == [FIDELITY_LEVELS[Fidelity.FAST].settings.nodes] * 2
 
 
 def test_every_tier_states_its_accuracy_and_time():
-    for tier in Tier:
-        assert TIERS[tier].accuracy
-        assert TIERS[tier].seconds >= 0.0
+    for fidelity in Fidelity:
+        assert FIDELITY_LEVELS[fidelity].accuracy
+        assert FIDELITY_LEVELS[fidelity].seconds >= 0.0
 
 
 def test_a_table_is_not_computed():
     with pytest.raises(ValueError, match="TableLighting"):
-        compute_lighting(STATE, tier=Tier.TABLE, band=BAND, mu0=MU0, albedo=0.2)
+        compute_lighting(STATE, fidelity=Fidelity.TABLE, band=BAND, mu0=MU0, albedo=0.2)
 
 
 @pytest.mark.parametrize("zenith_rad", [-0.1, 1.6, np.nan])
@@ -241,7 +246,7 @@ def test_directions_below_the_horizon_are_refused(standard, zenith_rad):
 
 @pytest.fixture(scope="module")
 def fast():
-    return compute_lighting(STATE, tier=Tier.FAST, band=BAND, mu0=MU0, albedo=0.2)
+    return compute_lighting(STATE, fidelity=Fidelity.FAST, band=BAND, mu0=MU0, albedo=0.2)
 
 
 def tabulated(lighting, phi_deg, zenith_deg):

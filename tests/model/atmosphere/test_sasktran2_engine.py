@@ -5,7 +5,7 @@ import pytest
 
 from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
 from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.sasktran2_engine import sasktran2_solution
 from model.atmosphere.solver import solve
@@ -67,7 +67,7 @@ def test_largest_degree_of_polarization_of_the_rural_sky():
 def test_it_lights_a_band():
     wavelength_m = np.linspace(500e-9, 600e-9, 11)
     band = SolarBand(wavelength_m=wavelength_m, irradiance_w_per_m3=np.full(11, 1.8e9), response=np.ones(11))
-    arguments = {"tier": Tier.FAST, "band": band, "mu0": 0.9, "albedo": 0.2, "wavelengths": 1}
+    arguments = {"tier": Fidelity.FAST, "band": band, "mu0": 0.9, "albedo": 0.2, "wavelengths": 1}
     state = AtmosphereState(visibility_m=23e3)
     ours = compute_lighting(state, **arguments)
     theirs = compute_lighting(state, solver=sasktran2_solution, **arguments)

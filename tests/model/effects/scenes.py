@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.accuracy.evaluation.settings import Settings
-from model.atmosphere.lighting.fidelity import SolverSettings, Tier
+from model.atmosphere.lighting.fidelity import Fidelity, SolverSettings
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
@@ -86,7 +86,7 @@ def panel_scene(*, pressure_pa=1e5, aerosol=0.1, height_m=3000.0, half_width_m=1
     air = Air(
         sun_zenith_rad=np.deg2rad(45.0),
         band=band(half_width_m=half_width_m),
-        tier=Tier.FAST,
+        fidelity=Fidelity.FAST,
         aerosol=AerosolKind.DEPOLARIZING,
         state=AtmosphereState(aerosol_optical_depth=aerosol, surface_pressure_pa=pressure_pa),
         ground_albedo=0.1,

@@ -76,7 +76,7 @@ def test_both_tails_against_the_double_integral(name):
 )
 def test_quantile_inverts_the_tails_far_out(p, mean, cov):
     x = dolp.quantile(p, mean, cov)
-    tails = dolp.law_tails(x, mean, cov)
+    tails = dolp.distribution_tails(x, mean, cov)
     smaller = tails.lower / p if p <= 0.5 else tails.upper / (1.0 - p)
     # The search runs over log x, up to 700 in size: rounding 1e-13. Rounding of x alone changes the tail by
     # 1e-16 x f / tail, 1e-9 at SNR 1e6.
@@ -120,13 +120,13 @@ def test_low_signal_with_a_singular_covariance_has_both_far_tails():
     factor = np.array([[1.5, 0.3], [-0.2, 0.9], [0.4, -0.7]])
     p = np.array([1e-12, 1.0 - 1e-9])
     mean = (1.0, 0.27, 0.12)
-    found = dolp.law_tails(dolp.quantile(p, mean, factor @ factor.T), mean, factor @ factor.T)
+    found = dolp.distribution_tails(dolp.quantile(p, mean, factor @ factor.T), mean, factor @ factor.T)
     np.testing.assert_allclose([found.lower[0] / p[0], found.upper[1] / (1.0 - p[1])], 1.0, rtol=1e-9)
 
 
 def test_lower_and_upper_tail_add_to_one():
     x = np.geomspace(1e-6, 1e6, 25)
-    tails = dolp.law_tails(x, (1.0, 0.4, 0.1), covariance((0.4, 0.2, 0.1), r01=0.6))
+    tails = dolp.distribution_tails(x, (1.0, 0.4, 0.1), covariance((0.4, 0.2, 0.1), r01=0.6))
     np.testing.assert_allclose(tails.lower + tails.upper, 1.0, rtol=1e-14)
 
 

@@ -97,7 +97,7 @@ def _by_law(mean, cov):
     nodes, weights = np.polynomial.legendre.leggauss(16)
     half = 0.5 * np.diff(ends)[:, None]
     x, w = (0.5 * (ends[:-1] + ends[1:])[:, None] + half * nodes).ravel(), (half * weights).ravel()
-    tails = dolp.law_tails(x, mean, cov)
+    tails = dolp.distribution_tails(x, mean, cov)
     tail = np.where(x < low[-1], -tails.lower, tails.upper)
     shift = np.sum(w * tail)
     return low[-1] + shift, np.sqrt(np.sum(2.0 * w * (x - low[-1]) * tail) - shift**2)

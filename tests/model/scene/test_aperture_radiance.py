@@ -102,7 +102,7 @@ def test_ground_radiance_is_what_a_lambertian_ground_sends_back():
     made = illumination(sky=even_sky, albedo=0.2)
     received = np.pi + 300.0 * np.cos(np.radians(50.0))
     assert made.skylight.ground_radiance == pytest.approx(0.2 / np.pi * received, rel=1e-9)
-    assert made.beam_irradiance == pytest.approx(300.0 * np.cos(np.radians(50.0)))
+    assert made.direct_horizontal_irradiance == pytest.approx(300.0 * np.cos(np.radians(50.0)))
 
 
 def test_rules_of_a_similar_view_give_the_same_light_to_the_tolerance():
@@ -138,7 +138,7 @@ def test_a_sun_too_low_is_refused(zenith_deg):
 
 
 def test_a_sun_at_85_deg_is_allowed():
-    assert illumination(zenith_deg=85.0).beam_irradiance > 0.0
+    assert illumination(zenith_deg=85.0).direct_horizontal_irradiance > 0.0
 
 
 @pytest.mark.parametrize("change", [{"zenith_rad": 1.6}, {"azimuth_rad": np.nan}, {"roll_rad": np.inf}])

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.scene.hemisphere import Rules, reflected_by_rules, reflected_skylight
+from model.scene.hemisphere import Rules, reflected_by_rules, reflected_diffuse
 from model.scene.panel_light import PanelLight
 from model.scene.view import View
 from model.stokes import dolp
@@ -27,7 +27,7 @@ def panel(zenith_deg, *, surface=PAINT, tilt=LEVEL, azimuth_deg=70.0):
 
 def reflected(one, light, **how):
     """Return what goes to the only camera."""
-    found = reflected_skylight(one, light, **how)
+    found = reflected_diffuse(one, light, **how)
     return replace(found, stokes=found.stokes[0], error=found.error[0])
 
 
@@ -169,7 +169,7 @@ def test_several_cameras_at_once_see_what_each_sees_alone(tilt_deg):
 def test_rules_are_refined_until_they_suffice_for_the_worst_camera():
     light, easy, hard = skylight(), view(0.0, 0.0), view(80.0, 200.0)
     alone, other, both = (
-        reflected_skylight(PanelLight(surface=PAINT, tilt=LEVEL, views=views), light, tolerance=1e-3).rules.lobe
+        reflected_diffuse(PanelLight(surface=PAINT, tilt=LEVEL, views=views), light, tolerance=1e-3).rules.lobe
         for views in ((easy,), (hard,), (easy, hard))
     )
     assert alone < other == both

@@ -3,7 +3,7 @@ import pytest
 
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import AtmosphereState
 from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
@@ -19,7 +19,7 @@ def computed_sky(sun_zenith_deg, aerosol=AerosolKind.DEPOLARIZING, kind=AerosolT
     band = SolarBand(wavelength_m=wavelength_m, irradiance_w_per_m3=np.full(11, 1.8e9), response=np.ones(11))
     return compute_lighting(
         AtmosphereState(visibility_m=23e3, boundary_aerosol=kind),
-        tier=Tier.FAST,
+        fidelity=Fidelity.FAST,
         band=band,
         mu0=np.cos(np.radians(sun_zenith_deg)),
         albedo=0.1,

@@ -11,15 +11,15 @@ from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import differences, readings
 from model.accuracy.planning.numerical_settings import (
     HEMISPHERE,
-    KNOBS,
     LAYERS,
+    NUMERICAL_SETTINGS,
     SKY_GRID,
     STREAMS,
     TILES,
     WAVELENGTHS,
     settings_at,
 )
-from model.atmosphere.lighting.fidelity import Tier
+from model.atmosphere.lighting.fidelity import Fidelity
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-4  # so small that nothing is passed over
@@ -47,27 +47,27 @@ def budget(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("knob", list(KNOBS))
+@pytest.mark.parametrize("knob", list(NUMERICAL_SETTINGS))
 def test_the_largest_error_of_a_knob_is_found(knob, seed):
     scene, store, result = evaluated(seed)
     finer = evaluate(scene, settings_at({**BASE, knob: FINER[knob]}, TOLERANCE), store=store)
     true = max(differences(of(result), of(finer)).values())
-    estimated = max(budget(seed).by_knob[knob].values(), default=0.0)
+    estimated = max(budget(seed).by_setting[knob].values(), default=0.0)
     # The finer solution has a hundredth of the error; elements of depth come and go, 2e-6.
     assert true <= 1.01 * estimated + 2e-6
     assert true > 1e-6 or knob == TILES
 
 
-@pytest.mark.parametrize("tier", [Tier.SINGLE, Tier.ANALYTIC])
-def test_light_scattered_once_has_layers_too(tier):
+@pytest.mark.parametrize("tier", [Fidelity.SINGLE, Fidelity.ANALYTIC])
+def test_light_scattered_once_has_layers_too(fidelity):
     scene, store = random_scene(SEEDS[0]), LightStore()
-    scene = replace(scene, air=replace(scene.air, tier=tier), view=replace(scene.view, height_m=2500.0))
+    scene = replace(scene, air=replace(scene.air, fidelity=fidelity), view=replace(scene.view, height_m=2500.0))
     plan = {**BASE, LAYERS: 0}
     result, finer = (
         evaluate(scene, settings_at({**plan, LAYERS: level}, TOLERANCE, face_m=2500.0), store=store) for level in (0, 3)
     )
     errors = light_errors(scene, plan, result, store, tolerance=TOLERANCE)
-    estimated = error_budget(scene, result, errors, tolerance=TOLERANCE).by_knob
+    estimated = error_budget(scene, result, errors, tolerance=TOLERANCE).by_setting
     true = max(differences(of(result), of(finer)).values())
     assert 1e-6 < true <= 1.01 * max(estimated[LAYERS].values()) + 2e-6
     assert not estimated[STREAMS]
@@ -76,7 +76,7 @@ def test_light_scattered_once_has_layers_too(tier):
 def test_a_scene_of_given_radiance_has_no_error_of_the_light():
     scene, store, result = evaluated(SEEDS[0])
     found = light_errors(scene, BASE, replace(result, illumination=None), store, tolerance=TOLERANCE)
-    assert found == {knob: {} for knob in KNOBS}
+    assert found == {knob: {} for knob in NUMERICAL_SETTINGS}
 
 
 @pytest.mark.parametrize(("source", "without"), [("reflected_sun", SKY_GRID), ("path", HEMISPHERE)])

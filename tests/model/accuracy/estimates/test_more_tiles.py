@@ -5,12 +5,12 @@ import pytest
 
 from model.accuracy.estimates.more_tiles import on_more_tiles
 from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.planning.numerical_settings import HEMISPHERE, KNOBS, settings_at
+from model.accuracy.planning.numerical_settings import HEMISPHERE, NUMERICAL_SETTINGS, settings_at
 from tests.model.accuracy.random_scenes import random_scene
 
 # A target before a background that fills 20 by 16 deg of the field; two points.
 WIDE, POINTS = 14, 4
-PLAN = {**dict.fromkeys(KNOBS, 0), HEMISPHERE: 2}
+PLAN = {**dict.fromkeys(NUMERICAL_SETTINGS, 0), HEMISPHERE: 2}
 
 
 def settings(tiles_per_side):

@@ -7,7 +7,7 @@ import pytest
 from model.accuracy.estimates.sensitivity import changes, grown, steps
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.quantities import readings, signed_differences
-from model.accuracy.planning.numerical_settings import KNOBS, settings_at
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
 from model.prediction.performance import pair_detection
 from model.prediction.prediction import predict
 from tests.model.accuracy.random_scenes import random_scene
@@ -18,7 +18,7 @@ TOLERANCE = 1e-3
 @cache
 def evaluated():
     scene = random_scene(4)
-    return scene, evaluate(scene, settings_at(dict.fromkeys(KNOBS, 0), TOLERANCE))
+    return scene, evaluate(scene, settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), TOLERANCE))
 
 
 def test_changes_are_those_of_a_prediction_with_the_other_light():

@@ -5,12 +5,12 @@ import pytest
 
 from model.accuracy.evaluation.chain import evaluate, scenario_of
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.planning.numerical_settings import KNOBS, settings_at
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
 from tests.model.accuracy.random_scenes import random_scene
 
-CHEAP = settings_at(dict.fromkeys(KNOBS, 0), 0.1)
+CHEAP = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 0.1)
 
 
 def scene_of_points(seed=4):

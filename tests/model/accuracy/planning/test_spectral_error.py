@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.planning.numerical_settings import KNOBS, WAVELENGTHS, at_level, settings_at
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVELENGTHS, at_level, settings_at
 from model.accuracy.planning.spectral_error import spectral_error
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.profile import AtmosphereState
 from rigctl.scene.skies.solar_band import response_band
 from tests.model.accuracy.random_scenes import random_scene
 
-COARSE = settings_at(dict.fromkeys(KNOBS, 0), 1e-4)
+COARSE = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 1e-4)
 # Directions all over the sky.
 ZENITH_RAD, PHI_RAD = np.meshgrid(np.radians([20.0, 50.0, 75.0]), np.radians([15.0, 90.0, 165.0]))
 
@@ -32,7 +32,7 @@ def air(**changes):
 
 def sky_error(one, settings):
     """Largest relative error of S0 of the sky, against twelve wavelengths between the tables' entries."""
-    finest = at_level(settings, WAVELENGTHS, len(KNOBS[WAVELENGTHS].levels) - 1)
+    finest = at_level(settings, WAVELENGTHS, len(NUMERICAL_SETTINGS[WAVELENGTHS].levels) - 1)
     own, fine = (
         LightStore()
         .illumination(one, chosen, sun_azimuth_rad=0.0)

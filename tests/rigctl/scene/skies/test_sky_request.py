@@ -3,8 +3,8 @@ import pytest
 from pvlib import spectrum
 
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.settings import settings_of_tier
-from model.atmosphere.lighting.fidelity import Tier
+from model.accuracy.evaluation.settings import settings_of_fidelity
+from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind
@@ -20,7 +20,7 @@ def request(sun_zenith_deg, **changes):
         "sun_zenith_rad": np.radians(sun_zenith_deg).item(),
         "distance_factor": DISTANCE_FACTOR,
         "response": ((400.0, 1.0), (700.0, 1.0)),
-        "tier": Tier.FAST,
+        "tier": Fidelity.FAST,
         "aerosol": AerosolKind.DEPOLARIZING,
         "state": STATE,
         "ground_albedo": 0.2,
@@ -33,7 +33,7 @@ def request(sun_zenith_deg, **changes):
 
 def lit(wanted, *, store=None, sun_azimuth_rad=0.0):
     store = LightStore() if store is None else store
-    settings = settings_of_tier(wanted.tier, wavelengths=wanted.wavelengths)
+    settings = settings_of_fidelity(wanted.tier, wavelengths=wanted.wavelengths)
     return store.illumination(air_of(wanted), settings, sun_azimuth_rad=sun_azimuth_rad)
 
 
