@@ -121,7 +121,7 @@ def aperture_lights(
     )
     sky, error, used = np.zeros((len(views), 3)), np.zeros(len(views)), _NO_RULES
     if skylight:
-        sky, error, used = _sky_part(panel, illumination.skylight, tolerance, rules)
+        sky, error, used = _sky_part(panel, illumination.diffuse_radiance, tolerance, rules)
     turn = np.array([view.roll_rad for view in views])
     reflected_sun, reflected_sky, added = (
         rotate_frame(part, turn) for part in (through[:, np.newaxis] * sun, through[:, np.newaxis] * sky, paths)

@@ -1,4 +1,4 @@
-"""The light that falls on a panel beside the beam, and the directions from which it comes."""
+"""Diffuse radiance that falls on a panel beside the beam, and quadrature over the directions from which it comes."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -44,7 +44,7 @@ class Nodes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiffuseRadiance:
-    """All light on a target but the beam: the sky above the horizon, and a Lambertian ground below it.
+    """Downwelling diffuse radiance of the sky above the horizon, and that of a Lambertian ground below it.
 
     Attributes
     ----------

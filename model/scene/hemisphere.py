@@ -1,4 +1,4 @@
-"""Skylight reflected to the camera: the integral of pBRDF times sky over the hemisphere, with its error."""
+"""Diffuse radiance reflected to the camera: the integral of pBRDF times sky over the hemisphere, with its error."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Rules:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReflectedDiffuse:
-    """Skylight that a panel sends to V cameras.
+    """Diffuse radiance that a panel sends to V cameras.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class ReflectedDiffuse:
 
 
 def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: float = TOLERANCE) -> ReflectedDiffuse:
-    """Return the skylight that a panel reflects to cameras, and its estimated error.
+    """Return the diffuse radiance that a panel reflects to cameras, and its estimated error.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: f
     [MK14] eq. (3). Differs from [MK14]: F is taken at the direction of the sky, (theta_d, theta_r, phi_d - phi_r).
     """
     if not tolerance > 0.0:
-        raise ValueError(f"reflected_skylight: tolerance = {tolerance!r}, but it must be above 0")
+        raise ValueError(f"reflected_diffuse: tolerance = {tolerance!r}, but it must be above 0")
     lobe = _refined(lambda order: panel.lobe(light, order), tolerance)
     diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance)
     stokes = lobe.value + diffuse.value
@@ -100,7 +100,7 @@ def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: f
 
 
 def reflected_by_rules(panel: PanelLight, light: DiffuseRadiance, rules: Rules) -> FloatArray:
-    """Return the skylight that a panel reflects to cameras, by given rules: no refinement, no error.
+    """Return the diffuse radiance that a panel reflects to cameras, by given rules: no refinement, no error.
 
     Parameters
     ----------

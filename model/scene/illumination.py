@@ -22,7 +22,7 @@ class Illumination:
     ----------
     lighting
         Beam, transmittance and path.
-    skylight
+    diffuse_radiance
         What shines on a panel but the beam.
     sky_irradiance
         Of the sky on level ground [W m-2].
@@ -31,7 +31,7 @@ class Illumination:
     """
 
     lighting: Lighting
-    skylight: DiffuseRadiance
+    diffuse_radiance: DiffuseRadiance
     sky_irradiance: float
     sun_zenith_rad: float
     sun_azimuth_rad: float
@@ -83,7 +83,7 @@ def illuminate(
     seen = lighting.sky if sky is None else sky
     from_sky = _sky_irradiance(seen)
     received = from_sky + lighting.direct_irradiance * float(np.cos(sun_zenith_rad))
-    skylight = DiffuseRadiance(
+    diffuse_radiance = DiffuseRadiance(
         sky=seen,
         sun_azimuth_rad=sun_azimuth_rad,
         ground_radiance=ground_albedo / np.pi * received,
@@ -91,7 +91,7 @@ def illuminate(
     )
     return Illumination(
         lighting=lighting,
-        skylight=skylight,
+        diffuse_radiance=diffuse_radiance,
         sky_irradiance=from_sky,
         sun_zenith_rad=sun_zenith_rad,
         sun_azimuth_rad=sun_azimuth_rad,

@@ -1,4 +1,4 @@
-"""What one panel reflects to cameras, of the beam and of the skylight, by quadrature rules of a given order.
+"""What one panel reflects to cameras, of the beam and of diffuse radiance, by quadrature rules of a given order.
 
 The lobe and the diffuse term are integrated apart. For the lobe the nodes lie over the slopes of the facets, so that a
 narrow lobe has as many as a wide one; for the diffuse term they cover the sky evenly.
@@ -81,7 +81,7 @@ class PanelLight:
         return self._to_cameras(on_panel[:, np.newaxis] * mueller[:, :, 0])
 
     def lobe(self, light: DiffuseRadiance, order: int) -> FloatArray:
-        """Return the skylight that the lobe reflects, shape (V, 3) [W m-2 sr-1].
+        """Return the diffuse radiance that the lobe reflects, shape (V, 3) [W m-2 sr-1].
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class PanelLight:
         return self._to_cameras(found)
 
     def diffuse(self, light: DiffuseRadiance, order: int) -> FloatArray:
-        """Return the skylight that the diffuse term reflects, shape (V, 3) [W m-2 sr-1].
+        """Return the diffuse radiance that the diffuse term reflects, shape (V, 3) [W m-2 sr-1].
 
         Parameters
         ----------

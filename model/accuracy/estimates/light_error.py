@@ -165,7 +165,7 @@ class _Grid:
     @property
     def largest(self) -> float:
         """Largest relative error of any direction."""
-        return self.illumination.skylight.relative_error
+        return self.illumination.diffuse_radiance.relative_error
 
     @cached_property
     def differences(self) -> tuple[Sky, ...]:

@@ -54,8 +54,8 @@ class LinesOfSight:
         if self.region.surface is None or self.region.tilt is None:
             raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
         panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, views=self._views)
-        skylight = DiffuseRadiance(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
-        stokes = reflected_by_rules(panel, skylight, self.lights[0].rules)
+        radiance = DiffuseRadiance(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
+        stokes = reflected_by_rules(panel, radiance, self.lights[0].rules)
         through = np.array([light.transmittance for light in self.lights])
         return rotate_frame(through[:, np.newaxis] * stokes, self._roll_rad)
 

@@ -23,7 +23,7 @@ def _double_integral(x, component):
 @pytest.mark.parametrize("component", [1, 2])
 @pytest.mark.parametrize("x", [-3.0, -0.2, 0.3, 1.0])
 def test_cdf_against_the_double_integral(x, component):
-    found = normalized_stokes.law(x, MEAN, COV, component=component)
+    found = normalized_stokes.distribution(x, MEAN, COV, component=component)
     # The outer rule leaves out S0 above 6, ten deviations.
     np.testing.assert_allclose(found.lower, _double_integral(x, component), rtol=1e-12)
     np.testing.assert_allclose(found.lower + found.upper, 1.0, rtol=1e-14)
@@ -32,16 +32,16 @@ def test_cdf_against_the_double_integral(x, component):
 @pytest.mark.parametrize("p", [1e-12, 1e-3, 0.5, 1.0 - 1e-9])
 def test_quantile_inverts_the_law(p):
     x = normalized_stokes.quantile(p, MEAN, COV, component=1)
-    found = normalized_stokes.law(x, MEAN, COV, component=1)
+    found = normalized_stokes.distribution(x, MEAN, COV, component=1)
     smaller = found.lower / p if p <= 0.5 else found.upper / (1.0 - p)
     np.testing.assert_allclose(smaller, 1.0, rtol=1e-12)
 
 
 def test_density_is_the_derivative():
     step = 1e-5
-    lower = [normalized_stokes.law(0.4 + k * step, MEAN, COV, component=2).lower for k in (-1, 1)]
+    lower = [normalized_stokes.distribution(0.4 + k * step, MEAN, COV, component=2).lower for k in (-1, 1)]
     slope = (lower[1] - lower[0]) / (2.0 * step)
-    np.testing.assert_allclose(normalized_stokes.law(0.4, MEAN, COV, component=2).density, slope, rtol=1e-8)
+    np.testing.assert_allclose(normalized_stokes.distribution(0.4, MEAN, COV, component=2).density, slope, rtol=1e-8)
 
 
 def test_known_intensity_leaves_a_normal_law():
@@ -59,4 +59,4 @@ def test_high_signal_to_noise_keeps_the_width():
 @pytest.mark.parametrize(("component", "cov"), [(3, COV), (1, np.outer(MEAN, MEAN))])
 def test_what_has_no_law_is_refused(component, cov):
     with pytest.raises(ValueError, match=r"component|fluctuation"):
-        normalized_stokes.law(0.3, MEAN, cov, component=component)
+        normalized_stokes.distribution(0.3, MEAN, cov, component=component)

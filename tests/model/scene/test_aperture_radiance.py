@@ -101,7 +101,7 @@ def test_sky_irradiance_of_an_even_sky_is_pi():
 def test_ground_radiance_is_what_a_lambertian_ground_sends_back():
     made = illumination(sky=even_sky, albedo=0.2)
     received = np.pi + 300.0 * np.cos(np.radians(50.0))
-    assert made.skylight.ground_radiance == pytest.approx(0.2 / np.pi * received, rel=1e-9)
+    assert made.diffuse_radiance.ground_radiance == pytest.approx(0.2 / np.pi * received, rel=1e-9)
     assert made.direct_horizontal_irradiance == pytest.approx(300.0 * np.cos(np.radians(50.0)))
 
 

@@ -94,8 +94,8 @@ def test_a_sky_is_solved_once_for_all_azimuths_of_the_sun():
 def test_the_sampled_sky_is_that_of_the_atmosphere():
     made = lit(request(40.0))
     exact = made.lighting.sky(zenith_rad=[0.3, 1.2], phi_rad=[0.4, 2.0])
-    sampled = made.skylight.sky(zenith_rad=[0.3, 1.2], phi_rad=[0.4, 2.0])
-    assert np.max(np.abs(sampled - exact)) < 3.0 * made.skylight.relative_error * exact[0, 0]
+    sampled = made.diffuse_radiance.sky(zenith_rad=[0.3, 1.2], phi_rad=[0.4, 2.0])
+    assert np.max(np.abs(sampled - exact)) < 3.0 * made.diffuse_radiance.relative_error * exact[0, 0]
 
 
 def test_a_low_sun_is_refused_before_anything_is_computed():
