@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import cv2
 import typer
 from rich.progress import Progress
-from rich.table import Table
 
 from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
@@ -25,7 +24,8 @@ from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
-from rigctl.reports.tables.calibration_table import calibration_rows
+from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
@@ -162,13 +162,7 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def _print_table(content: dict[str, Any], flags: tuple[Flag, ...]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for title in ("quantity", "value", "std error", "EMVA 1288", "std error", "unit", "frames"):
-        table.add_column(title, justify="left" if title in ("quantity", "unit") else "right")
-    for row in calibration_rows(content):
-        frames = row.frames or row.emva_frames
-        table.add_row(row.title, row.value, row.error, row.emva_value, row.emva_error, row.unit, frames)
     console = results()
-    console.print(table)
+    console.print(terminal_table(calibration_table(calibration_rows(content))))
     for flag in flags:
         console.print(f"{flag.name}: {flag.message}", markup=False)

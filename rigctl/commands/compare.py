@@ -7,6 +7,7 @@ import typer
 
 from rigctl.choices import ScaleKind
 from rigctl.cli import EXIT_DISAGREES
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, results
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def command(
     """
     from rigctl.comparison.run_calibrations import CalibrationPaths
     from rigctl.jobs.compare import CompareRequest, compare_run
-    from rigctl.reports.comparison_files import compared_json
+    from rigctl.reports.tables.comparison_json import compared_json
 
     runs, scene = _runs_and_scene(paths, scene)
     request = CompareRequest(
@@ -95,7 +96,7 @@ def _runs_and_scene(paths: list[Path], scene: Path | None) -> tuple[list[Path], 
 
 def _compare_many(runs: list[Path], request: "CompareRequest", *, out: Path, as_json: bool) -> None:
     from rigctl.jobs.series import compare_series
-    from rigctl.reports.pages.series_page import series_json
+    from rigctl.reports.tables.series_tables import series_json
 
     series = compare_series(runs, request, out=out)
     if as_json:
@@ -111,7 +112,7 @@ def _compare_many(runs: list[Path], request: "CompareRequest", *, out: Path, as_
 
 def show(compared: "ComparedRun", out: Path) -> None:
     """Print the verdict, what disagrees, and where that points."""
-    from rigctl.reports.tables.quantity_tables import row_table
+    from rigctl.reports.tables.row_table import row_table
 
     comparison, console = compared.comparison, results()
     if comparison.scale is not None:
@@ -126,7 +127,7 @@ def show(compared: "ComparedRun", out: Path) -> None:
     else:
         off = sorted(comparison.disagreements, key=lambda row: -abs(row.z or 0.0))
         console.print(f"model and measurement DISAGREE in {len(off)} of {tests} numbers (alpha = {comparison.alpha:g})")
-        console.print(row_table(off[:_SHOWN], title=""))
+        console.print(terminal_table(row_table(off[:_SHOWN])))
         for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
             console.print(f"points to {cause}: {advice}", markup=False)
         if comparison.explanation is not None:

@@ -9,7 +9,7 @@ from rigctl.cli import EXIT_DISAGREES
 from rigctl.commands.compare import show
 from rigctl.demo import run_demo
 from rigctl.errors import ConfigError
-from rigctl.reports.comparison_files import compared_json
+from rigctl.reports.tables.comparison_json import compared_json
 from rigctl.simulated.perturbation import PERTURBATIONS
 from rigctl.terminal import print_json, progress
 

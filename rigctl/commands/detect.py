@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results, warn
 
 
@@ -28,31 +29,17 @@ def command(
     Example: rigctl detect runs/panels --background asphalt --target black_panel --out rx
     --regions examples/regions.toml
     """
-    from rich.table import Table
-
     from rigctl.jobs.detect import DetectRequest, detect_target
-    from rigctl.reports.rx_files import detection_json
+    from rigctl.reports.tables.detection_tables import detection_json, round_roc_table
 
     request = DetectRequest(background=background, target=target, regions=regions, scene=scene, noise=noise)
     detection = detect_target(run, request, out=out)
     found, names = detection.found, detection.files
     for doubt in detection.doubts:
         warn(doubt)
-    content = detection_json(found, background=background, target=target)
     if as_json:
-        print_json(content)
+        print_json(detection_json(found, background=background, target=target))
         return
-    table = Table(title=f"RX: {target} on {background}", title_justify="left", box=None, pad_edge=False)
-    for title in ("P_FA", "threshold", "P_D predicted", "P_D measured", "95 % band"):
-        table.add_column(title, justify="right")
-    for point in content["points"]:
-        table.add_row(
-            f"{point['p_false_alarm']:.1e}",
-            f"{point['threshold']:.2f}",
-            f"{point['p_detection_predicted']:.4f}",
-            f"{point['p_detection_measured']:.4f}",
-            f"{point['band_low']:.4f} to {point['band_high']:.4f}",
-        )
-    results().print(table)
+    results().print(terminal_table(round_roc_table(found, background=background, target=target)))
     for text in (f"predicted from {found.predicted_from}", *found.warnings, f"{', '.join(names)} in {out}"):
         progress().print(text, markup=False)

@@ -3,17 +3,12 @@
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from model.processing.dolp_against_snr import DolpAgainstSnr
-    from rigctl.jobs.dolp import ComparedEstimators
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 
@@ -40,12 +35,13 @@ def fig5(
     Example: rigctl dolp fig5 --out fig5
     """
     from rigctl.jobs.dolp import dolp_by_snr
+    from rigctl.reports.tables.dolp_tables import fig5_table
 
     found = dolp_by_snr(draws=draws, seed=seed, out=out)
     if as_json:
         print_json({name: _numbers(values) for name, values in vars(found).items()})
     else:
-        results().print(_fig5_table(found))
+        results().print(terminal_table(fig5_table(found)))
     if out is not None:
         progress().print(f"{out / 'fig5.png'}", markup=False)
 
@@ -62,43 +58,16 @@ def estimators(
     Example: rigctl dolp estimators --out estimators
     """
     from rigctl.jobs.dolp import compare_estimators
+    from rigctl.reports.tables.dolp_tables import estimator_table
 
     found = compare_estimators(out=out)
     if as_json:
         errors = {name: {"bias": _numbers(e.bias), "rms": _numbers(e.rms)} for name, e in found.errors.items()}
         print_json({"true_snr": found.true_snr.tolist()} | errors)
     else:
-        results().print(_estimator_table(found))
+        results().print(terminal_table(estimator_table(found.errors, found.true_snr.tolist())))
     if out is not None:
         progress().print(f"{out / 'estimators.png'}", markup=False)
-
-
-def _estimator_table(found: "ComparedEstimators") -> "Table":
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, title="bias/rms error", title_justify="left")
-    table.add_column("true SNR", justify="right")
-    for name in found.errors:
-        table.add_column(name, justify="right", no_wrap=True)
-    for k, ratio in enumerate(found.true_snr):
-        table.add_row(f"{ratio:g}", *(f"{e.bias[k]:+.3f}/{e.rms[k]:.3f}" for e in found.errors.values()))
-    return table
-
-
-def _fig5_table(found: "DolpAgainstSnr") -> "Table":
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    for title in ("SNR [dB]", "S0 [e-]", "mean: first", "exact", "drawn", "std: first", "exact", "drawn"):
-        table.add_column(title, justify="right")
-    for k, ratio in enumerate(found.snr):
-        table.add_row(
-            f"{20 * math.log10(ratio):.0f}",
-            f"{found.s0_e[k]:.4g}",
-            *(f"{values[k]:.5f}" for values in (found.first_mean, found.mean, found.drawn_mean)),
-            *(f"{values[k]:.5f}" for values in (found.first_std, found.std, found.drawn_std)),
-        )
-    return table
 
 
 def _numbers(values: Iterable[float]) -> list[float | None]:

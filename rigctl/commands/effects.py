@@ -8,6 +8,7 @@ import typer
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.files.scene_file import load_scene
 from rigctl.reports.tables.effects_tables import effects_json, effects_table, saved_line
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.effect_plan import plan_effects, verify_effects
 from rigctl.scene.scene_reading import scene_of_file
@@ -48,7 +49,7 @@ def command(
     if as_json:
         print_json(effects_json(planned.plan, checked) | {"remarks": list(planned.remarks)})
     else:
-        results().print(effects_table(planned.plan, checked))
+        results().print(terminal_table(effects_table(planned.plan, checked)))
         if checked is not None:
             results().print(saved_line(checked))
         for remark in planned.remarks:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rigctl.errors import DataError
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
@@ -45,7 +46,7 @@ def surface(
         print_json(content)
     else:
         for table in fit_tables(content):
-            results().print(table)
+            results().print(terminal_table(table))
             results().print()
         results().print(
             f"chi-square {content['chi_square']:.4g} with {content['degrees_of_freedom']} degrees of freedom, "

@@ -8,6 +8,7 @@ import typer
 
 from rigctl.choices import Engine, LightPart
 from rigctl.errors import ConfigError
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def _predict(request: "PredictRequest", *, uncertainty: bool, as_json: bool) -> 
         results().print(line)
     effects = () if errors is None else input_effect_tables(errors)
     for table in (*light_tables(found), *quantity_tables(content["regions"]), *effects):
-        results().print(table)
+        results().print(terminal_table(table))
     for remark in (*found.remarks, *_warnings(predicted), *_of_uncertainty(predicted)):
         progress().print(remark, markup=False)
 
@@ -142,7 +143,7 @@ def _predict_to(request: "PredictRequest", tolerance: float, *, as_json: bool) -
         print_json(content | {"accuracy": accuracy_json(found), "effects": effects_json(effects, None)})
         return
     for table in (*quantity_tables(content["regions"]), accuracy_table(found)):
-        results().print(table)
+        results().print(terminal_table(table))
     for line in (*accuracy_lines(found), left_out_line(effects), *predicted.remarks):
         progress().print(line, markup=False)
 
@@ -158,7 +159,7 @@ def _sweep(request: "PredictRequest", key_and_range: str, *, out: Path | None, a
         return
     results().print(f"sweep of {swept.found.key}", markup=False)
     for table in sweep_tables(swept.found):
-        results().print(table)
+        results().print(terminal_table(table))
     for remark in swept.remarks:
         progress().print(remark, markup=False)
     if out is not None:

@@ -11,6 +11,7 @@ from rigctl.durable_file import write_durably
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.reports.sky_kinds import kinds_json, kinds_table, skies_of_kinds
 from rigctl.reports.sky_sheet import SkySheet, sky_sheet
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 
@@ -73,6 +74,6 @@ def _compare(scene: SceneFile, out: Path | None, *, engine: Engine, as_json: boo
     if as_json:
         print_json(kinds_json(kinds))
         return
-    results().print(kinds_table(kinds))
+    results().print(terminal_table(kinds_table(kinds)))
     for line in (kinds[0].sheet.lines[0], *kinds[0].sheet.remarks[:1]):
         results().print(line)

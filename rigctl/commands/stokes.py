@@ -12,6 +12,7 @@ from rigctl.measurement.temporal_noise import temporal_noise
 from rigctl.reports.stokes_files import write_stokes
 from rigctl.reports.tables.comparison_json import measurement_json
 from rigctl.reports.tables.quantity_tables import quantity_tables
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results, warn
 
@@ -54,7 +55,7 @@ def command(
         print_json(content)
         return
     for table in quantity_tables(content["regions"]):
-        results().print(table)
+        results().print(terminal_table(table))
     for name, texture in content.get("texture", {}).items():
         results().print(texture_line(name, texture), markup=False)
     progress().print(f"{', '.join(names)} in {out}", markup=False)

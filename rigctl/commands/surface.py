@@ -14,6 +14,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.material_file import NM_PER_M, find_material
 from rigctl.reports.surface_sheet import SurfaceSheet, surface_sheet
 from rigctl.reports.tables.surface_tables import surface_tables
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 
@@ -48,7 +49,7 @@ def command(
         print_json(sheet.as_json())
         return
     for table in surface_tables(sheet):
-        results().print(table)
+        results().print(terminal_table(table))
         results().print()
     for finding in sheet.findings:
         results().print(f"finding: {finding}")

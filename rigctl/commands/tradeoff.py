@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.errors import ConfigError
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
@@ -102,8 +103,8 @@ def _show_accuracy(curves: "Curves", out: Path | None, *, as_json: bool) -> None
     if as_json:
         print_json(curve_json(curves))
         return
-    results().print(curve_table(curves))
-    results().print(choice_table(curves))
+    results().print(terminal_table(curve_table(curves)))
+    results().print(terminal_table(choice_table(curves)))
     for line in floor_lines(curves):
         results().print(line)
     progress().print(f"the finest settings took {curves.reference_s:.3g} s")
@@ -126,9 +127,9 @@ def _show_acquisition(found: "AcquisitionTradeoff", out: Path | None, *, as_json
         return
     for line in assumptions(found):
         results().print(line, markup=False)
-    results().print(curve_table(found))
+    results().print(terminal_table(curve_table(found)))
     if found.reached:
-        results().print(reached_table(found))
+        results().print(terminal_table(reached_table(found)))
         text = proposal(found)
         results().print("nothing that was tried reaches it" if text is None else text, markup=False)
     for line in (*reasons(found), *found.remarks):

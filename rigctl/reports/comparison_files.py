@@ -1,47 +1,52 @@
-"""The files of a comparison: report and numbers."""
+"""The files of a comparison, and of a series of them: reports and numbers."""
 
-import json
 from pathlib import Path
-from typing import Any
 
-from rigctl.comparison.compared_run import ComparedRun
+from rigctl.comparison.compared_run import ComparedRun, ComparedSeries
 from rigctl.durable_file import write_durably
-from rigctl.reports.compare_context import calibration_table, effects_block, provenance_json
-from rigctl.reports.pages.comparison_page import compare_report
-from rigctl.reports.report import Report
-from rigctl.reports.tables.comparison_json import comparison_json, measurement_json, prediction_json
-from rigctl.reports.writers.html_page import render
+from rigctl.reports.pages.comparison_page import comparison_report
+from rigctl.reports.pages.series_page import series_report
+from rigctl.reports.tables.comparison_json import compared_json, measurement_json, prediction_json
+from rigctl.reports.tables.row_table import row_table
+from rigctl.reports.tables.series_tables import series_json, series_rows
+from rigctl.reports.writers.csv_rows import csv_rows
+from rigctl.reports.writers.html_page import html
+from rigctl.reports.writers.json_rows import json_file
 from rigctl.reports.writers.pdf_document import pdf
-from rigctl.reports.writers.rows_csv import rows_csv
-
-
-def compared_json(found: ComparedRun) -> dict[str, Any]:
-    """Return the content of comparison.json."""
-    return comparison_json(found.comparison, found.measurement, provenance=provenance_json(found))
 
 
 def write_comparison(found: ComparedRun, out: Path) -> None:
     """Write comparison.json, comparison.csv, prediction.json, measurement.json, report.html and report.pdf."""
     out.mkdir(parents=True, exist_ok=True)
-    predicted = prediction_json(found.comparison.predictions, found.performance, remarks=found.comparison.remarks)
-    for name, content in (
-        ("prediction.json", predicted),
-        ("measurement.json", measurement_json(found.measurement)),
-        ("comparison.json", compared_json(found)),
-    ):
-        write_durably(out / name, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
-    write_durably(out / "comparison.csv", rows_csv(found.comparison.rows).encode())
-    report = comparison_report(found)
-    write_durably(out / "report.html", render(report).encode())
-    write_durably(out / "report.pdf", pdf(report))
+    comparison, report = found.comparison, comparison_report(found)
+    contents = {
+        "prediction.json": json_file(
+            prediction_json(comparison.predictions, found.performance, remarks=comparison.remarks)
+        ),
+        "measurement.json": json_file(measurement_json(found.measurement)),
+        "comparison.json": json_file(compared_json(found)),
+        "comparison.csv": csv_rows(row_table(comparison.rows)),
+        "report.html": html(report).encode(),
+        "report.pdf": pdf(report),
+    }
+    _write(out, contents)
 
 
-def comparison_report(found: ComparedRun) -> Report:
-    """Return what the report says."""
-    return compare_report(
-        found,
-        title=f"{found.measurement.run.path.name} beside the model",
-        provenance=provenance_json(found),
-        calibration=calibration_table(found.noise),
-        effects=None if found.effects is None else effects_block(found.effects),
-    )
+def write_series(series: ComparedSeries, out: Path) -> None:
+    """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
+    out.mkdir(parents=True, exist_ok=True)
+    for point, run in zip(series.points, series.runs, strict=True):
+        write_comparison(run, out / point.name)
+    report = series_report(series)
+    contents = {
+        "series.json": json_file(series_json(series)),
+        "series.csv": csv_rows(series_rows(series)),
+        "series.html": html(report).encode(),
+        "series.pdf": pdf(report),
+    }
+    _write(out, contents)
+
+
+def _write(out: Path, contents: dict[str, bytes]) -> None:
+    for name, data in contents.items():
+        write_durably(out / name, data)

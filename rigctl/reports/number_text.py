@@ -1,6 +1,6 @@
 """Numbers as text in a report."""
 
-from rigctl.reports.report import NOTHING
+from rigctl.reports.table import NOTHING
 
 
 def to_digits(value: float, error: float) -> str:

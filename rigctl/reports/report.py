@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-NOTHING = "–"
+from rigctl.reports.table import AnyTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,40 +21,18 @@ class Bullets:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
-    """Rows of text under a header.
+class Terms:
+    """Names, each with what there is to say of it."""
 
-    Attributes
-    ----------
-    header : tuple of str
-        Of the columns.
-    rows : tuple of tuple of str
-        As many cells each.
-    off : tuple of bool
-        Rows that are to be seen at once.
-    left : tuple of int
-        Columns of text, set to the left; numbers are set to the right.
-    wide : int or None
-        Column that takes the width that is left, and breaks its lines.
-    """
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    off: tuple[bool, ...] = ()
-    left: tuple[int, ...] = (0,)
-    wide: int | None = None
-
-    def is_off(self, row: int) -> bool:
-        """Whether a row is to be seen at once."""
-        return row < len(self.off) and self.off[row]
+    items: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A figure as PNG, with its caption."""
+    """A figure as PNG, drawn once for all writers, with its caption."""
 
     png: bytes
-    caption: str
+    caption: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +42,7 @@ class Verbatim:
     text: str
 
 
-Block = Paragraph | Bullets | Table | Picture | Verbatim
+Block = Paragraph | Bullets | Terms | AnyTable | Picture | Verbatim
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +58,25 @@ class Section:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What one reads first.
+
+    Attributes
+    ----------
+    good : bool
+        Its colour.
+    text : str
+        In a sentence.
+    reasons : tuple of (str, str)
+        What it says beside: a word in bold (or nothing) and a text.
+    """
+
+    good: bool
+    text: str
+    reasons: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class Report:
     """A whole report.
 
@@ -87,19 +84,13 @@ class Report:
     ----------
     title, source : str
         Heading, and what it is a report of.
-    good : bool
-        Colour of the verdict.
-    verdict : str
-        What one reads first.
-    reasons : tuple of (str, str)
-        What it says beside: a word in bold (or nothing) and a text.
     sections : tuple of Section
-        The rest.
+        What it says.
+    verdict : Verdict or None
+        What it comes to, where it judges.
     """
 
     title: str
     source: str
-    good: bool
-    verdict: str
-    reasons: tuple[tuple[str, str], ...]
     sections: Sequence[Section]
+    verdict: Verdict | None = None

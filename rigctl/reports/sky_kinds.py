@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.lighting.fidelity import Fidelity
@@ -15,6 +14,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.reports.sky_sheet import SkySheet, sky_sheet
+from rigctl.reports.table import Column, Table
 
 SCHEMA_VERSION = 1
 
@@ -67,23 +67,30 @@ def _kinds(own: AtmosphereSection) -> Iterable[tuple[str, AtmosphereSection]]:
             yield f"{AerosolKind.SPHERES}, {other.value}", own.model_copy(update=update)
 
 
-def kinds_table(found: tuple[SkyOfKind, ...]) -> Table:
+def kinds_table(found: tuple[SkyOfKind, ...]) -> Table[SkyOfKind]:
     """Return the kinds, a row each: irradiances, largest DoLP, and how far the sky is from that of the file."""
-    title = f"{found[0].sheet.name}; *: as the file has it"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    table.add_column("aerosol")
-    for column in (
-        "beam W m-2",
-        "sky W m-2",
-        "largest DoLP",
-        "zenith, azimuth deg",
-        "S0 differs, rms",
-        "DoLP differs, max",
-    ):
-        table.add_column(column, justify="right")
-    for one in found:
-        table.add_row(*_cells(one, found[0]))
-    return table
+    chosen = found[0]
+    columns: tuple[Column[SkyOfKind], ...] = (
+        Column(title="aerosol", text=lambda one: f"{one.label}{' *' if one.is_chosen else ''}", left=True),
+        Column(title="beam W m-2", text=lambda one: f"{one.sheet.direct_irradiance:.1f}"),
+        Column(title="sky W m-2", text=lambda one: f"{one.sheet.sky_irradiance:.1f}"),
+        Column(title="largest DoLP", text=lambda one: f"{one.sheet.largest_dolp[0]:.3f}"),
+        Column(title="zenith, azimuth deg", text=_place),
+        Column(
+            title="S0 differs, rms",
+            text=lambda one: "-" if one.is_chosen else f"{_difference(one, chosen)['s0_rms']:.1%}",
+        ),
+        Column(
+            title="DoLP differs, max",
+            text=lambda one: "-" if one.is_chosen else f"{_difference(one, chosen)['largest_dolp']:.3f}",
+        ),
+    )
+    return Table(title=f"{chosen.sheet.name}; *: as the file has it", columns=columns, rows=found)
+
+
+def _place(one: SkyOfKind) -> str:
+    _, zenith_deg, azimuth_deg = one.sheet.largest_dolp
+    return f"{zenith_deg:.0f}, {azimuth_deg:.0f}"
 
 
 def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Any]:
@@ -97,20 +104,6 @@ def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Any]:
             for one in found
         ],
     }
-
-
-def _cells(one: SkyOfKind, chosen: SkyOfKind) -> tuple[str, ...]:
-    sheet, difference = one.sheet, _difference(one, chosen)
-    degree, zenith_deg, azimuth_deg = sheet.largest_dolp
-    return (
-        f"{one.label}{' *' if one.is_chosen else ''}",
-        f"{sheet.direct_irradiance:.1f}",
-        f"{sheet.sky_irradiance:.1f}",
-        f"{degree:.3f}",
-        f"{zenith_deg:.0f}, {azimuth_deg:.0f}",
-        "-" if one.is_chosen else f"{difference['s0_rms']:.1%}",
-        "-" if one.is_chosen else f"{difference['largest_dolp']:.3f}",
-    )
 
 
 def _difference(one: SkyOfKind, chosen: SkyOfKind) -> dict[str, float]:

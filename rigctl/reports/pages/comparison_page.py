@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Iterable
-from typing import Any
 
-from rigctl.comparison.compared_run import ComparedRun
+from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.explanation import Explanation
 from rigctl.comparison.performance import Performance
@@ -12,9 +12,16 @@ from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.figures import budget_figure, comparison_figures
 from rigctl.reports.pages.light_section import light_section
-from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
+from rigctl.reports.table import Table, text_columns
 from rigctl.reports.tables import comparison_tables
+from rigctl.reports.tables.calibration_table import parameter_table
 from rigctl.reports.tables.comparison_json import STATISTICS
+from rigctl.reports.tables.effects_tables import taken_table
+from rigctl.reports.tables.explanation_tables import fitted_table, move_table
+from rigctl.reports.tables.performance_tables import detection_table, strength_table
+from rigctl.reports.tables.provenance_json import provenance_json
+from rigctl.reports.tables.row_table import mixed_row_table, row_table
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
 _SHOWN_DISAGREEMENTS = 12
@@ -26,50 +33,27 @@ _SOURCE = (
 _SIMULATED = "The frames are simulated; the numbers of the simulated sensor and scene are assumed."
 
 
-def compare_report(
-    found: ComparedRun,
-    *,
-    title: str,
-    provenance: dict[str, Any],
-    calibration: Table | None = None,
-    effects: Table | None = None,
-) -> Report:
-    """Return the report of a comparison.
-
-    Parameters
-    ----------
-    found : ComparedRun
-        What to report.
-    title : str
-        Heading.
-    provenance : dict
-        Files, hashes, devices and versions that the numbers rest on, as JSON can hold them.
-    calibration : Table or None
-        Numbers of the noise calibration.
-    effects : Table or None
-        Which effects the prediction took and which it skipped, with the reason.
-    """
-    comparison, measurement, regions = found.comparison, found.measurement, found.regions
+def comparison_report(found: ComparedRun) -> Report:
+    """Return the report of a comparison."""
+    comparison, measurement = found.comparison, found.measurement
     simulated = measurement.run.session.origin == "simulated"
     return Report(
-        title=title,
+        title=f"{measurement.run.path.name} beside the model",
         source=_SOURCE.format(kind=comparison.kind.capitalize(), origin=_SIMULATED if simulated else ""),
-        good=comparison.agrees,
-        verdict=verdict(comparison),
-        reasons=tuple(_reasons(comparison)),
+        verdict=Verdict(good=comparison.agrees, text=verdict(comparison), reasons=tuple(_reasons(comparison))),
         sections=[
             *_first(comparison, measurement),
             *_explained(comparison.explanation),
-            *_figures(comparison, measurement, regions),
+            *_figures(comparison, measurement, found.regions),
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
-            *_effects(effects),
+            *_effects(found.effects),
             Section(title="The run by itself", blocks=(comparison_tables.check_table(comparison.checks),)),
             *_strength(comparison, found.performance),
             *_numbers(comparison, measurement),
             *_limits(comparison),
-            *([] if calibration is None else [Section(title="Calibration used", blocks=(calibration,))]),
-            *_sources(measurement, provenance),
+            *_calibration(found.noise),
+            *_sources(found),
         ],
     )
 
@@ -100,9 +84,9 @@ def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
 def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
     yield Section(title="In short", blocks=(comparison_tables.summary_table(comparison, measurement),))
     if comparison.disagreements:
-        worst = list(comparison_tables.disagreeing(comparison, _SHOWN_DISAGREEMENTS))
+        worst = comparison_tables.disagreeing(comparison, _SHOWN_DISAGREEMENTS)
         text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
-        table = comparison_tables.row_table(worst, with_region=True)
+        table = mixed_row_table(worst)
         yield Section(title="What disagrees", blocks=(table, Paragraph(text=text)))
     if comparison.trends:
         note = Paragraph(
@@ -126,9 +110,9 @@ def _explained(explanation: Explanation | None) -> Iterable[Section]:
         "standard normal where nothing is wrong; the chance of what is left; the share of its stated variance that "
         "these data resolve; and the inputs that they cannot tell from it were it off by five standard uncertainties."
     )
-    blocks: tuple[Any, ...] = (method,)
+    blocks: tuple[Block, ...] = (method,)
     if explanation.moves:
-        blocks += (comparison_tables.move_table(explanation),)
+        blocks += (move_table(explanation),)
     if explanation.unseen:
         blocks += (Paragraph(text="The data say nothing of: " + ", ".join(explanation.unseen) + "."),)
     yield Section(title="What would explain the residuals", blocks=blocks)
@@ -136,9 +120,7 @@ def _explained(explanation: Explanation | None) -> Iterable[Section]:
         text="FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
         "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
     )
-    yield Section(
-        title="Inputs fitted to this run", blocks=(fitted, comparison_tables.fitted_table(explanation)), folded=True
-    )
+    yield Section(title="Inputs fitted to this run", blocks=(fitted, fitted_table(explanation)), folded=True)
 
 
 def _figures(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Iterable[Section]:
@@ -182,7 +164,7 @@ def _uncertainty(comparison: Comparison) -> Iterable[Section]:
     )
 
 
-def _effects(effects: Table | None) -> Iterable[Section]:
+def _effects(effects: EffectsTaken | None) -> Iterable[Section]:
     if effects is None:
         return
     note = Paragraph(
@@ -190,7 +172,7 @@ def _effects(effects: Table | None) -> Iterable[Section]:
         "Called for: whether leaving it out could cost more than half a per cent. A comparison takes every effect that "
         "nobody left out by request (rigctl effects, --without)."
     )
-    yield Section(title="Effects taken and skipped", blocks=(effects, note))
+    yield Section(title="Effects taken and skipped", blocks=(taken_table(effects), note))
 
 
 def _strength(comparison: Comparison, performance: Performance) -> Iterable[Section]:
@@ -199,8 +181,8 @@ def _strength(comparison: Comparison, performance: Performance) -> Iterable[Sect
         "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
         "light of this intensity would show by temporal noise."
     )
-    blocks: tuple[Any, ...] = (strength, comparison_tables.strength_table(comparison, performance))
-    detection = comparison_tables.detection_table(performance)
+    blocks: tuple[Block, ...] = (strength, strength_table(comparison.predictions, performance))
+    detection = detection_table(performance)
     if detection.rows:
         text = (
             "Probability of detection by RX on Stokes parameters ([MK14] eq. 30), exact law, at a probability of false "
@@ -224,7 +206,7 @@ def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Secti
     )
     for name in measurement.regions:
         rows = [row for row in comparison.rows if row.region == name]
-        yield Section(title=f"Numbers of {name}", blocks=(comparison_tables.row_table(rows),), folded=True)
+        yield Section(title=f"Numbers of {name}", blocks=(row_table(rows),), folded=True)
 
 
 def _limits(comparison: Comparison) -> Iterable[Section]:
@@ -233,12 +215,18 @@ def _limits(comparison: Comparison) -> Iterable[Section]:
         yield Section(title="Assumed, overruled, left out", blocks=(Bullets(items=comparison.remarks),))
 
 
-def _sources(measurement: Measurement, provenance: dict[str, Any]) -> Iterable[Section]:
-    rows = tuple(_facts(measurement).items())
-    yield Section(
-        title="Where it comes from", blocks=(Table(header=("what", "which"), rows=rows, left=(0, 1), wide=1),)
+def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
+    if noise is not None:
+        yield Section(title="Calibration used", blocks=(parameter_table(noise),))
+
+
+def _sources(found: ComparedRun) -> Iterable[Section]:
+    facts = Table(
+        columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(_facts(found.measurement).items())
     )
-    yield Section(title="Provenance in full", blocks=(Verbatim(text=json.dumps(provenance, indent=2)),), folded=True)
+    yield Section(title="Where it comes from", blocks=(facts,))
+    provenance = Verbatim(text=json.dumps(provenance_json(found), indent=2))
+    yield Section(title="Provenance in full", blocks=(provenance,), folded=True)
 
 
 def _facts(measurement: Measurement) -> dict[str, str]:

@@ -6,8 +6,8 @@ import numpy as np
 
 from model.scene.field_light import FieldLight, Source
 from rigctl.reports.figures.figure_style import png, subplots
-from rigctl.reports.report import Paragraph, Picture, Section, Table
-from rigctl.reports.tables.light_tables import PARTS, stokes_cells
+from rigctl.reports.report import Paragraph, Picture, Section
+from rigctl.reports.tables.light_tables import PARTS, share_table
 
 # What adds up to the light at the aperture, with its colour.
 _SUMMANDS: dict[Source, str] = {"reflected_sun": "#e69f00", "reflected_sky": "#56b4e9", "path": "#999999"}
@@ -26,17 +26,9 @@ def light_section(lights: Mapping[str, FieldLight]) -> Section:
         "Radiance at the aperture in W m-2 sr-1 in band, as the model has it: S1 = horizontal - vertical, S2 = (+45) - "
         "(-45). Reflected light is what is left of it at the camera; path is light that the air before the target adds."
     )
-    return Section(title="What the light is made of", blocks=(Paragraph(text=text), _table(lights), _picture(lights)))
-
-
-def _table(lights: Mapping[str, FieldLight]) -> Table:
-    rows = [
-        (name, label, *stokes_cells(light.mean(part)), f"{light.mean(part)[0] / light.mean('total')[0]:.1%}")
-        for name, light in lights.items()
-        for part, label in PARTS.items()
-    ]
-    header = ("region", "from", *_COMPONENTS, "DoLP", "AoLP deg", "share of S0")
-    return Table(header=header, rows=tuple(rows), left=(0, 1))
+    return Section(
+        title="What the light is made of", blocks=(Paragraph(text=text), share_table(lights), _picture(lights))
+    )
 
 
 def _picture(lights: Mapping[str, FieldLight]) -> Picture:

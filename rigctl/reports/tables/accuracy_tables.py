@@ -1,28 +1,46 @@
 """The numerical error of a prediction to a tolerance: what each knob was set to, what it leaves, and what it cost."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
-
-from rich.table import Table
 
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STATISTICS
 from model.accuracy.predict_to_tolerance import AccuratePrediction
+from rigctl.reports.table import Column, Table
 
 _PERCENT = 100.0
 _MOST_LISTED = 6
 
 
-def accuracy_table(found: AccuratePrediction) -> Table:
+@dataclass(frozen=True, kw_only=True)
+class _ErrorOf:
+    name: str
+    setting: str
+    error: float
+    rule: str
+
+
+def accuracy_table(found: AccuratePrediction) -> Table[_ErrorOf]:
     """Return each knob with its setting, the largest error that is left by it, and how that was estimated."""
-    title = f"numerical error, tolerance {found.tolerance:g}"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for name in ("knob", "setting", "largest error", "estimated by"):
-        table.add_column(name)
+    columns: tuple[Column[_ErrorOf], ...] = (
+        Column(title="knob", text=lambda one: one.name, left=True),
+        Column(title="setting", text=lambda one: one.setting, left=True),
+        Column(title="largest error", text=lambda one: f"{one.error:.1e}", left=True),
+        Column(title="estimated by", text=lambda one: one.rule, left=True),
+    )
+    rows = (*_errors_of_knobs(found), *_errors_of_statistics(found))
+    return Table(title=f"numerical error, tolerance {found.tolerance:g}", columns=columns, rows=rows)
+
+
+def _errors_of_knobs(found: AccuratePrediction) -> Iterable[_ErrorOf]:
     for name, knob in NUMERICAL_SETTINGS.items():
         label = knob.levels[found.plan[name]].label
-        table.add_row(name, label, f"{found.budget.worst(name):.1e}", knob.estimate)
+        yield _ErrorOf(name=name, setting=label, error=found.budget.worst(name), rule=knob.estimate)
+
+
+def _errors_of_statistics(found: AccuratePrediction) -> Iterable[_ErrorOf]:
     for name in STATISTICS:
-        table.add_row(name, "as the tolerance asks", f"{found.budget.worst(name):.1e}", "its own rule")
-    return table
+        yield _ErrorOf(name=name, setting="as the tolerance asks", error=found.budget.worst(name), rule="its own rule")
 
 
 def accuracy_lines(found: AccuratePrediction) -> list[str]:

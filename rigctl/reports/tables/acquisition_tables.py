@@ -1,22 +1,45 @@
 """What sessions give for their time, as tables for the terminal, as CSV and as JSON."""
 
-import csv
-import io
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
-
-from rich.table import Table
 
 from model.acquisition.frame_order import degrees_text
 from model.acquisition.session_design import DolpBudget, Session
 from model.acquisition.session_search import Reached
 from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.csv_rows import csv_rows
 
 SCHEMA_VERSION = 1
 # The second is that at which detection is shown.
 _SHOWN_CYCLES = (1, 8, 64, 512)
 _ERRORS = ("sigma", "drift_error", "settling_error", "total")
+
+
+# Of a session; the file has all digits.
+_SESSION_COLUMNS: tuple[Column[Session], ...] = (
+    Column(title="angles deg", key="angles_deg", value=lambda session: degrees_text(session.angles_rad), left=True),
+    Column(title="order", key="order", value=lambda session: session.pattern, left=True),
+    Column(
+        title="exposure ms",
+        key="exposure_ms",
+        value=lambda session: session.exposure_s * 1000,
+        text=lambda session: f"{session.exposure_s * 1000:.4g}",
+    ),
+    Column(
+        title="settle ms",
+        key="settle_ms",
+        value=lambda session: session.settle_s * 1000,
+        text=lambda session: f"{session.settle_s * 1000:.4g}",
+    ),
+    Column(title="cycles", key="cycles"),
+    Column(title="frames", key="frames"),
+    Column(title="time s", key="duration_s", text=lambda session: f"{session.duration_s:.4g}"),
+)
+_OF_A_WAY = ("angles_deg", "order", "exposure_ms", "settle_ms")
 
 
 def assumptions(found: AcquisitionTradeoff) -> Iterable[str]:
@@ -32,36 +55,61 @@ def assumptions(found: AcquisitionTradeoff) -> Iterable[str]:
     yield "texture and fixed pattern are the same in all cycles: no number of frames averages them out"
 
 
-def curve_table(found: AcquisitionTradeoff) -> Table:
+_Way = dict[int, CurvePoint]
+
+
+def curve_table(found: AcquisitionTradeoff) -> Table[_Way]:
     """Return for each way, at its best exposure and settling, the total error of DoLP after so many cycles."""
-    table = Table(title="total error of DoLP after n cycles", title_justify="left", box=None, pad_edge=False)
-    table.add_column("angles deg")
-    table.add_column("order")
-    after = [f"n = {cycles}" for cycles in _SHOWN_CYCLES]
-    detected = [] if found.request.pair is None else [f"P_D, n = {_SHOWN_CYCLES[1]}"]
-    last = f"of it drift, n = {_SHOWN_CYCLES[-1]}"
-    for column in ("exposure ms", "settle ms", "s a cycle", *after, last, *detected):
-        table.add_column(column, justify="right")
-    for points in _ways(found.points):
-        table.add_row(*_way_cells({point.session.cycles: point for point in points}))
-    return table
-
-
-def reached_table(found: AcquisitionTradeoff) -> Table:
-    """Return the shortest session of each way that reaches what is wanted."""
-    table = Table(title=_wanted_text(found), title_justify="left", box=None, pad_edge=False)
-    columns = ("angles deg", "order", "exposure ms", "settle ms", "cycles", "frames", "time s", "total")
-    for column in columns:
-        table.add_column(column, justify="left" if column in ("angles deg", "order") else "right")
+    last = _SHOWN_CYCLES[-1]
+    columns: list[Column[_Way]] = [
+        *(column.of(lambda after: after[1].session) for column in _SESSION_COLUMNS if column.key in _OF_A_WAY),
+        Column(title="s a cycle", text=lambda after: f"{after[1].session.duration_s:.3g}"),
+        *(Column(title=f"n = {cycles}", text=partial(_total_after, cycles=cycles)) for cycles in _SHOWN_CYCLES),
+        Column(title=f"of it drift, n = {last}", text=lambda after: _shown(after[last].worst.drift_error)),
+    ]
     if found.request.pair is not None:
-        table.add_column("P_D", justify="right")
-    in_time = sorted(found.reached, key=lambda pair: _duration_s(pair[1]))
-    for way, reached in in_time:
-        if reached.session is not None:
-            table.add_row(*_reached_cells(reached.session, reached))
-        else:
-            table.add_row(degrees_text(way.angles_rad), way.pattern, "-", "-", "-", "-", "-", "-")
-    return table
+        cycles = _SHOWN_CYCLES[1]
+        columns.append(Column(title=f"P_D, n = {cycles}", text=lambda after: _probability(after[cycles].p_detection)))
+    rows = tuple({point.session.cycles: point for point in points} for points in _ways(found.points))
+    return Table(title="total error of DoLP after n cycles", columns=tuple(columns), rows=rows)
+
+
+def _total_after(after: _Way, cycles: int) -> str:
+    return _shown(after[cycles].worst.total)
+
+
+_Reached = tuple[Session, Reached]
+
+
+def reached_table(found: AcquisitionTradeoff) -> Table[_Reached]:
+    """Return the shortest session of each way that reaches what is wanted."""
+    columns: list[Column[_Reached]] = [
+        Column(title="angles deg", text=lambda row: degrees_text(row[0].angles_rad), left=True),
+        Column(title="order", text=lambda row: row[0].pattern, left=True),
+        *(
+            Column(title=column.title, text=partial(_of_session, column=column))
+            for column in _SESSION_COLUMNS
+            if column.key not in ("angles_deg", "order")
+        ),
+        Column(title="total", text=_total),
+    ]
+    if found.request.pair is not None:
+        columns.append(Column(title="P_D", text=lambda row: _probability(row[1].p_detection)))
+    in_time = tuple(sorted(found.reached, key=lambda pair: _duration_s(pair[1])))
+    return Table(title=_wanted_text(found), columns=tuple(columns), rows=in_time)
+
+
+def _of_session(row: _Reached, column: Column[Session]) -> str:
+    return "-" if row[1].session is None else column.text_of(row[1].session)
+
+
+def _total(row: _Reached) -> str:
+    budgets = row[1].budgets.values()
+    return "-" if row[1].session is None else _shown(max(budget.total for budget in budgets))
+
+
+def _probability(found: float | None) -> str:
+    return "" if found is None else f"{found:.4f}"
 
 
 def reasons(found: AcquisitionTradeoff) -> Iterable[str]:
@@ -85,19 +133,32 @@ def proposal(found: AcquisitionTradeoff) -> str | None:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _RegionPoint:
+    point: CurvePoint
+    region: str
+
+    @property
+    def budget(self) -> DolpBudget:
+        return self.point.budgets[self.region]
+
+
 def tradeoff_csv(found: AcquisitionTradeoff) -> bytes:
     """Return every point of every curve as CSV, a row a region; empty where a number does not exist."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    head = ("angles_deg", "order", "exposure_ms", "settle_ms", "cycles", "frames", "duration_s", "region", "dolp")
-    writer.writerow([*head, *_ERRORS, "p_detection"])
-    for point in found.points:
-        for name, budget in point.budgets.items():
-            numbers = [_number(getattr(budget, error)) for error in _ERRORS]
-            writer.writerow(
-                [*_session_cells(point.session), name, repr(budget.dolp), *numbers, _number(point.p_detection)]
-            )
-    return text.getvalue().encode()
+    columns: tuple[Column[_RegionPoint], ...] = (
+        *(column.of(lambda row: row.point.session) for column in _SESSION_COLUMNS),
+        Column(key="region"),
+        Column(key="dolp", value=lambda row: row.budget.dolp),
+        *(Column(key=error, value=partial(_error, error=error)) for error in _ERRORS),
+        Column(key="p_detection", value=lambda row: row.point.p_detection),
+    )
+    rows = tuple(_RegionPoint(point=point, region=name) for point in found.points for name in point.budgets)
+    return csv_rows(Table(columns=columns, rows=rows))
+
+
+def _error(row: _RegionPoint, error: str) -> float:
+    found: float = getattr(row.budget, error)
+    return found
 
 
 def tradeoff_json(found: AcquisitionTradeoff) -> dict[str, Any]:
@@ -136,48 +197,6 @@ def _ways(points: Iterable[CurvePoint]) -> Iterable[list[CurvePoint]]:
     return ways.values()
 
 
-def _way_cells(after: dict[int, CurvePoint]) -> tuple[str, ...]:
-    session = after[1].session
-    detected = after[_SHOWN_CYCLES[1]].p_detection
-    return (
-        degrees_text(session.angles_rad),
-        session.pattern,
-        f"{session.exposure_s * 1000:.4g}",
-        f"{session.settle_s * 1000:.4g}",
-        f"{session.duration_s:.3g}",
-        *(_shown(after[cycles].worst.total) for cycles in _SHOWN_CYCLES),
-        _shown(after[_SHOWN_CYCLES[-1]].worst.drift_error),
-        *(() if detected is None else (f"{detected:.4f}",)),
-    )
-
-
-def _reached_cells(session: Session, reached: Reached) -> tuple[str, ...]:
-    total = max(budget.total for budget in reached.budgets.values())
-    cells = (
-        degrees_text(session.angles_rad),
-        session.pattern,
-        f"{session.exposure_s * 1000:.4g}",
-        f"{session.settle_s * 1000:.4g}",
-        str(session.cycles),
-        str(session.frames),
-        f"{session.duration_s:.4g}",
-        _shown(total),
-    )
-    return cells if reached.p_detection is None else (*cells, f"{reached.p_detection:.4f}")
-
-
-def _session_cells(session: Session) -> tuple[str, ...]:
-    return (
-        degrees_text(session.angles_rad),
-        session.pattern,
-        repr(session.exposure_s * 1000),
-        repr(session.settle_s * 1000),
-        str(session.cycles),
-        str(session.frames),
-        repr(session.duration_s),
-    )
-
-
 def _session_json(session: Session) -> dict[str, Any]:
     return {
         "angles_deg": [float(math.degrees(angle)) for angle in session.angles_rad],
@@ -211,10 +230,6 @@ def _duration_s(reached: Reached) -> float:
 
 def _shown(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.2g}"
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None or math.isnan(value) else repr(value)
 
 
 def _or_none(value: float) -> float | None:

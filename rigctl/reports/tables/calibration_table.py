@@ -1,8 +1,15 @@
-"""The numbers of a noise calibration as rows of text, the standard's beside the best ones."""
+"""The numbers of a noise calibration as tables: the standard's beside the best ones; those that a comparison used."""
 
 from dataclasses import dataclass
 from typing import Any
 
+from rigctl.calibrations.checked_values import MeasuredOverFrames
+from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.files.scene_file import NoiseSection
+from rigctl.reports.number_text import to_digits
+from rigctl.reports.table import Column, Shown, Table
+
+_BEST, _STANDARD = "best", "EMVA 1288"
 _NOT_KNOWN = "not known"
 
 
@@ -58,6 +65,52 @@ _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
     ("PRNU of columns", "%", 100.0, None, "prnu_column"),
     ("PRNU of pixels", "%", 100.0, None, "prnu_pixel"),
 )
+
+
+_COLUMNS: tuple[Column[CalibrationRow], ...] = (
+    Column(title="quantity", text=lambda row: row.title, left=True),
+    Column(title="value", text=lambda row: row.value, group=_BEST),
+    Column(title="std error", text=lambda row: row.error, group=_BEST),
+    Column(title="frames", text=lambda row: row.frames, group=_BEST, shown=Shown.PAGE),
+    Column(title="symbol", text=lambda row: row.symbol, group=_STANDARD, shown=Shown.PAGE),
+    Column(title="value", text=lambda row: row.emva_value, group=_STANDARD, shown=Shown.PAGE),
+    Column(title=_STANDARD, text=lambda row: row.emva_value, shown=Shown.TERMINAL),
+    Column(title="std error", text=lambda row: row.emva_error, group=_STANDARD),
+    Column(title="frames", text=lambda row: row.emva_frames, group=_STANDARD, shown=Shown.PAGE),
+    Column(title="unit", text=lambda row: row.unit, left=True),
+    Column(title="frames", text=lambda row: row.frames or row.emva_frames, shown=Shown.TERMINAL),
+)
+_SHEET_COLUMNS: tuple[Column[CalibrationRow], ...] = (
+    Column(title="quantity", text=lambda row: row.title, left=True),
+    Column(title="symbol", text=lambda row: row.symbol, left=True),
+    Column(title="value", text=lambda row: row.emva_value),
+    Column(title="std error", text=lambda row: row.emva_error),
+    Column(title="unit", text=lambda row: row.unit, left=True),
+)
+
+
+def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
+    """Return the numbers of a calibration, the standard's beside the best ones."""
+    return Table(columns=_COLUMNS, rows=tuple(rows))
+
+
+def sheet_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
+    """Return the numbers that the standard's summary sheet has."""
+    return Table(columns=_SHEET_COLUMNS, rows=tuple(row for row in rows if row.symbol))
+
+
+_Known = tuple[str, MeasuredOverFrames[float]]
+
+
+def parameter_table(noise: NoiseParameters) -> Table[_Known]:
+    """Return the numbers of a noise calibration that a comparison used, with their errors."""
+    columns: tuple[Column[_Known], ...] = (
+        Column(title="noise calibration", text=lambda row: row[0], left=True),
+        Column(title="value", text=lambda row: to_digits(row[1].value, row[1].std_error)),
+        Column(title="its standard error", text=lambda row: f"{row[1].std_error:.2g}"),
+    )
+    rows = tuple((name, found) for name in NoiseSection.model_fields if (found := noise.known.get(name)) is not None)
+    return Table(columns=columns, rows=rows)
 
 
 def calibration_rows(content: dict[str, Any]) -> list[CalibrationRow]:

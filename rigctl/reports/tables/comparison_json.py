@@ -12,13 +12,16 @@ from model.prediction.performance import PairDetection, PolarizationStrength
 from model.prediction.prediction import RegionPrediction
 from model.processing.texture import Texture
 from rigctl.comparison.channel_shares import measured_with_ratios
-from rigctl.comparison.comparison import Comparison
-from rigctl.comparison.explanation import Explanation
+from rigctl.comparison.compared_run import ComparedRun
 from rigctl.comparison.performance import Performance
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.reports.table import Table
+from rigctl.reports.tables.provenance_json import provenance_json
+from rigctl.reports.tables.row_table import numbers_columns, row_table
+from rigctl.reports.writers.json_rows import finite, json_rows
 
 SCHEMA_VERSION = 1
 
@@ -40,7 +43,7 @@ def prediction_json(
         "statistics": STATISTICS,
         "regions": {name: prediction.quantities for name, prediction in predictions.items()},
         "methods": {
-            name: {"dolp": prediction.dolp_method, "dolp_error": _finite(prediction.dolp_error)}
+            name: {"dolp": prediction.dolp_method, "dolp_error": finite(prediction.dolp_error)}
             for name, prediction in predictions.items()
         },
         "dolp_law": {name: _strength(strength) for name, strength in performance.strengths.items()},
@@ -55,7 +58,7 @@ def _strength(found: PolarizationStrength | None) -> dict[str, Any] | None:
     if found is None:
         return None
     quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
-    return {"quantiles": quantiles, "nedolp": found.nedolp, "unpolarised_mean": _finite(found.unpolarised_mean)}
+    return {"quantiles": quantiles, "nedolp": found.nedolp, "unpolarised_mean": finite(found.unpolarised_mean)}
 
 
 def _pair(pair: PairDetection) -> dict[str, Any]:
@@ -63,8 +66,8 @@ def _pair(pair: PairDetection) -> dict[str, Any]:
     return {
         "target": pair.target,
         "background": pair.background,
-        "p_detection": {f"{rate:g}": _finite(float(found)) for rate, found in rates},
-        "auc": _finite(pair.auc),
+        "p_detection": {f"{rate:g}": finite(float(found)) for rate, found in rates},
+        "auc": finite(pair.auc),
         "warnings": list(pair.warnings),
     }
 
@@ -78,7 +81,7 @@ def measurement_json(measurement: Measurement, textures: dict[str, Texture] | No
         "statistics": STATISTICS,
         "cycles": grid.cycles,
         "polarizer_angles_rad": dict(zip(grid.channel_names, grid.polarizer_angles_rad.tolist(), strict=True)),
-        "extinction_ratio": _finite(measurement.extinction_ratio),
+        "extinction_ratio": finite(measurement.extinction_ratio),
         "dark_level_dn": dict(zip(grid.channel_names, measurement.dark_level.level_dn.tolist(), strict=True)),
         "dark_level_source": measurement.dark_level.source,
         "saturated_pixels": int(measurement.saturated.sum()),
@@ -98,45 +101,45 @@ def texture_json(texture: Texture) -> dict[str, Any]:
     return {
         "cov": texture.cov.tolist(),
         "std_error": texture.std_error.tolist(),
-        "rank_one_share": _finite(texture.rank_one_share),
+        "rank_one_share": finite(texture.rank_one_share),
         "common_factor_rms": texture.common_factor_rms,
         "remark": texture.remark,
     }
 
 
-def comparison_json(comparison: Comparison, measurement: Measurement, *, provenance: dict[str, Any]) -> dict[str, Any]:
-    """Return a comparison as JSON holds it."""
-    regions: dict[str, dict[str, dict[str, Any]]] = {}
-    for row in comparison.rows:
-        regions.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = _numbers(row)
+def compared_json(found: ComparedRun) -> dict[str, Any]:
+    """Return the content of comparison.json."""
+    comparison, measurement = found.comparison, found.measurement
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": comparison.kind,
         "agrees": comparison.agrees,
         "alpha": comparison.alpha,
         "scale": None if comparison.scale is None else asdict(comparison.scale),
-        "disagreements": [asdict(row) for row in comparison.disagreements],
+        "disagreements": json_rows(row_table(comparison.disagreements)),
         "diagnosis": asdict(comparison.diagnosis),
         "statistics": STATISTICS,
         "unit": measurement.grid.unit,
-        "regions": regions,
-        "rows": [asdict(row) for row in comparison.rows],
+        "regions": _rows_by_name(comparison.rows),
+        "rows": json_rows(row_table(comparison.rows)),
         "pixels": {name: _pixels(region) for name, region in measurement.regions.items()},
-        "explanation": explanation_json(comparison.explanation),
+        "explanation": None if comparison.explanation is None else asdict(comparison.explanation),
         "trends": [_trend(found) for found in comparison.trends],
         "budget": {found.region: found.parts for found in comparison.budgets},
         "checks": [asdict(check) for check in comparison.checks],
         "remarks": list(comparison.remarks),
         "not_tested": list(comparison.not_tested),
-        "provenance": provenance,
+        "provenance": provenance_json(found),
     }
 
 
-def explanation_json(explanation: Explanation | None) -> dict[str, Any] | None:
-    """Return what would explain the residuals as JSON holds it; what is fitted stands under "fitted"."""
-    if explanation is None:
-        return None
-    return asdict(explanation)
+def _rows_by_name(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return rows by region, quantity and statistic."""
+    regions: dict[str, dict[str, dict[str, Any]]] = {}
+    for row in rows:
+        numbers = json_rows(Table(columns=numbers_columns(), rows=(row,)))[0]
+        regions.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = numbers
+    return regions
 
 
 def _trend(found: Trend) -> dict[str, Any]:
@@ -144,10 +147,6 @@ def _trend(found: Trend) -> dict[str, Any]:
     return {"quantity": found.quantity, "over": found.over, "predicted": found.predicted, "share_concordant": share} | (
         asdict(found.order)
     )
-
-
-def _numbers(row: Row) -> dict[str, Any]:
-    return {key: value for key, value in asdict(row).items() if key not in ("region", "quantity", "statistic")}
 
 
 def _pixels(region: MeasuredRegion) -> dict[str, float]:
@@ -167,8 +166,3 @@ def _measured(region: MeasuredRegion) -> dict[str, dict[str, float]]:
             found[quantity][statistic] = sample.value
             found[quantity][f"{statistic}_std_error"] = sample.std_error
     return found
-
-
-def _finite(number: float) -> float | None:
-    """Return a number that JSON can hold: infinity (an ideal polarizer) and what does not exist are null."""
-    return number if abs(number) < float("inf") else None

@@ -1,33 +1,56 @@
 """Effects of a scene as a table and as JSON: bound, decision, reason, cost."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
-
-from rich.table import Table
 
 from model.effects.bound import Bound
 from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import Effect
 from model.effects.planner import Decision, EffectPlan
+from rigctl.comparison.compared_run import EffectsTaken
+from rigctl.reports.table import NOTHING, Column, Table
 from rigctl.scene.effect_plan import Verification
 
 _KINDS = ("radiance", "ratios", "deviations", "detection")
 
 
-def effects_table(plan: EffectPlan, checked: Verification | None) -> Table:
-    """Return the table of effects, with what those left out truly change where that was found out."""
-    table = Table(title=_title(plan), title_justify="left", box=None, pad_edge=False)
-    table.add_column("effect")
-    table.add_column("decision")
-    for kind in _KINDS:
-        table.add_column(kind, justify="right", no_wrap=True)
-    table.add_column("reason")
-    table.add_column("cost")
+@dataclass(frozen=True, kw_only=True)
+class _EffectRow:
+    decision: Decision
+    actual: Bound | None = None
+
+
+def effects_table(plan: EffectPlan, checked: Verification | None) -> Table[_EffectRow]:
+    """Return the effects, with what those left out truly change where that was found out."""
     found = _actual(checked)
-    for decision in plan.decisions:
-        table.add_row(*_cells(decision, found.get(decision.effect)))
-    return table
+    columns: tuple[Column[_EffectRow], ...] = (
+        Column(title="effect", text=_name, left=True),
+        Column(title="decision", text=lambda row: "acts" if row.decision.acts else "left out", left=True),
+        *(Column(title=kind, text=partial(_limit, kind=kind), unbroken=True) for kind in _KINDS),
+        Column(title="reason", text=lambda row: row.decision.reason, left=True),
+        Column(title="cost", text=lambda row: EFFECT_MODELS[row.decision.effect].cost, left=True),
+    )
+    rows = tuple(_EffectRow(decision=one, actual=found.get(one.effect)) for one in plan.decisions)
+    return Table(title=_title(plan), columns=columns, rows=rows)
+
+
+def taken_table(found: EffectsTaken) -> Table[_EffectRow]:
+    """Return each effect of the model: taken here or not, the most that leaving it out can change, and why."""
+    columns: tuple[Column[_EffectRow], ...] = (
+        Column(title="effect", text=_name, left=True),
+        Column(title="taken here", text=lambda row: _taken(row.decision, found.taken), left=True),
+        Column(title="of DoLP, s1, s2", text=lambda row: _two_digits(row.decision.bound.ratios)),
+        Column(title="of counts", text=lambda row: _two_digits(row.decision.bound.radiance)),
+        Column(title="called for", text=lambda row: "yes" if row.decision.acts else "no", left=True),
+        Column(title="reason", text=lambda row: row.decision.reason, left=True, wide=True),
+    )
+    return Table(
+        columns=columns,
+        rows=tuple(_EffectRow(decision=one) for one in found.plan.decisions),
+        is_off=lambda row: row.decision.acts and row.decision.effect not in found.taken,
+    )
 
 
 def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Any]:
@@ -75,20 +98,26 @@ def _actual(checked: Verification | None) -> dict[Effect, Bound]:
     return {} if checked is None else {one.effect: one.actual for one in checked.checked}
 
 
-def _cells(decision: Decision, actual: Bound | None) -> list[str]:
-    facts = EFFECT_MODELS[decision.effect]
-    limits = asdict(decision.bound)
-    shown = [_number(limits[kind]) for kind in _KINDS]
-    if actual is not None:
-        truly = asdict(actual)
-        shown = [f"{limit} ({_number(truly[kind])})" for kind, limit in zip(_KINDS, shown, strict=True)]
-    return [
-        decision.effect.value,
-        "acts" if decision.acts else "left out",
-        *shown,
-        decision.reason,
-        facts.cost,
-    ]
+def _name(row: _EffectRow) -> str:
+    return row.decision.effect.value
+
+
+def _limit(row: _EffectRow, *, kind: str) -> str:
+    """Return the most that a kind of number can change, and in brackets what it does change."""
+    limit = _number(getattr(row.decision.bound, kind))
+    return limit if row.actual is None else f"{limit} ({_number(getattr(row.actual, kind))})"
+
+
+def _taken(one: Decision, taken: frozenset[Effect]) -> str:
+    if one.effect not in taken:
+        return "NO"
+    return "yes" if one.bound.largest > 0.0 or one.acts else NOTHING
+
+
+def _two_digits(value: float) -> str:
+    if value == 0.0:
+        return "0"
+    return f"{value:.1e}" if math.isfinite(value) else NOTHING
 
 
 def _entry(decision: Decision, actual: Bound | None) -> dict[str, Any]:

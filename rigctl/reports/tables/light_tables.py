@@ -1,16 +1,19 @@
 """Where the light of a scene's regions comes from, as tables and as JSON."""
 
-from collections.abc import Iterable
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
 from model.scene.field_light import FieldLight, Source
 from model.stokes import aolp_rad, dolp
+from rigctl.reports.table import Column, Shown, Table
 from rigctl.scene.scene_prediction import ScenePrediction
+
+FloatArray = NDArray[np.float64]
 
 # What the light is made of, in the order in which it is shown.
 PARTS: dict[Source, str] = {
@@ -29,20 +32,50 @@ def light_json(found: ScenePrediction) -> dict[str, Any]:
     return {"geometry": asdict(found.geometry), "light": {name: _light(light) for name, light in found.lights.items()}}
 
 
-def light_tables(found: ScenePrediction) -> Iterable[Table]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    region: str
+    name: str
+    stokes: FloatArray
+    total_s0: float
+
+
+def _parts(region: str, light: FieldLight) -> tuple[_Part, ...]:
+    total_s0 = light.mean("total")[0]
+    return tuple(
+        _Part(region=region, name=label, stokes=light.mean(part), total_s0=total_s0) for part, label in PARTS.items()
+    )
+
+
+def _stokes_cell(part: _Part, k: int) -> str:
+    return stokes_cells(part.stokes)[k]
+
+
+_PART_COLUMNS: tuple[Column[_Part], ...] = (
+    Column(title="region", text=lambda part: part.region, left=True, shown=Shown.PAGE),
+    Column(title="from", text=lambda part: part.name, left=True),
+    *(
+        Column(title=title, text=partial(_stokes_cell, k=k))
+        for k, title in enumerate(("S0", "S1", "S2", "DoLP", "AoLP deg"))
+    ),
+    Column(title="share of S0", text=lambda part: f"{part.stokes[0] / part.total_s0:.1%}", shown=Shown.PAGE),
+)
+
+
+def light_tables(found: ScenePrediction) -> Iterable[Table[_Part]]:
     """Return a table for each region: what its light is made of."""
     for name, light in found.lights.items():
         title = (
             f"{name}: radiance at the aperture in W m-2 sr-1 in band, transmittance {light.transmittance:.4f}, "
             f"error of the hemisphere integral {light.error:.1e}"
         )
-        table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-        table.add_column("from")
-        for column in ("S0", "S1", "S2", "DoLP", "AoLP deg"):
-            table.add_column(column, justify="right")
-        for part, label in PARTS.items():
-            table.add_row(label, *stokes_cells(light.mean(part)))
-        yield table
+        yield Table(title=title, columns=_PART_COLUMNS, rows=_parts(name, light))
+
+
+def share_table(lights: Mapping[str, FieldLight]) -> Table[_Part]:
+    """Return what the light of regions is made of, with the share of each part."""
+    rows = tuple(part for name, light in lights.items() for part in _parts(name, light))
+    return Table(columns=_PART_COLUMNS, rows=rows)
 
 
 def phi_text(phi_deg: float) -> str:
@@ -81,7 +114,7 @@ def _light(light: FieldLight) -> dict[str, Any]:
     }
 
 
-def stokes_cells(stokes: NDArray[np.float64]) -> tuple[str, ...]:
+def stokes_cells(stokes: FloatArray) -> tuple[str, ...]:
     """Return S0, S1, S2, DoLP and AoLP in degrees as they are shown."""
     # Rounding leaves a part that is unpolarized by symmetry some 1e-17 of polarization.
     numbers = tuple(f"{0.0 if abs(value) < 1e-12 * stokes[0] else value:.4g}" for value in stokes)

@@ -1,41 +1,28 @@
-"""Tables of numbers for the terminal."""
+"""Tables of the numbers of regions, a table a region."""
 
 from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Any
 
-from rich.table import Table
-
-from rigctl.comparison.rows import Row
 from rigctl.reports.number_text import to_digits
+from rigctl.reports.table import Column, Table
 
 _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
+Statistics = Mapping[str, float]
 
 
-def quantity_tables(regions: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Iterable[Table]:
+def quantity_tables(regions: Mapping[str, Mapping[str, Statistics]]) -> Iterable[Table[Any]]:
     """Return a table for each region: a row a quantity, a column a statistic."""
+    columns: tuple[Column[tuple[str, Statistics]], ...] = (
+        Column(title="quantity", text=lambda row: row[0], left=True),
+        *(Column(title=statistic, text=partial(_with_error, statistic=statistic)) for statistic in _STATISTICS),
+    )
     for name, quantities in regions.items():
-        table = Table(title=name, title_justify="left", box=None, pad_edge=False)
-        table.add_column("quantity")
-        for statistic in _STATISTICS:
-            table.add_column(statistic, justify="right")
-        for quantity, statistics in quantities.items():
-            table.add_row(quantity, *(_with_error(statistics, statistic) for statistic in _STATISTICS))
-        yield table
+        yield Table(title=name, columns=columns, rows=tuple(quantities.items()))
 
 
-def row_table(rows: Iterable[Row], *, title: str) -> Table:
-    """Return a table of rows of a comparison."""
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for column in ("region", "quantity", "statistic"):
-        table.add_column(column)
-    for column in ("predicted", "measured", "z"):
-        table.add_column(column, justify="right")
-    for row in rows:
-        z = "" if row.z is None else f"{row.z:+.1f}"
-        table.add_row(row.region, row.quantity, row.statistic, f"{row.predicted:.6g}", f"{row.measured:.6g}", z)
-    return table
-
-
-def _with_error(statistics: Mapping[str, float], statistic: str) -> str:
+def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
+    statistics = row[1]
     if statistic not in statistics:
         return ""
     error = statistics.get(f"{statistic}_std_error", statistics.get(f"{statistic}_std_error_inputs"))

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from model.surface.materials import properties
 from rigctl.comparison.surface_fit import FittedMaterial
+from rigctl.reports.table import Table, text_columns
 
 
 def fit_json(fitted: FittedMaterial) -> dict[str, Any]:
@@ -43,25 +43,35 @@ def fit_json(fitted: FittedMaterial) -> dict[str, Any]:
     }
 
 
-def fit_tables(content: dict[str, Any]) -> Iterable[Table]:
+def fit_tables(content: dict[str, Any]) -> Iterable[Table[Any]]:
     """Return the parameters and the observations of `fit_json` as tables."""
-    parameters = _table(f"95 % interval: {content['interval_method']}", "parameter", ("value", "± std", "from", "to"))
+    yield Table(
+        title=f"95 % interval: {content['interval_method']}",
+        columns=text_columns("parameter", "value", "± std", "from", "to"),
+        rows=tuple(_parameter_rows(content)),
+    )
+    yield Table(
+        title="normalised Stokes parameters in the camera's axes",
+        columns=text_columns("region", "S1/S0 measured", "fitted", "S2/S0 measured", "fitted", "chi-square"),
+        rows=tuple(_observation_cells(seen) for seen in content["observations"]),
+    )
+
+
+def _parameter_rows(content: dict[str, Any]) -> Iterable[tuple[str, ...]]:
     for name, found in content["parameters"].items():
         numbers = (found["value"], found["std_error"], *found["interval_95"])
-        parameters.add_row(name, *("unknown" if number is None else f"{number:.5g}" for number in numbers))
+        yield name, *("unknown" if number is None else f"{number:.5g}" for number in numbers)
     for name, held in content["held"].items():
-        parameters.add_row(name, f"{held['value']:.5g}", "held, assumed" if held["assumed"] else "held")
-    yield parameters
-    columns = ("S1/S0 measured", "fitted", "S2/S0 measured", "fitted", "chi-square")
-    observations = _table("normalised Stokes parameters in the camera's axes", "region", columns)
-    for seen in content["observations"]:
-        cells = [
-            text
-            for mean, error, model in zip(seen["measured"], seen["std_error"], seen["fitted"], strict=True)
-            for text in (f"{mean:+.4f} ± {error:.1g}", f"{model:+.4f}")
-        ]
-        observations.add_row(f"{seen['run']}: {seen['region']}", *cells, f"{seen['chi_square']:.3g}")
-    yield observations
+        yield name, f"{held['value']:.5g}", "held, assumed" if held["assumed"] else "held", "", ""
+
+
+def _observation_cells(seen: dict[str, Any]) -> tuple[str, ...]:
+    cells = (
+        text
+        for mean, error, model in zip(seen["measured"], seen["std_error"], seen["fitted"], strict=True)
+        for text in (f"{mean:+.4f} ± {error:.1g}", f"{model:+.4f}")
+    )
+    return f"{seen['run']}: {seen['region']}", *cells, f"{seen['chi_square']:.3g}"
 
 
 def _parameter(fitted: FittedMaterial, index: int) -> dict[str, Any]:
@@ -74,11 +84,3 @@ def _parameter(fitted: FittedMaterial, index: int) -> dict[str, Any]:
 
 def _finite(number: float) -> float | None:
     return number if np.isfinite(number) else None
-
-
-def _table(title: str, first: str, others: tuple[str, ...]) -> Table:
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    table.add_column(first)
-    for column in others:
-        table.add_column(column, justify="right")
-    return table

@@ -1,67 +1,68 @@
-"""Tables of a material for the terminal."""
+"""Tables of a material."""
 
 from collections.abc import Iterable
+from typing import Any
 
-from rich.table import Table
+from rigctl.reports.surface_sheet import PropertyValue, Reflectance, ReflectedLight, SurfaceSheet
+from rigctl.reports.table import Column, Table
 
-from rigctl.reports.surface_sheet import SurfaceSheet
 
-
-def surface_tables(sheet: SurfaceSheet) -> Iterable[Table]:
+def surface_tables(sheet: SurfaceSheet) -> Iterable[Table[Any]]:
     """Return what goes into a material, what it reflects in the principal plane, and how much in all."""
     yield _properties(sheet)
     yield _principal_plane(sheet)
     yield _reflectance(sheet)
 
 
-def _properties(sheet: SurfaceSheet) -> Table:
+def _properties(sheet: SurfaceSheet) -> Table[PropertyValue]:
     surface = sheet.surface
-    table = _table(
+    columns: tuple[Column[PropertyValue], ...] = (
+        Column(title="property", text=lambda given: given.name, left=True, unbroken=True),
+        Column(title="value", text=lambda given: f"{given.value:.5g}", unbroken=True),
+        Column(title="± std", text=lambda given: f"{given.std:.2g}", unbroken=True),
+        Column(title="basis", text=_basis, left=True, unbroken=True),
+        Column(title="confidence", text=lambda given: given.confidence, left=True, unbroken=True),
+        Column(title="source", text=lambda given: given.source, left=True),
+    )
+    title = (
         f"{sheet.material} at {sheet.wavelength_nm:g} nm, shadowing {surface.shadowing}, "
         f"diffuse {'none' if surface.dhr is None else surface.diffuse}"
     )
-    for column in ("property", "value", "± std", "basis", "confidence", "source"):
-        table.add_column(
-            column, justify="right" if column in ("value", "± std") else "left", no_wrap=column != "source"
-        )
-    for given in sheet.properties:
-        basis = "assumed" if given.assumed else "measured"
-        table.add_row(given.name, f"{given.value:.5g}", f"{given.std:.2g}", basis, given.confidence, given.source)
-    return table
+    return Table(title=title, columns=columns, rows=sheet.properties)
 
 
-def _principal_plane(sheet: SurfaceSheet) -> Table:
-    table = _table(
+def _principal_plane(sheet: SurfaceSheet) -> Table[ReflectedLight]:
+    columns: tuple[Column[ReflectedLight], ...] = (
+        Column(title="camera [deg]", text=lambda light: f"{light.camera_zenith_deg:+.0f}"),
+        Column(title="F00 [1/sr]", text=lambda light: f"{light.f00_per_sr:.5g}"),
+        Column(title="S1/S0", text=lambda light: _or_dash(light.s1n, "+z.4f")),
+        Column(title="DoLP", text=lambda light: _or_dash(light.dolp)),
+    )
+    title = (
         f"principal plane, sun at {sheet.sun_zenith_deg:g} deg, unpolarised light; "
         "camera zenith: positive towards the glint, negative on the sun's side"
     )
-    for column in ("camera [deg]", "F00 [1/sr]", "S1/S0", "DoLP"):
-        table.add_column(column, justify="right")
-    for light in sheet.principal_plane:
-        table.add_row(
-            f"{light.camera_zenith_deg:+.0f}",
-            f"{light.f00_per_sr:.5g}",
-            _or_dash(light.s1n, "+z.4f"),
-            _or_dash(light.dolp),
-        )
-    return table
+    return Table(title=title, columns=columns, rows=sheet.principal_plane)
 
 
-def _reflectance(sheet: SurfaceSheet) -> Table:
-    table = _table(
+def _reflectance(sheet: SurfaceSheet) -> Table[Reflectance]:
+    columns: tuple[Column[Reflectance], ...] = (
+        Column(title="sun [deg]", text=lambda given: f"{given.zenith_deg:.0f}"),
+        Column(title="DHR", text=lambda given: f"{given.total:.4f}"),
+        Column(title="specular", text=lambda given: f"{given.specular:.4f}"),
+        Column(title="horizontal", text=lambda given: f"{given.horizontal:.4f}"),
+        Column(title="vertical", text=lambda given: f"{given.vertical:.4f}"),
+        Column(title="error", text=lambda given: f"{given.error:.0e}"),
+    )
+    title = (
         "directional-hemispherical reflectance by angle of incidence: of unpolarised light, the specular lobe's part "
         "of it, and of light polarised horizontally and vertically"
     )
-    for column in ("sun [deg]", "DHR", "specular", "horizontal", "vertical", "error"):
-        table.add_column(column, justify="right")
-    for given in sheet.reflectance:
-        numbers = (given.total, given.specular, given.horizontal, given.vertical)
-        table.add_row(f"{given.zenith_deg:.0f}", *(f"{number:.4f}" for number in numbers), f"{given.error:.0e}")
-    return table
+    return Table(title=title, columns=columns, rows=sheet.reflectance)
 
 
-def _table(title: str) -> Table:
-    return Table(title=title, title_justify="left", box=None, pad_edge=False)
+def _basis(given: PropertyValue) -> str:
+    return "assumed" if given.assumed else "measured"
 
 
 def _or_dash(number: float | None, form: str = ".4f") -> str:

@@ -1,50 +1,52 @@
-"""A sweep as a table for the terminal, as CSV, as JSON and as a plot."""
+"""A sweep as tables for the terminal, as CSV and as JSON."""
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
-from itertools import cycle
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
 from rigctl.comparison.performance import SWEPT_RATES
 from rigctl.comparison.sweep import Sweep
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.csv_rows import csv_rows
+
+FloatArray = NDArray[np.float64]
 
 SCHEMA_VERSION = 1
 # At which the table and the plot show detection.
-_SHOWN_RATE = 1e-3
+SHOWN_RATE = 1e-3
 # More columns fit no terminal.
 _MOST_PAIRS_SHOWN = 3
 # What the terminal and the plot show; CSV and JSON hold everything.
 _SHOWN = (("dolp_pixels", "mean", "DoLP"), ("dolp_snr", "mean", "DoLP SNR"), ("s0", "mean", "S0 DN"))
 
 
-def sweep_tables(found: Sweep) -> Iterable[Table]:
+def sweep_tables(found: Sweep) -> Iterable[Table[int]]:
     """Return a table for each region: DoLP, its signal-to-noise ratio and S0, a row a value; and one of detection."""
     for region in found.regions:
         columns = [(label, found.series(region, quantity, kind)) for quantity, kind, label in _SHOWN]
         yield _table(region, found, columns)
     if 0 < len(found.pairs) <= _MOST_PAIRS_SHOWN:
         columns = [
-            (f"{target} on {background}", found.detection((target, background), _SHOWN_RATE))
+            (f"{target} on {background}", found.detection((target, background), SHOWN_RATE))
             for target, background in found.pairs
         ]
-        yield _table(f"P_D at P_FA {_SHOWN_RATE:g}", found, columns)
+        yield _table(f"P_D at P_FA {SHOWN_RATE:g}", found, columns)
 
 
-def _table(title: str, found: Sweep, columns: Sequence[tuple[str, NDArray[np.float64]]]) -> Table:
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    table.add_column(found.key, justify="right")
-    for label, _ in columns:
-        table.add_column(label, justify="right")
-    for row, value in enumerate(found.values):
-        cells = ("-" if math.isnan(column[row]) else f"{column[row]:.5g}" for _, column in columns)
-        table.add_row(f"{value:g}", *cells)
-    return table
+def _table(title: str, found: Sweep, series: Sequence[tuple[str, FloatArray]]) -> Table[int]:
+    columns: tuple[Column[int], ...] = (
+        Column(title=found.key, text=lambda row: f"{found.values[row]:g}"),
+        *(Column(title=label, text=partial(_cell, values=values)) for label, values in series),
+    )
+    return Table(title=title, columns=columns, rows=tuple(range(len(found.values))))
+
+
+def _cell(row: int, values: FloatArray) -> str:
+    return "-" if math.isnan(values[row]) else f"{values[row]:.5g}"
 
 
 def sweep_json(found: Sweep) -> dict[str, Any]:
@@ -70,52 +72,29 @@ def sweep_json(found: Sweep) -> dict[str, Any]:
 
 def sweep_csv(found: Sweep) -> bytes:
     """Return a sweep as CSV: a row a value, a column a number; empty where it does not exist."""
-    columns = [
-        (region, quantity, kind)
-        for region in found.regions
-        for quantity, kinds in _quantities(found, region).items()
-        for kind in kinds
-    ]
-    detected = [(pair, rate) for pair in found.pairs for rate in SWEPT_RATES]
-    series = [found.series(*column) for column in columns] + [found.detection(*column) for column in detected]
-    names = [f"{target}_on_{background}.p_detection.{rate:g}" for (target, background), rate in detected]
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([found.key, *(".".join(column) for column in columns), *names])
-    for row, value in enumerate(found.values):
-        writer.writerow(
-            [repr(float(value)), *("" if math.isnan(one[row]) else repr(float(one[row])) for one in series)]
-        )
-    return text.getvalue().encode()
+    columns: tuple[Column[int], ...] = (
+        Column(key=found.key, value=lambda row: float(found.values[row])),
+        *(Column(key=".".join(name), value=partial(_number, values=found.series(*name))) for name in _names(found)),
+        *(
+            Column(
+                key=f"{pair[0]}_on_{pair[1]}.p_detection.{rate:g}",
+                value=partial(_number, values=found.detection(pair, rate)),
+            )
+            for pair in found.pairs
+            for rate in SWEPT_RATES
+        ),
+    )
+    return csv_rows(Table(columns=columns, rows=tuple(range(len(found.values)))))
 
 
-def sweep_png(found: Sweep) -> bytes:
-    """Return DoLP with its deviation, DoLP SNR and detection of all regions over the value that was swept."""
-    # Half a second, wanted for plots only.
-    from rigctl.reports.figures.figure_style import LINE_STYLES, png, subplots
+def _number(row: int, values: FloatArray) -> float:
+    return float(values[row])
 
-    panels = 3 if found.pairs else 2
-    figure, axes = subplots(1, panels, size=(5.0 * panels, 4.2))
-    degree, ratio = axes[:2]
-    for region, style in zip(found.regions, cycle(LINE_STYLES)):
-        mean, std = (found.series(region, "dolp_pixels", kind) for kind in ("mean", "std"))
-        (line,) = degree.plot(found.values, mean, style, marker=".", label=region)
-        degree.fill_between(found.values, mean - std, mean + std, color=line.get_color(), alpha=0.2, linewidth=0)
-        ratio.plot(found.values, found.series(region, "dolp_snr", "mean"), style, marker=".", label=region)
-    degree.set_ylabel("DoLP; band: deviation of a pixel")
-    ratio.set_ylabel("DoLP SNR")
-    for (target, background), style in zip(found.pairs, cycle(LINE_STYLES)):
-        detected = found.detection((target, background), _SHOWN_RATE)
-        axes[2].plot(found.values, detected, style, marker=".", label=f"{target} on {background}")
-        axes[2].set_ylabel(f"P_D at P_FA {_SHOWN_RATE:g}")
-        axes[2].legend(fontsize=8)
-    for ax in axes:
-        ax.set_xlabel(found.key)
-        ax.set_ylim(bottom=0.0)
-    if found.pairs:
-        axes[2].set_ylim(0.0, 1.05)
-    ratio.legend(fontsize=8)
-    return png(figure)
+
+def _names(found: Sweep) -> Iterable[tuple[str, str, str]]:
+    for region in found.regions:
+        for quantity, kinds in _quantities(found, region).items():
+            yield from ((region, quantity, kind) for kind in kinds)
 
 
 def _quantities(found: Sweep, region: str) -> dict[str, tuple[str, ...]]:
@@ -131,5 +110,5 @@ def _series(found: Sweep, region: str, quantity: str, kind: str) -> list[float |
     return _numbers(found.series(region, quantity, kind))
 
 
-def _numbers(values: NDArray[np.float64]) -> list[float | None]:
+def _numbers(values: FloatArray) -> list[float | None]:
     return [None if np.isnan(value) else float(value) for value in values]

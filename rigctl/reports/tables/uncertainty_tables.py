@@ -1,13 +1,13 @@
 """What uncertain inputs make of predicted numbers, as tables and as JSON."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any
-
-from rich.table import Table
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import ORDERED
 from rigctl.comparison.predicted_uncertainty import PredictedUncertainty
+from rigctl.reports.table import Column, Table
 
 # Of as many inputs as make the uncertainty; the rest is in the JSON.
 _SHOWN = 6
@@ -36,24 +36,25 @@ def input_effects_json(found: PredictedUncertainty) -> dict[str, Any]:
     return {"uncertain_inputs": list(found.inputs), "input_effects": effects, "input_remarks": list(found.remarks)}
 
 
-def input_effect_tables(found: PredictedUncertainty) -> Iterable[Table]:
+def input_effect_tables(found: PredictedUncertainty) -> Iterable[Table[str]]:
     """Return a table for each region: the inputs that move its DoLP most, by one standard uncertainty of each."""
     for region in found.std_errors:
         ranked = found.ranked(region, "dolp")[:_SHOWN]
         if not ranked:
             continue
-        table = Table(
-            title=f"{region}: change by one standard uncertainty of an input, those first that move DoLP most",
-            title_justify="left",
-            box=None,
-            pad_edge=False,
+        columns: tuple[Column[str], ...] = (
+            Column(title="input", text=str, left=True),
+            *(
+                Column(title=title, text=partial(_effect, effects=dict(found.ranked(region, quantity))))
+                for title, quantity in (("DoLP", "dolp"), ("s1", "s1n"), ("s2", "s2n"), ("S0 DN", "s0"))
+            ),
         )
-        table.add_column("input")
-        for column in ("DoLP", "s1", "s2", "S0 DN"):
-            table.add_column(column, justify="right")
-        others = {quantity: dict(found.ranked(region, quantity)) for quantity in ("s1n", "s2n", "s0")}
-        for name, effect in ranked:
-            table.add_row(
-                name, f"{effect:+.2g}", *(f"{one[name]:+.2g}" if name in one else "0" for one in others.values())
-            )
-        yield table
+        yield Table(
+            title=f"{region}: change by one standard uncertainty of an input, those first that move DoLP most",
+            columns=columns,
+            rows=tuple(name for name, _ in ranked),
+        )
+
+
+def _effect(name: str, effects: Mapping[str, float]) -> str:
+    return f"{effects[name]:+.2g}" if name in effects else "0"

@@ -15,7 +15,9 @@ from reportlab.platypus import Image, KeepTogether, Preformatted, SimpleDocTempl
 from reportlab.platypus import Paragraph as Text
 from reportlab.platypus import Table as Grid
 
-from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Table, Verbatim
+from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Terms, Verbatim, Verdict
+from rigctl.reports.table import AnyTable, Column, Shown, Table
+from rigctl.reports.writers.html_page import column_groups
 
 _MARGIN = 17 * mm
 _WIDTH = A4[0] - 2 * _MARGIN
@@ -62,20 +64,25 @@ def _flow(report: Report) -> Iterable[Any]:
     yield Text(_safe(report.title), _TITLE)
     yield Text(_safe(report.source), _CAPTION)
     yield Spacer(1, 4)
-    yield _verdict(report)
+    if report.verdict is not None:
+        yield _verdict(report.verdict)
     for section in report.sections:
         yield from _section(section)
 
 
-def _verdict(report: Report) -> Grid:
-    lines = [Text(f"<b>{_safe(report.verdict)}</b>", ParagraphStyle("v", parent=_BODY, fontSize=11, leading=14))]
-    lines += [Text((f"<b>{_safe(word)}</b> " if word else "") + _safe(text), _BODY) for word, text in report.reasons]
+def _verdict(verdict: Verdict) -> Grid:
+    lines = [Text(f"<b>{_safe(verdict.text)}</b>", ParagraphStyle("v", parent=_BODY, fontSize=11, leading=14))]
+    lines += [Text(_bold_before(word, text), _BODY) for word, text in verdict.reasons]
     style = [
         ("BACKGROUND", (0, 0), (-1, -1), colors.HexColor("#f4f6f8")),
-        ("LINEBEFORE", (0, 0), (0, -1), 4, _BLUE if report.good else _ORANGE),
+        ("LINEBEFORE", (0, 0), (0, -1), 4, _BLUE if verdict.good else _ORANGE),
         ("LEFTPADDING", (0, 0), (-1, -1), 9),
     ]
     return Grid([[line] for line in lines], colWidths=[_WIDTH], style=style)
+
+
+def _bold_before(word: str, text: str) -> str:
+    return (f"<b>{_safe(word)}</b> " if word else "") + _safe(text)
 
 
 def _section(section: Section) -> Iterable[Any]:
@@ -98,11 +105,15 @@ def _bullets(block: Bullets) -> list[Any]:
     return [Text(_safe(text), _BODY, bulletText="-") for text in block.items]
 
 
+def _terms(block: Terms) -> list[Any]:
+    return [Text(_bold_before(name, text), _BODY) for name, text in block.items]
+
+
 def _picture(block: Picture) -> list[Any]:
     width, height = ImageReader(io.BytesIO(block.png)).getSize()
     scale = min(_WIDTH / width, 0.8 * _HEIGHT / height)
     image = Image(io.BytesIO(block.png), width=scale * width, height=scale * height)
-    return [image, Text(_safe(block.caption), _CAPTION)]
+    return [image, Text(_safe(block.caption), _CAPTION)] if block.caption else [image]
 
 
 def _verbatim(block: Verbatim) -> list[Any]:
@@ -113,50 +124,74 @@ def _verbatim(block: Verbatim) -> list[Any]:
     return [Preformatted("\n".join(shown), _CODE)]
 
 
-def _table(block: Table) -> list[Any]:
+def _table(block: AnyTable) -> list[Any]:
     if not block.rows:
         return []
-    points, widths = _fitted(block)
-    cell = ParagraphStyle("fitted", parent=_CELL, fontSize=points, leading=points + 1.5)
-    bold = ParagraphStyle("header", parent=cell, fontName="Helvetica-Bold")
-    right, bold_right = (ParagraphStyle(f"{s.name}-right", parent=s, alignment=2) for s in (cell, bold))
-    grid = [
-        [Text(_safe(text), bold if k in block.left else bold_right) for k, text in enumerate(block.header)],
-        *([Text(_safe(text), cell if k in block.left else right) for k, text in enumerate(row)] for row in block.rows),
-    ]
+    columns, texts = block.shown(Shown.PAGE), block.texts(Shown.PAGE)
+    points, widths = _fitted(columns, texts)
+    head = _head(block, columns, points)
+    grid = [*head, *([_cell(text, column, points) for column, text in zip(columns, row, strict=True)] for row in texts)]
+    last = len(head) - 1
     style: list[Any] = [
-        ("LINEBELOW", (0, 0), (-1, 0), 0.6, colors.grey),
-        ("LINEBELOW", (0, 1), (-1, -1), 0.2, colors.lightgrey),
+        ("LINEBELOW", (0, 0), (-1, last), 0.6, colors.grey),
+        ("LINEBELOW", (0, last + 1), (-1, -1), 0.2, colors.lightgrey),
         ("VALIGN", (0, 0), (-1, -1), "TOP"),
         *((side, (0, 0), (-1, -1), 2) for side in ("LEFTPADDING", "RIGHTPADDING")),
         *((side, (0, 0), (-1, -1), 1) for side in ("TOPPADDING", "BOTTOMPADDING")),
-        *(("BACKGROUND", (0, k + 1), (-1, k + 1), _PALE) for k in range(len(block.rows)) if block.is_off(k)),
+        *_spans(block),
+        *(("BACKGROUND", (0, k), (-1, k), _PALE) for k, row in enumerate(block.rows, last + 1) if block.is_off(row)),
     ]
-    return [Grid(grid, colWidths=widths, style=style, repeatRows=1, hAlign="LEFT"), Spacer(1, 4)]
+    return [Grid(grid, colWidths=widths, style=style, repeatRows=len(head), hAlign="LEFT"), Spacer(1, 4)]
 
 
-def _fitted(block: Table) -> tuple[float, list[float]]:
+def _head(block: AnyTable, columns: tuple[Column[Any], ...], points: float) -> list[list[Any]]:
+    """Return the lines of headings: over groups of columns where there are any, and over columns."""
+    rows = []
+    if groups := column_groups(block):
+        centred = ParagraphStyle("group", parent=_style(points, "Helvetica-Bold"), alignment=1)
+        rows.append([cell for name, span in groups for cell in (Text(_safe(name), centred), *[""] * (span - 1))])
+    if any(column.title for column in columns):
+        rows.append([_cell(column.title, column, points, font="Helvetica-Bold") for column in columns])
+    return rows
+
+
+def _spans(block: AnyTable) -> Iterable[tuple[Any, ...]]:
+    first = 0
+    for _, span in column_groups(block):
+        yield "SPAN", (first, 0), (first + span - 1, 0)
+        first += span
+
+
+def _cell(text: str, column: Column[Any], points: float, *, font: str = "Helvetica") -> Text:
+    style = _style(points, font)
+    return Text(_safe(text), style if column.left else ParagraphStyle("right", parent=style, alignment=2))
+
+
+def _style(points: float, font: str) -> ParagraphStyle:
+    return ParagraphStyle(font, parent=_CELL, fontName=font, fontSize=points, leading=points + 1.5)
+
+
+def _fitted(columns: tuple[Column[Any], ...], texts: list[tuple[str, ...]]) -> tuple[float, list[float]]:
     """Return size of the type and widths of the columns, so that a table fits the page."""
 
     def natural(points: float) -> list[float]:
         found = []
-        for k, name in enumerate(block.header):
+        for k, column in enumerate(columns):
             # A header breaks between words; cells do not, but for the wide column.
-            longest = max(stringWidth(word, "Helvetica-Bold", points) for word in _plain(name).split())
-            cells = [stringWidth(_plain(row[k]), "Helvetica", points) for row in block.rows]
-            found.append(max(longest, *cells) + 5.5)
+            words = [stringWidth(word, "Helvetica-Bold", points) for word in _plain(column.title).split()]
+            cells = [stringWidth(_plain(row[k]), "Helvetica", points) for row in texts]
+            found.append(max(*words, *cells, 0.0) + 5.5)
         return found
 
     points = _TABLE_POINTS
     widths = natural(points)
-    if block.wide is None:
+    wide = next((k for k, column in enumerate(columns) if column.wide), None)
+    if wide is None:
         while sum(widths) > _WIDTH and points > _LEAST_POINTS:
             points -= 0.2
             widths = natural(points)
-        scale = min(1.0, _WIDTH / sum(widths))
-        return points, [scale * width for width in widths]
-    others = sum(width for k, width in enumerate(widths) if k != block.wide)
-    widths[block.wide] = max(_WIDTH - others, 0.25 * _WIDTH)
+    else:
+        widths[wide] = max(_WIDTH - sum(widths) + widths[wide], 0.25 * _WIDTH)
     scale = min(1.0, _WIDTH / sum(widths))
     return points, [scale * width for width in widths]
 
@@ -164,6 +199,7 @@ def _fitted(block: Table) -> tuple[float, list[float]]:
 _DRAWN: dict[type, Callable[[Any], list[Any]]] = {
     Paragraph: _paragraph,
     Bullets: _bullets,
+    Terms: _terms,
     Picture: _picture,
     Verbatim: _verbatim,
     Table: _table,

@@ -92,8 +92,8 @@ def test_files_hold_every_point(found):
 
 def test_tables_have_a_row_a_way(found):
     ways = {(point.session.angles_rad, point.session.pattern) for point in found.points}
-    assert curve_table(found).row_count == len(ways)
-    assert reached_table(found).row_count == len(found.reached) == len(ways) * 2 // 3  # grouped ones are not sought
+    assert len(curve_table(found).rows) == len(ways)
+    assert len(reached_table(found).rows) == len(found.reached) == len(ways) * 2 // 3  # grouped ones are not sought
 
 
 def test_nothing_wanted_nothing_proposed(scene):

@@ -67,7 +67,7 @@ def test_each_number_of_the_answer_has_its_error(tmp_path):
     answer = with_input_errors(predictions, found)["asphalt"]["dolp"]
     assert set(answer) == {"mean", "std", "mean_std_error_inputs", "std_std_error_inputs"}
     assert input_effects_json(found)["input_effects"]["asphalt"]["dolp"]
-    assert [table.row_count for table in input_effect_tables(found)] == [6, 6, 6]
+    assert [len(table.rows) for table in input_effect_tables(found)] == [6, 6, 6]
 
 
 def test_without_uncertain_inputs_every_error_is_zero(tmp_path):

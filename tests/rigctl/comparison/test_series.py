@@ -15,7 +15,8 @@ from rigctl.comparison.series import require_one_instrument
 from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.compare import CompareRequest
 from rigctl.jobs.series import compare_series
-from rigctl.reports.pages.series_page import series_json, series_report
+from rigctl.reports.pages.series_page import series_report
+from rigctl.reports.tables.series_tables import series_json
 from rigctl.reports.writers.pdf_document import pdf
 from rigctl.runs.run_folder import FrameRecord, read_run
 from rigctl.runs.session_record import PolarizerAsTaken, RigAsTaken
@@ -75,7 +76,7 @@ def test_alpha_is_shared_by_the_runs(series: ComparedSeries) -> None:
 @pytest.mark.slow
 def test_the_report_of_many_runs_says_what_drifts_and_is_the_same_twice(series: ComparedSeries) -> None:
     report = series_report(series)
-    assert any(word == "Drifts:" and "s1n of black" in text for word, text in report.reasons)
+    assert any(word == "Drifts:" and "s1n of black" in text for word, text in report.verdict.reasons)
     assert pdf(report) == pdf(report)
 
 

@@ -7,8 +7,9 @@ from model.prediction.performance import pair_detections
 from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
+from rigctl.reports.figures.sweep_figure import sweep_png
 from rigctl.reports.tables.light_tables import light_json, phi_text
-from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_png, sweep_tables
+from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_tables
 from rigctl.scene.scene_inputs import gather
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_prediction import ScenePredictor
@@ -133,7 +134,7 @@ def test_a_sweep_shows_detection_of_each_pair(predictor):
     *of_regions, of_pairs = sweep_tables(found)
     assert [table.title for table in of_regions] == ["paint", "road"]
     assert of_pairs.title == "P_D at P_FA 0.001"
-    assert of_pairs.columns[-1].header == "road on paint"
+    assert of_pairs.columns[-1].title == "road on paint"
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from rigctl.reports.pages.light_section import light_section
-from rigctl.reports.report import Picture, Table
+from rigctl.reports.report import Picture
+from rigctl.reports.table import Shown, Table
 
 
 class MadeLight:
@@ -35,16 +36,16 @@ def section():
 def test_every_part_of_every_region_has_its_row_and_share(section):
     (table,) = (block for block in section.blocks if isinstance(block, Table))
     assert len(table.rows) == 10
-    shares = {(row[0], row[1]): row[-1] for row in table.rows}
+    shares = {(row[0], row[1]): row[-1] for row in table.texts()}
     assert shares["paint", "reflected sun"] == "60.0%"
     assert shares["paint", "path"] == "10.0%"
     assert shares["road", "total at the aperture"] == "100.0%"
-    assert all(len(row) == len(table.header) for row in table.rows)
+    assert all(len(row) == len(table.shown(Shown.PAGE)) for row in table.texts())
 
 
 def test_dark_parts_have_no_angle(section):
     (table,) = (block for block in section.blocks if isinstance(block, Table))
-    (row,) = (row for row in table.rows if row[:2] == ("road", "path"))
+    (row,) = (row for row in table.texts() if row[:2] == ("road", "path"))
     assert row[5:7] == ("-", "-")
 
 

@@ -1,0 +1,79 @@
+"""Error against time, and where the time goes, as a plot."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rigctl.comparison.accuracy_curves import WHOLE_CHAIN, Curves
+from rigctl.reports.figures.figure_style import png, subplots
+from rigctl.reports.tables.tradeoff_tables import is_mean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Told apart in black and white too.
+_MARKERS = "osD^vP*X"
+_HATCHES = ("", "//", "..", "xx", "\\\\")
+
+
+def curve_png(curves: Curves) -> bytes:
+    """Return true and estimated error against time on logarithmic axes, the floor, and the time of each stage."""
+    figure, axes = subplots(1, 3, size=(15.0, 4.8))
+    for axis, kind in zip(axes[:2], ("true", "estimated"), strict=True):
+        _draw_errors(axis, curves, kind)
+    axes[0].plot(
+        [point.seconds for point in curves.front],
+        [_shown(point.whole) for point in curves.front],
+        linestyle="none",
+        marker="*",
+        markersize=13,
+        markerfacecolor="none",
+        markeredgecolor="0.3",
+        label="all knobs: none is faster and better",
+    )
+    axes[0].legend(fontsize=7)
+    _draw_stages(axes[2], curves)
+    return png(figure)
+
+
+def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:
+    for place, knob in enumerate(dict.fromkeys(point.knob for point in curves.points)):
+        points = [point for point in curves.points if point.knob == knob]
+        axis.plot(
+            [point.seconds for point in points],
+            [_shown(getattr(point, kind)) for point in points],
+            marker=_MARKERS[place % len(_MARKERS)],
+            markersize=4,
+            label=knob,
+            color=f"C{place}",
+            linewidth=2.2 if knob == WHOLE_CHAIN else 1.0,
+        )
+    floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
+    least = min((floor for floor in floors if floor > 0.0), default=None)
+    if least is not None:
+        axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label="floor of the inputs (DoLP)")
+    axis.set(xscale="log", xlabel="time [s]", ylabel="largest error of any number", title=f"{kind} error")
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
+    # A scene of stated radiances has no error that a logarithm could show.
+    if any(np.any(np.asarray(line.get_ydata(), dtype=np.float64) > 0.0) for line in axis.lines):
+        axis.set_yscale("log")
+    axis.grid(visible=True, which="major", alpha=0.3)
+
+
+def _draw_stages(axis: "Axes", curves: Curves) -> None:
+    """Bars of the whole chain's time, a tolerance each, by stage."""
+    stages = list(dict.fromkeys(stage for found in curves.predictions for stage in found.stage_s))
+    low = np.zeros(len(curves.predictions))
+    for place, stage in enumerate(stages):
+        seconds = np.array([found.stage_s[stage] for found in curves.predictions])
+        axis.bar(range(low.size), seconds, bottom=low, label=stage, color=f"C{place}", hatch=_HATCHES[place])
+        low += seconds
+    axis.set_xticks(range(low.size), [f"{found.tolerance:g}" for found in curves.predictions])
+    axis.set(xlabel="tolerance", ylabel="time [s]", title="where the time goes")
+    axis.legend(fontsize=7)
+
+
+def _shown(error: float) -> float:
+    return error if error > 0.0 and math.isfinite(error) else math.nan
