@@ -15,7 +15,7 @@ from model.processing.block_means import block_means
 from model.processing.redundancy import linear_response, pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
-from rigctl.comparison.run_cycle import frame_order
+from rigctl.comparison.run_prediction import frame_order
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement, signal_of_cycle
 

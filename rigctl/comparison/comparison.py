@@ -2,40 +2,31 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.prediction import RegionPrediction, predict
-from model.prediction.rig_errors import predict_with_errors
+from model.prediction.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
 from model.scene.field_light import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.choices import ScaleKind
-from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
+from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.explanation import Explanation, explain_rows
 from rigctl.comparison.propagated_rows import propagate_rows
 from rigctl.comparison.remarks import curved_inputs, model_warnings, not_tested, overruled
 from rigctl.comparison.rows import Row, decide, pair, scored
-from rigctl.comparison.run_cycle import cycle_of_run
-from rigctl.comparison.run_geometry import scene_of_run
-from rigctl.comparison.run_readout import one_exposure_s, run_readout
+from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.scale import Scale, scale_inputs
 from rigctl.comparison.trends import Trend, trends_of
 from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
-from rigctl.scene.model_scene import build_scenario
-from rigctl.scene.rig_inputs import rig_errors, with_rig
-from rigctl.scene.scene_inputs import Inputs, gather, only_uncertain
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.scene_record import Scene
+from rigctl.scene.scene_inputs import Inputs, only_uncertain
 
 FloatArray = NDArray[np.float64]
 
@@ -143,11 +134,10 @@ def compare_with_scene(
     DataError
         The run cannot be predicted: exposures differ or are not known.
     """
-    stated, (scene, moved) = scene, _scene_of_run(scene, measurement)
-    inputs, light = _inputs(measurement, scene, noise), SceneLight()
-    predicted = partial(_predicted, measurement, light, inputs)
+    predictor = run_predictor(measurement, scene=scene, noise=noise)
+    predicted = predictor.predictions
     inputs, scaled_by = scale_inputs(
-        scale, inputs, measurement=measurement, radiometric=radiometric, predicted=predicted
+        scale, predictor.inputs, measurement=measurement, radiometric=radiometric, predicted=predicted
     )
     predictions = predicted(inputs.values)
     rows = tuple(_paired(predictions, measurement))
@@ -163,9 +153,9 @@ def compare_with_scene(
         remarks=(
             *inputs.remarks,
             scaled_by.remark,
-            *overruled(stated, measurement, one_exposure_s(measurement)),
-            *moved,
-            *light.remarks(inputs.scene),
+            *overruled(scene, measurement, predictor.exposure_s),
+            *predictor.moved,
+            *predictor.light.remarks(inputs.scene),
             *model_warnings(predictions),
             *curved_inputs(propagation, uncertain),
         ),
@@ -178,54 +168,13 @@ def compare_with_scene(
         budgets=scene_budget(
             predictions, measurement, inputs=inputs, rows=decided, propagation=propagation, uncertain=uncertain
         ),
-        lights=_lights(inputs.scene, light),
+        lights=predictor.lights(inputs.scene),
     )
 
 
 def _decided(rows: tuple[Row, ...], propagation: Propagation, alpha: float) -> tuple[Row, ...]:
     errors = np.sqrt(np.maximum(np.diag(propagation.cov), 0.0))
     return decide(tuple(scored(row, error) for row, error in zip(rows, errors, strict=True)), alpha=alpha)
-
-
-def _lights(scene: Scene, light: SceneLight) -> dict[str, FieldLight]:
-    named = [region for region in scene.regions if region.material is not None]
-    return {region.name: light.region(scene, region) for region in named}
-
-
-def predict_run(
-    measurement: Measurement, *, scene: SceneFile, noise: NoiseParameters | None
-) -> dict[str, RegionPrediction]:
-    """Return what a scene file predicts for the angles, cycles and exposure of a run.
-
-    Raises
-    ------
-    DataError
-        Exposures differ or are not known.
-    """
-    scene, _ = _scene_of_run(scene, measurement)
-    inputs = _inputs(measurement, scene, noise)
-    return _predicted(measurement, SceneLight(), inputs, inputs.values)
-
-
-def _inputs(measurement: Measurement, scene: SceneFile, noise: NoiseParameters | None) -> Inputs:
-    return gather(with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_run(measurement, scene)))
-
-
-def _predicted(
-    measurement: Measurement, light: SceneLight, inputs: Inputs, values: FloatArray
-) -> dict[str, RegionPrediction]:
-    scene = inputs.at(values)
-    exposure_s, errors = one_exposure_s(measurement), rig_errors(scene)
-    try:
-        scenario = build_scenario(scene, readout=run_readout(measurement), exposure_s=exposure_s, light=light)
-        return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
-    except ValueError as error:
-        raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
-
-
-def _scene_of_run(scene: SceneFile, measurement: Measurement) -> tuple[SceneFile, tuple[str, ...]]:
-    frames = [record for cycle in measurement.grid.records for record in cycle]
-    return scene_of_run(scene, measurement.run, frames)
 
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:

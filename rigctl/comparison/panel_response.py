@@ -11,7 +11,7 @@ from model.prediction.prediction import predict
 from model.processing.agreement import input_jacobian
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.run_geometry import scene_of_run
-from rigctl.comparison.run_readout import one_exposure_s, run_readout
+from rigctl.comparison.run_prediction import one_exposure_s, run_readout
 from rigctl.comparison.throughput import modelled_response, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
@@ -97,8 +97,7 @@ def panel_response(
         The panel is saturated, or the run cannot be predicted: exposures differ or are not known.
     """
     alone = _alone(scene, panel)
-    frames = [record for cycle in measurement.grid.records for record in cycle]
-    alone, moved = scene_of_run(alone, measurement.run, frames)
+    alone, moved = scene_of_run(alone, measurement.run, measurement.grid.frames)
     measured = _unsaturated(measurement, panel)
     # Counts are compared with the radiance: what the sensor makes of it is what is sought.
     inputs = without_throughput(gather(scene_of_file(alone, noise)), gain=True)

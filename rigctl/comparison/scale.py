@@ -11,7 +11,7 @@ from model.prediction.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.choices import ScaleKind
-from rigctl.comparison.run_readout import one_exposure_s
+from rigctl.comparison.run_prediction import one_exposure_s
 from rigctl.comparison.throughput import modelled_response, rescaled, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.measurement.measurement import Measurement

@@ -7,7 +7,7 @@ import numpy as np
 
 from model.moments import Moments
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
-from rigctl.comparison.comparison import predict_run
+from rigctl.comparison.run_prediction import run_predictor
 from rigctl.detection.rx_run import RxOnRun, detect
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
@@ -83,7 +83,9 @@ def detect_target(run_path: Path, request: DetectRequest, *, out: Path | None = 
     measurement = measure(run, regions=regions, noise=noise)
     predicted: dict[str, Moments] | None = None
     if scene is not None:
-        predicted = {name: p.stokes_dn for name, p in predict_run(measurement, scene=scene, noise=noise).items()}
+        predictor = run_predictor(measurement, scene=scene, noise=noise)
+        predictions = predictor.predictions(predictor.inputs.values)
+        predicted = {name: prediction.stokes_dn for name, prediction in predictions.items()}
     stokes = np.einsum("kn,nij->kij", measurement.plan.inverse, signal_of_cycle(measurement, 0))
     names = {"background": request.background, "target": request.target}
     found = detect(measurement, stokes, **names, predicted=predicted)

@@ -69,7 +69,7 @@ def _point(name: str, run: ComparedRun, scene: SceneFile) -> SeriesPoint:
 
 
 def _sun_zenith_deg(measurement: Measurement, scene: SceneFile) -> float | None:
-    frames = [record for cycle in measurement.grid.records for record in cycle]
+    frames = measurement.grid.frames
     elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]
     if len(elevations) == len(frames):
         return 90.0 - sum(elevations) / len(elevations)

@@ -42,6 +42,11 @@ class FrameGrid:
     left_out: tuple[str, ...]
 
     @property
+    def frames(self) -> tuple[FrameRecord, ...]:
+        """All of them, cycle by cycle."""
+        return tuple(record for cycle in self.records for record in cycle)
+
+    @property
     def cycles(self) -> int:
         """How many whole cycles there are."""
         return len(self.records)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import drawn_truth, scene_text, take_run
-from rigctl.comparison.run_cycle import cycle_of_run, frame_order
+from rigctl.comparison.run_prediction import cycle_of_run, frame_order
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import RigSection, SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement, measure
