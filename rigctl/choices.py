@@ -1,7 +1,7 @@
 """Words that options and files choose from. Nothing heavy is imported here, so that help is at hand at once."""
 
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, get_args
 
 # What the counts of a prediction are scaled by: the scene file, a panel, or the run itself.
 ScaleKind = Literal["absolute", "panel", "free"]
@@ -11,6 +11,10 @@ LightPart = Literal["total", "reflected", "reflected_sun", "reflected_sky", "pat
 
 # What solves the light of the air: the project's own solver, or an independent one beside it as a check.
 Engine = Literal["own", "sasktran2"]
+
+# What the demo changes in its simulated rig between calibration and run.
+Perturbation = Literal["gain", "angle-offset", "angle-sense", "extinction"]
+PERTURBATIONS: tuple[Perturbation, ...] = get_args(Perturbation)
 
 
 class Dictionary(StrEnum):

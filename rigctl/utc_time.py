@@ -1,8 +1,9 @@
 """Points in time as text, the one way this project writes them."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 NS_PER_S = 1_000_000_000
+_EPOCH = datetime.fromisoformat("1970-01-01T00:00:00Z")
 
 
 def utc_text(unix_ns: int) -> str:
@@ -20,3 +21,8 @@ def utc_text(unix_ns: int) -> str:
     seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
     moment = datetime.fromtimestamp(seconds, tz=UTC)
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
+
+
+def unix_ns(time: datetime) -> int:
+    """Return a time with a zone in nanoseconds since 1970 (UTC)."""
+    return (time - _EPOCH) // timedelta(microseconds=1) * 1000

@@ -1,29 +1,16 @@
 """``rigctl acquire``: take a session."""
 
-import time
-from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
-from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
-from rigctl.commands.acquire_calibrations import open_calibrated_rig
-from rigctl.commands.target_cycles import with_target
-from rigctl.errors import ConfigError
-from rigctl.files.rig_file import load_rig
-from rigctl.files.session_file import load_session
-from rigctl.live.mean_noise import noise_numbers
-from rigctl.session.planning.drift_cost import grouping_cost, missing_axes
-from rigctl.session.planning.schedule import unix_ns
-from rigctl.session.planning.session_steps import Need, Step, estimate, plan_steps
-from rigctl.session.reconnect_loop import Outcome
-from rigctl.session.take_session import take_session
+from rigctl.commands.time_option import time_option
 from rigctl.terminal import progress, results, warn
-from rigctl.utc_time import utc_text
+
+if TYPE_CHECKING:
+    from rigctl.jobs.acquire import PreparedSession
+    from rigctl.session.reconnect_loop import Outcome
 
 _SECONDS_A_MINUTE = 60
 # As sysexits.h has it: a temporary failure, try again.
@@ -63,58 +50,30 @@ def command(
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels --scene
     examples/scene-panels.toml --target-dolp-sigma 0.01
     """
-    rig_file, session_file = load_rig(rig), load_session(session)
-    noise_content = None if noise is None else read_noise_file(noise)
-    session_file = with_target(session_file, noise_content, scene=scene, target_dolp_sigma=target_dolp_sigma)
-    for doubt in (grouping_cost(session_file), missing_axes(plan_steps(session_file))):
-        if doubt is not None:
-            warn(doubt)
+    from rigctl.jobs.acquire import AcquireRequest, acquire, prepare_session
+
+    prepared = prepare_session(
+        AcquireRequest(
+            rig=rig,
+            session=session,
+            noise=noise,
+            polarizer=polarizer,
+            scene=scene,
+            target_dolp_sigma=target_dolp_sigma,
+        )
+    )
+    for line in prepared.chosen:
+        progress().print(f"--target-dolp-sigma: {line}", markup=False)
+    for doubt in prepared.doubts:
+        warn(doubt)
     if dry_run:
-        steps = plan_steps(session_file)
-        _print_steps(steps, estimate(steps, rig_file))
+        _print_steps(prepared)
         return
-    opener = partial(
-        open_calibrated_rig,
-        rig_file,
-        session_name=session_file.name,
-        run=out,
-        noise=noise_content,
-        polarizer=None if polarizer is None else read_polarizer_file(polarizer),
-        now_utc=utc_text(time.time_ns()),
-    )
-    outcome = take_session(
-        rig_file,
-        session_file,
-        out,
-        files={"rig": rig, "session": session},
-        at_ns=time_option("--at", at),
-        until_ns=time_option("--until", until),
-        noise=None if noise_content is None else noise_numbers(noise_content),
-        opener=opener,
-    )
+    outcome = acquire(prepared, out, at_ns=time_option("--at", at), until_ns=time_option("--until", until))
     say_outcome(outcome, out)
 
 
-def time_option(name: str, text: str | None) -> int | None:
-    """Return a time that was given on the command line [ns since 1970 UTC].
-
-    Raises
-    ------
-    ConfigError
-        It is no time, or has no zone.
-    """
-    if text is None:
-        return None
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError as error:
-        raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
-    if moment.tzinfo is None:
-        raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
-    return unix_ns(moment.astimezone(UTC))
-
-
-def say_outcome(outcome: Outcome, run: Path) -> None:
+def say_outcome(outcome: "Outcome", run: Path) -> None:
     """Say how a session went, and end with the exit code that a scheduler understands."""
     progress().print(f"{outcome.frames} frames in {run}", markup=False)
     if not outcome.is_finished:
@@ -122,7 +81,10 @@ def say_outcome(outcome: Outcome, run: Path) -> None:
         raise typer.Exit(EXIT_INCOMPLETE)
 
 
-def _print_steps(steps: tuple[Step, ...], need: Need) -> None:
+def _print_steps(prepared: "PreparedSession") -> None:
+    from rich.table import Table
+
+    steps, need = prepared.steps, prepared.need
     table = Table(box=None, pad_edge=False)
     for title in ("step", "kind", "cycle", "polarizer [deg]", "exposure [ms]"):
         table.add_column(title, justify="left" if title == "kind" else "right")

@@ -5,11 +5,10 @@ from typing import Annotated
 
 import typer
 
+from rigctl.choices import PERTURBATIONS
 from rigctl.cli import EXIT_DISAGREES
 from rigctl.commands.compare import show
-from rigctl.demo import run_demo
 from rigctl.errors import ConfigError
-from rigctl.reports.tables.comparison_json import compared_json
 from rigctl.simulated.perturbation import PERTURBATIONS
 from rigctl.terminal import print_json, progress
 
@@ -34,6 +33,9 @@ def command(
 
     Example: rigctl demo --out /tmp/demo --perturb angle-offset
     """
+    from rigctl.jobs.demo import run_demo
+    from rigctl.reports.comparison_files import compared_json
+
     if perturb is not None and perturb not in PERTURBATIONS:
         raise ConfigError(f"--perturb: is {perturb!r}; allowed are {', '.join(PERTURBATIONS)}")
     console = progress()

@@ -1,19 +1,17 @@
 """``rigctl devices``: which ports, stages and cameras there are."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import asdict
-from importlib.metadata import entry_points
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.discovery import Found, find_stages
-from drivers.errors import DeviceError
-from drivers.interfaces import DeviceIdentity
-from drivers.serial_ports import PortInfo, serial_ports
 from rigctl.terminal import print_json, results, warn
 
-_CAMERA_FINDERS = "rigctl.camera_finders"
+if TYPE_CHECKING:
+    from drivers.discovery import Found
+    from drivers.interfaces import DeviceIdentity
+    from rigctl.jobs.devices import FoundCamera
 
 
 def command(
@@ -32,36 +30,19 @@ def command(
 
     Example: rigctl devices --probe --port /tmp/stage
     """
-    ports = serial_ports() if port is None else [_named(path) for path in port]
-    found = find_stages(ports, probe=probe)
-    cameras = list(_cameras()) if port is None else []
+    from rigctl.jobs.devices import find_devices
+
+    found = find_devices(port, probe=probe, warn=warn)
     if as_json:
-        print_json({"ports": [asdict(each) for each in found], "cameras": [_camera_json(*each) for each in cameras]})
+        ports, cameras = found.ports, found.cameras or ()
+        print_json({"ports": [asdict(each) for each in ports], "cameras": [asdict(each) for each in cameras]})
         return
-    _print_ports(found)
-    if port is None:
-        _print_cameras(cameras)
+    _print_ports(found.ports)
+    if found.cameras is not None:
+        _print_cameras(found.cameras)
 
 
-def _named(path: str) -> PortInfo:
-    known = {port.device: port for port in serial_ports()} | {port.lasting_name: port for port in serial_ports()}
-    return known.get(path) or PortInfo(device=path, lasting_name=path, usb_id=None, usb_serial_number=None)
-
-
-def _cameras() -> Iterable[tuple[str, DeviceIdentity]]:
-    """Return the address and identity of each camera that an installed finder (an entry point) sees."""
-    for entry in entry_points(group=_CAMERA_FINDERS):
-        try:
-            yield from entry.load()()
-        except DeviceError as error:
-            warn(f"cameras of {entry.name}: {error}")
-
-
-def _camera_json(address: str, identity: DeviceIdentity) -> dict[str, Any]:
-    return {"address": address, "identity": asdict(identity)}
-
-
-def _print_ports(found: list[Found]) -> None:
+def _print_ports(found: Sequence["Found"]) -> None:
     console = results()
     if not found:
         console.print("no serial ports", markup=False)
@@ -69,15 +50,15 @@ def _print_ports(found: list[Found]) -> None:
         console.print(_port_text(each), markup=False)
 
 
-def _print_cameras(cameras: list[tuple[str, DeviceIdentity]]) -> None:
+def _print_cameras(cameras: Sequence["FoundCamera"]) -> None:
     console = results()
     if not cameras:
         console.print("no cameras", markup=False)
-    for address, identity in cameras:
-        console.print(_camera_text(address, identity), markup=False)
+    for camera in cameras:
+        console.print(_camera_text(camera), markup=False)
 
 
-def _port_text(found: Found) -> str:
+def _port_text(found: "Found") -> str:
     usb = "" if found.port.usb_id is None else f" (USB {found.port.usb_id[0]:04x}:{found.port.usb_id[1]:04x})"
     head = f"{found.port.device}{usb}: "
     if found.answer is None:
@@ -89,10 +70,10 @@ def _port_text(found: Found) -> str:
     return head + _identity_text(identity) + "".join(f"\n    {line}" for line in lines)
 
 
-def _camera_text(address: str, identity: DeviceIdentity) -> str:
-    lines = ["[camera]", f'address = "{address}"', f'serial_number = "{identity.serial_number}"']
-    return _identity_text(identity) + "".join(f"\n    {line}" for line in lines)
+def _camera_text(camera: "FoundCamera") -> str:
+    lines = ["[camera]", f'address = "{camera.address}"', f'serial_number = "{camera.identity.serial_number}"']
+    return _identity_text(camera.identity) + "".join(f"\n    {line}" for line in lines)
 
 
-def _identity_text(identity: DeviceIdentity) -> str:
+def _identity_text(identity: "DeviceIdentity") -> str:
     return f"{identity.model}, serial number {identity.serial_number}, firmware {identity.firmware}"

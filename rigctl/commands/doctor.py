@@ -1,24 +1,15 @@
 """``rigctl doctor``: whether this machine and these devices are fit for a session."""
 
-import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.errors import DeviceError
 from rigctl.cli import EXIT_DEVICE
-from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
-from rigctl.devices.rig_checkup import RigCheckup
-from rigctl.files.rig_file import load_rig
-from rigctl.files.session_file import load_session
-from rigctl.session.planning.disk_demand import DiskDemand, demand_of
 from rigctl.terminal import print_json, results
 
-_SAMPLE_BYTES = 2
-_USUAL_PIXELS = 782 * 582
-_USUAL_PERIOD_S = 1.0 / 60.0
+if TYPE_CHECKING:
+    from rigctl.devices.host_checkup import Finding
 
 
 def command(
@@ -37,8 +28,10 @@ def command(
 
     Example: rigctl doctor examples/rig-sim.toml examples/session.toml --folder /data/runs
     """
+    from rigctl.jobs.doctor import DoctorRequest, check_up
+
     found = []
-    for finding in _findings(rig, session, folder, frames):
+    for finding in check_up(DoctorRequest(rig=rig, session=session, folder=folder, frames=frames)):
         found.append(finding)
         if not as_json:
             _show(finding)
@@ -48,29 +41,7 @@ def command(
         raise typer.Exit(EXIT_DEVICE)
 
 
-def _findings(rig: Path | None, session: Path | None, folder: Path, frames: int) -> Iterator[Finding]:
-    """Give what is found, as it is found; files that are wrong are said to be so before anything else."""
-    rig_file = None if rig is None else load_rig(rig)
-    session_file = None if session is None else load_session(session)
-    pixels, camera_s = _USUAL_PIXELS, None
-    if rig_file is not None:
-        checkup = RigCheckup(rig_file, frames=frames)
-        try:
-            yield from checkup.findings()
-        except DeviceError as error:
-            yield Finding(what="devices", found=str(error), advice="mend this, and call the doctor again")
-        pixels, camera_s = checkup.pixels or _USUAL_PIXELS, checkup.camera_s
-    demand = DiskDemand(frame_bytes=_SAMPLE_BYTES * pixels, period_s=_USUAL_PERIOD_S)
-    if rig_file is not None and session_file is not None:
-        demand = demand_of(rig_file, session_file, pixels=pixels, now_ns=time.time_ns(), camera_s=camera_s)
-    yield receive_buffer(frame_bytes=_SAMPLE_BYTES * pixels)
-    yield disk(folder, frame_bytes=demand.frame_bytes, period_s=demand.period_s)
-    if demand.total_bytes is not None:
-        yield room(folder, total_bytes=demand.total_bytes)
-    yield clock()
-
-
-def _show(finding: Finding) -> None:
+def _show(finding: "Finding") -> None:
     results().print(f"{finding.what}: {finding.found}", markup=False)
     if finding.advice is not None:
         results().print(f"  change: {finding.advice}", markup=False)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.runs.run_events import event_line, read_events
+from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import read_contents
 from rigctl.terminal import print_json, results
 
@@ -23,6 +23,8 @@ def command(
 
     Example: rigctl log runs/2026-05-04 --only interlock
     """
+    from rigctl.runs.event_text import event_line
+
     read_contents(run)  # says so where this is no run folder
     events = [event for event in read_events(run) if only in (None, event.event)]
     events = events if last is None else events[-last:]

@@ -6,15 +6,8 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.commands.acquire import time_option
-from rigctl.commands.plan_scene import predict_rounds
+from rigctl.commands.time_option import time_option
 from rigctl.errors import ConfigError
-from rigctl.files.rig_file import load_rig
-from rigctl.files.scene_file import load_scene
-from rigctl.files.session_file import load_session
-from rigctl.session.planning.session_plan import plan_session
-from rigctl.session.session_clock import SessionClock
 from rigctl.terminal import print_json, progress, results
 
 _MOST_STEPS = 100
@@ -45,25 +38,18 @@ def command(
 
     Example: rigctl plan examples/rig-rooftop.toml examples/session-rooftop.toml --at 2026-05-04T10:00Z
     """
-    if noise is not None and scene is None:
-        raise ConfigError("--noise: is for a prediction; give --scene too")
-    rig_file, session_file = load_rig(rig), load_session(session)
-    planned = plan_session(
-        rig_file,
-        session_file,
-        now_ns=time_option("--at", at) or SessionClock().utc_ns(),
+    from rigctl.jobs.plan import PlanRequest, plan
+
+    request = PlanRequest(
+        rig=rig,
+        session=session,
+        at_ns=time_option("--at", at),
         until_ns=time_option("--until", until),
+        scene=scene,
+        noise=noise,
         pixels=None if frame is None else _pixels(frame),
     )
-    content = planned.content()
-    if scene is not None:
-        content["predictions"] = predict_rounds(
-            load_scene(scene),
-            None if noise is None else read_noise_file(noise),
-            planned,
-            rig_file,
-            session_file.metering,
-        )
+    content = plan(request).content()
     if as_json:
         print_json(content)
     else:

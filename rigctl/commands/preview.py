@@ -1,23 +1,22 @@
 """``rigctl preview``: a live picture and its sharpness, for focusing."""
 
-import itertools
 import sys
 import time
+from collections.abc import Iterable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.interfaces import Camera, Frame
-from rigctl.devices.focus import focus_of, jpeg_of, middle
-from rigctl.devices.preview_camera import open_camera
-from rigctl.devices.preview_page import PreviewPage
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.terminal import progress, results
 
-_TIMEOUT_S = 10.0
+if TYPE_CHECKING:
+    from rigctl.devices.preview_page import PreviewPage
+    from rigctl.jobs.preview import PreviewPicture
+
 _LINE_EACH_S = 1.0
 _THIS_MACHINE = "127.0.0.1"
 
@@ -44,13 +43,16 @@ def command(
 
     Example: rigctl preview sim:gc780 --exposure-ms 0.03
     """
+    from rigctl.devices.preview_page import PreviewPage
+    from rigctl.jobs.preview import open_camera, preview_pictures
+
     page = None if picture is not None else PreviewPage(*_place(listen))
     with page or nullcontext(), open_camera(camera) as opened:
-        opened.configure(exposure_s=exposure_ms / 1e3, gain_db=gain_db)
+        pictures = preview_pictures(opened, exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom, frames=frames)
         where = str(picture) if page is None else page.address
         progress().print(f"the picture is at {where}; Ctrl-C ends it", markup=False)
         try:
-            _show(opened, page, picture, zoom=zoom, frames=frames, exposure_s=exposure_ms / 1e3)
+            _show(pictures, page, picture)
         except KeyboardInterrupt:
             sys.stderr.write("\n")
 
@@ -62,23 +64,16 @@ def _place(text: str) -> tuple[str, int]:
     return host, int(port)
 
 
-def _show(
-    camera: Camera, page: PreviewPage | None, picture: Path | None, *, zoom: int, frames: int | None, exposure_s: float
-) -> None:
-    best, said_s = 0.0, float("-inf")
-    for number in itertools.count(1):
-        frame = camera.take_frame(timeout_s=exposure_s + _TIMEOUT_S)
-        text, jpeg, best = _seen(frame, zoom=zoom, best=best)
+def _show(pictures: Iterable["PreviewPicture"], page: "PreviewPage | None", file: Path | None) -> None:
+    said_s = float("-inf")
+    for picture in pictures:
         if page is not None:
-            page.show(jpeg)
-        if picture is not None:
-            _write(picture, jpeg)
-        is_last = number == frames
-        if is_last or time.monotonic() - said_s >= _LINE_EACH_S:
-            results().print(text, markup=False)
+            page.show(picture.jpeg)
+        if file is not None:
+            _write(file, picture.jpeg)
+        if picture.is_last or time.monotonic() - said_s >= _LINE_EACH_S:
+            results().print(picture.text, markup=False)
             said_s = time.monotonic()
-        if is_last:
-            return
 
 
 def _write(picture: Path, jpeg: bytes) -> None:
@@ -86,12 +81,3 @@ def _write(picture: Path, jpeg: bytes) -> None:
         write_durably(picture, jpeg)
     except OSError as error:
         raise ConfigError(f"--picture {picture}: cannot be written: {error.strerror}") from error
-
-
-def _seen(frame: Frame, *, zoom: int, best: float) -> tuple[str, bytes, float]:
-    """Return the line of numbers, the picture to show, and the best sharpness so far."""
-    shown, bit_depth = middle(frame.counts, zoom=zoom), frame.settings.bit_depth
-    focus = focus_of(shown, bit_depth=bit_depth)
-    best = max(best, focus.sharpness)
-    text = focus.text(best)
-    return text, jpeg_of(shown, bit_depth=bit_depth, text=text), best

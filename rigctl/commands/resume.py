@@ -6,9 +6,6 @@ from typing import Annotated
 import typer
 
 from rigctl.commands.acquire import say_outcome
-from rigctl.runs.run_lock import writing_process
-from rigctl.session.control import ask_process
-from rigctl.session.take_session import resume_session
 from rigctl.terminal import progress
 
 
@@ -20,15 +17,16 @@ def command(run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN
 
     Example: rigctl resume runs/2026-05-04
     """
-    process = writing_process(run)
-    if process is not None:
-        ask_process(run, process, "go on")
-        progress().print(f"process {process} is told to go on", markup=False)
+    from rigctl.jobs.resume import resume
+
+    resumed = resume(run)
+    if resumed.outcome is None:
+        progress().print(f"process {resumed.process} is told to go on", markup=False)
         return
-    outcome = resume_session(run)
-    if outcome.repair is not None:
-        for finding in outcome.repair.adopted:
+    repair = resumed.outcome.repair
+    if repair is not None:
+        for finding in repair.adopted:
             progress().print(f"adopted: {finding.file}", markup=False)
-        for finding in outcome.repair.set_aside:
+        for finding in repair.set_aside:
             progress().print(f"set aside: {finding.file}: {finding.problem}", markup=False)
-    say_outcome(outcome, run)
+    say_outcome(resumed.outcome, run)

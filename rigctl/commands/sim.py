@@ -8,8 +8,6 @@ from typing import Annotated
 import typer
 
 from rigctl.errors import ConfigError
-from rigctl.simulated.serve_camera import serve_rig_camera
-from rigctl.simulated.serve_stage import serve_stage
 from rigctl.terminal import progress
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
@@ -37,6 +35,8 @@ def stage_command(
 
     Example: rigctl sim stage "sim:ellx?stall=3&pace=1" --link /tmp/stage --truth /tmp/stage.csv
     """
+    from rigctl.simulated.serve_stage import serve_stage
+
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with serve_stage(address, link=link, truth=truth) as server:
@@ -64,6 +64,8 @@ def camera_command(
 
     Example: rigctl sim camera 127.0.0.1 --lost 0.001
     """
+    from rigctl.simulated.serve_camera import serve_rig_camera
+
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with serve_rig_camera(address, rig_path=rig, lost_share=lost) as stage_port:

@@ -1,26 +1,18 @@
 """``rigctl stage``: what a rotation stage does by itself."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress
-from rich.table import Table
 
-from rigctl.devices.characterisation_file import as_json, as_text
-from rigctl.devices.characterise import SIDES, Characterisation, characterise
-from rigctl.devices.stages import open_stage
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError
-from rigctl.files.rig_file import RigFile, load_rig
-from rigctl.files.session_file import DEFAULT_ANGLES_DEG, load_session
-from rigctl.reports.characterisation_figure import characterisation_png
-from rigctl.terminal import print_json, progress, results, warn
+from rigctl.terminal import print_json, progress, results
+
+if TYPE_CHECKING:
+    from rigctl.devices.characterise import Characterisation
+    from rigctl.jobs.stage import CharacterisedStage, CharacteriseRequest
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 
-# So wide that a landing is measured as it is: a correction would come from the other side.
-_TOLERANCE_DEG = 1.0
 _COLUMNS = ("angle [deg]", "from below [deg]", "from above [deg]", "backlash [deg]", "at rest after [s]")
 
 
@@ -56,57 +48,37 @@ def characterise_command(
 
     Example: rigctl stage characterise examples/rig-sim.toml examples/session.toml --out stage.json --plot stage.png
     """
-    _require_folders(out, plot)
-    rig_file = load_rig(rig)
-    angles_deg = _stage_angles_deg(rig_file, session)
-    result = _measure(rig_file, angles_deg, repeats=repeats, band_deg=band_deg, watch_s=watch_s)
-    content = as_json(result)
-    if out is not None:
-        write_durably(out, as_text(content))
-    if plot is not None:
-        write_durably(plot, characterisation_png(result))
+    from rigctl.jobs.stage import CharacteriseRequest
+
+    request = CharacteriseRequest(
+        rig=rig, session=session, out=out, plot=plot, repeats=repeats, band_deg=band_deg, watch_s=watch_s
+    )
+    measured = _measured(request)
     if as_json_too:
-        print_json(content)
+        print_json(measured.content)
     else:
-        _print(result)
+        _print(measured.result)
 
 
-def _require_folders(*files: Path | None) -> None:
-    for file in files:
-        if file is not None and not file.parent.is_dir():
-            raise ConfigError(f"{file}: there is no folder {file.parent}")
+def _measured(request: "CharacteriseRequest") -> "CharacterisedStage":
+    from rich.progress import Progress
+
+    from rigctl.jobs.stage import characterise_stage
+
+    with Progress(console=progress(), transient=True) as bar:
+        task = bar.add_task("visits", total=None)
+
+        def advance(visits: int) -> None:
+            bar.update(task, advance=1, total=visits)
+
+        return characterise_stage(request, progress=advance)
 
 
-def _stage_angles_deg(rig: RigFile, session: Path | None) -> tuple[float, ...]:
-    """Return the stage angles of a session's polarizer angles, each once."""
-    if session is None:
-        polarizer_deg: tuple[float | None, ...] = DEFAULT_ANGLES_DEG
-    else:
-        polarizer_deg = tuple(angle for take in load_session(session).take for angle in take.polarizer_angles_deg)
-    turned = (rig.polarizer.sense * (angle - rig.polarizer.offset_deg) for angle in polarizer_deg if angle is not None)
-    angles_deg = tuple(dict.fromkeys(angle % 360.0 for angle in turned))
-    if not angles_deg:
-        raise ConfigError(f"{session}: names no angle")
-    return angles_deg
+def _print(result: "Characterisation") -> None:
+    from rich.table import Table
 
+    from rigctl.devices.characterise import SIDES
 
-def _measure(
-    rig: RigFile, angles_deg: tuple[float, ...], *, repeats: int, band_deg: float, watch_s: float
-) -> Characterisation:
-    section = rig.stage.model_copy(update={"characterisation": None, "tolerance_deg": _TOLERANCE_DEG})
-    with open_stage(section, warn=warn) as opened, Progress(console=progress(), transient=True) as bar:
-        task = bar.add_task("visits", total=len(angles_deg) * repeats * len(SIDES))
-        return characterise(
-            opened,
-            angles_deg,
-            repeats=repeats,
-            band_deg=band_deg,
-            watch_s=watch_s,
-            progress=lambda _: bar.advance(task),
-        )
-
-
-def _print(result: Characterisation) -> None:
     console = results()
     table = Table(box=None, pad_edge=False)
     for title in _COLUMNS:

@@ -2,14 +2,16 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rigctl.live.live_text import live_lines
-from rigctl.runs.run_events import event_line
 from rigctl.runs.run_state import RunState, state_of
 from rigctl.terminal import print_json, results
+
+if TYPE_CHECKING:
+    from rigctl.runs.run_state import RunState
 
 _SECONDS_A_MINUTE = 60
 
@@ -32,7 +34,9 @@ def command(
     _print(state)
 
 
-def _print(state: RunState) -> None:
+def _print(state: "RunState") -> None:
+    from rigctl.runs.event_text import event_line
+
     console = results()
     by = "" if state.process is None else f" (process {state.process})"
     console.print(f"{state.run}: {state.state}{by}", markup=False)

@@ -5,9 +5,6 @@ from typing import Annotated
 
 import typer
 
-from rigctl.durable_file import write_durably
-from rigctl.reports.pages.run_page import run_page
-from rigctl.runs.run_folder import read_run
 from rigctl.terminal import progress
 
 
@@ -19,6 +16,8 @@ def command(
 
     Example: rigctl summary runs/2026-05-04
     """
+    from rigctl.jobs.summary import summarise_session
+
     page = run / "summary.html" if out is None else out
-    write_durably(page, run_page(read_run(run)).encode("utf-8"))
+    summarise_session(run, page)
     progress().print(f"summary: {page}", markup=False)

@@ -1,13 +1,10 @@
 """What the demo changes in its simulated rig between calibration and run, to show that the report finds it."""
 
 from collections.abc import Callable
-from typing import Literal, get_args
 
+from rigctl.choices import PERTURBATIONS, Perturbation
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer
-
-Perturbation = Literal["gain", "angle-offset", "angle-sense", "extinction"]
-PERTURBATIONS: tuple[Perturbation, ...] = get_args(Perturbation)
 
 # Sizes, each far above what the demo resolves and of the size that goes unnoticed on a roof.
 GAIN_FACTOR = 1.05

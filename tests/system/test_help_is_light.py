@@ -8,7 +8,29 @@ import pytest
 
 HEAVY = ("numpy", "scipy", "matplotlib", "astropy", "cv2")
 # Others follow as their commands import what they call when it is called.
-LIGHT = ("hold", "stop", "regions", "dolp", "fit", "predict", "tradeoff", "detect", "compare")
+LIGHT = (
+    "demo",
+    "devices",
+    "stage",
+    "doctor",
+    "preview",
+    "sim",
+    "plan",
+    "acquire",
+    "resume",
+    "status",
+    "log",
+    "summary",
+    "hold",
+    "stop",
+    "regions",
+    "dolp",
+    "fit",
+    "predict",
+    "tradeoff",
+    "detect",
+    "compare",
+)
 
 _PROGRAM = """
 import contextlib, io, json, sys

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from rigctl.cli import main
-from rigctl.commands.target_cycles import with_target
 from rigctl.errors import ConfigError
 from rigctl.files.regions import masks
 from rigctl.files.scene_file import load_scene
+from rigctl.jobs.acquire import with_target
 from rigctl.measurement.measurement import measure, signal_of_cycle
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
@@ -24,7 +24,7 @@ def dolp(channels, plan):
 def test_frames_of_the_cycles_chosen_have_the_noise_that_was_asked_for(tmp_path):
     rig_file = small_rig(tmp_path)
     scene = load_scene(tmp_path / "scene.toml")
-    chosen = with_target(small_session(), None, scene=tmp_path / "scene.toml", target_dolp_sigma=TARGET)
+    chosen, _ = with_target(small_session(), None, scene=tmp_path / "scene.toml", target_dolp_sigma=TARGET)
     cycles = chosen.take[1].cycles
     assert cycles > 2
     # Twice the cycles: what differs between the two halves is noise, and neither texture nor fixed pattern.
@@ -46,7 +46,7 @@ def test_one_option_without_the_other_is_refused(tmp_path):
 
 def test_without_a_target_the_session_stays_as_it_is():
     session = small_session()
-    assert with_target(session, None, scene=None, target_dolp_sigma=None) is session
+    assert with_target(session, None, scene=None, target_dolp_sigma=None) == (session, ())
 
 
 def test_a_dry_run_says_how_many_cycles_it_would_take(capsys):

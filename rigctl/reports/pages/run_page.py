@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 
-import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from rigctl.files.session_file import PICTURE
-from rigctl.live.cycle_history import Means, cycle_history, is_session, region_means_of
+from rigctl.live.cycle_history import Means
+from rigctl.live.session_history import Thumbnail
 from rigctl.reports.figures.cycle_figure import cycle_figure, drift_line
 from rigctl.reports.figures.figure_style import png, subplots
 from rigctl.runs.run_events import event_facts, read_events
 from rigctl.runs.run_folder import FrameRecord, Run
 
-_MOST_FRAMES = 24
-_THUMBNAIL_PIXELS = 160
 _SHOWN_EVENTS = 200
 # From here on times are in hours, below in minutes.
 _LONG_S = 5400.0
@@ -53,7 +51,7 @@ def run_page(run: Run) -> str:
     history = cycle_history(run, means) if is_session(run) else None
     pictures = []
     if run.frames:
-        pictures += [("Frames", _contact_sheet(run)), ("Mean counts", _count_plot(run, means))]
+        pictures += [("Frames", _contact_sheet(session.thumbnails)), ("Mean counts", _count_plot(run, session.means))]
     if any(record.sun_elevation_deg is not None for record in run.frames):
         pictures.append(("Sun", _sun_plot(run)))
     if history is not None and any(look.regions for look in history.looks):
@@ -73,19 +71,15 @@ def run_page(run: Run) -> str:
     )
 
 
-def _contact_sheet(run: Run) -> bytes:
-    places = np.unique(np.linspace(0, len(run.frames) - 1, min(_MOST_FRAMES, len(run.frames))).astype(int))
-    columns = min(6, len(places))
-    rows = -(-len(places) // columns)
+def _contact_sheet(thumbnails: Sequence[Thumbnail]) -> bytes:
+    columns = min(6, len(thumbnails))
+    rows = -(-len(thumbnails) // columns)
     figure, axes = subplots(rows, columns, size=(1.9 * columns, 1.9 * rows))
     for ax in axes:
         ax.set_axis_off()
-    for ax, place in zip(axes, places, strict=False):
-        record = run.frames[place]
-        counts = run.counts(record)
-        step = max(1, counts.shape[1] // _THUMBNAIL_PIXELS)
-        ax.imshow(counts[::step, ::step], cmap="gray", vmin=0.0, vmax=record.saturation_dn)
-        ax.set_title(_label(record), fontsize=7)
+    for ax, thumbnail in zip(axes, thumbnails, strict=False):
+        ax.imshow(thumbnail.counts, cmap="gray", vmin=0.0, vmax=thumbnail.record.saturation_dn)
+        ax.set_title(_label(thumbnail.record), fontsize=7)
     return png(figure)
 
 

@@ -1,18 +1,16 @@
 """When the rounds of a session begin."""
 
 from collections.abc import Iterator
-from datetime import datetime, timedelta
 
 from rigctl.errors import ConfigError
 from rigctl.files.place import SiteSection
 from rigctl.files.session_file import ScheduleSection, SessionFile
 from rigctl.session.planning.sun_track import SunTrack
-from rigctl.utc_time import NS_PER_S
+from rigctl.utc_time import NS_PER_S, unix_ns
 
 _NS_PER_MIN = 60 * NS_PER_S
 _NS_PER_H = 3600 * NS_PER_S
 _MOST_ROUNDS = 100_000
-_EPOCH = datetime.fromisoformat("1970-01-01T00:00:00Z")
 
 
 def round_times_ns(
@@ -49,11 +47,6 @@ def round_times_ns(
     if not times:
         raise ConfigError("schedule: there is no round between its start and its end; look at `rigctl plan`")
     return tuple(times)
-
-
-def unix_ns(time: datetime) -> int:
-    """Return a time with a zone in nanoseconds since 1970 (UTC)."""
-    return (time - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def _candidates(schedule: ScheduleSection, sun: SunTrack | None, start_ns: int, end_ns: int) -> Iterator[int]:

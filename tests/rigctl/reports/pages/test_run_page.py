@@ -4,6 +4,7 @@ import pytest
 
 from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
+from rigctl.live.session_history import session_history
 from rigctl.reports.pages.run_page import run_page
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
@@ -29,12 +30,12 @@ def test_it_holds_frames_counts_sun_and_events(tmp_path):
 
 
 def test_without_a_site_there_is_no_sun(tmp_path):
-    page = run_page(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1})))
+    page = run_page(session_history(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1}))))
     assert page.count("data:image/png;base64,") == 3
 
 
 def test_it_says_how_the_light_drifted(tmp_path):
-    page = run_page(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1})))
+    page = run_page(session_history(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1}))))
     # One cycle a round, and no angle twice in it.
     assert "Drift within rounds: not known" in page
 
@@ -43,7 +44,7 @@ def test_a_session_that_was_cut_off_in_its_first_cycle_has_no_polarization_yet(t
     world = MadeWorld(stage_faults={2: stalled()})
     with pytest.raises(DeviceFaultError):
         take_watched(world, tmp_path)
-    assert run_page(read_run(tmp_path / "run")).count("data:image/png;base64,") == 2
+    assert run_page(session_history(read_run(tmp_path / "run"))).count("data:image/png;base64,") == 2
 
 
 def test_a_session_without_a_frame_has_its_events(tmp_path):
@@ -51,6 +52,6 @@ def test_a_session_without_a_frame_has_its_events(tmp_path):
     world.stage.is_homed = False
     with pytest.raises(LimitError):
         take_watched(world, tmp_path)
-    page = run_page(read_run(tmp_path / "run"))
+    page = run_page(session_history(read_run(tmp_path / "run")))
     assert "base64" not in page
     assert "reference mark" in page

@@ -6,6 +6,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from rigctl.calibrations.noise.calibrate_files import calibrate_run
+from rigctl.choices import Perturbation
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.errors import ConfigError
@@ -13,7 +14,7 @@ from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.session.take_session import take_session
-from rigctl.simulated.perturbation import Perturbation, perturbed
+from rigctl.simulated.perturbation import perturbed
 
 EXAMPLES = ("rig-sim.toml", "session-noise.toml", "session.toml", "scene-panels.toml", "regions.toml")
 RUN, NOISE_RUN, NOISE = "run", "noise-run", "noise.json"

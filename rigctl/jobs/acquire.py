@@ -1,0 +1,185 @@
+"""Taking a session: rig and session file and calibrations in; the run folder, and how it went, out."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rigctl.calibrations.made_for import made_for_rig
+from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file, require_noise_fits
+from rigctl.calibrations.polarizer.polarizer_file import (
+    PolarizerParameters,
+    read_polarizer_file,
+    require_polarizer_fits,
+)
+from rigctl.devices.rig import Rig, open_rig
+from rigctl.errors import ConfigError
+from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.session_file import SessionFile, load_session
+from rigctl.live.mean_noise import noise_numbers
+from rigctl.session.planning.drift_cost import grouping_cost, missing_axes
+from rigctl.session.planning.session_steps import Need, Step, estimate, plan_steps
+from rigctl.session.reconnect_loop import Outcome
+from rigctl.session.take_session import take_session
+from rigctl.terminal import warn
+from rigctl.utc_time import utc_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcquireRequest:
+    """What is to be taken.
+
+    Attributes
+    ----------
+    rig, session : Path
+        Files.
+    noise, polarizer : Path or None
+        Calibrations that the devices have to agree with.
+    scene : Path or None
+        Scene file, for `target_dolp_sigma`.
+    target_dolp_sigma : float or None
+        Take as many cycles as bring the error of a pixel's DoLP to this.
+    """
+
+    rig: Path
+    session: Path
+    noise: Path | None = None
+    polarizer: Path | None = None
+    scene: Path | None = None
+    target_dolp_sigma: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PreparedSession:
+    """A session before any device is opened.
+
+    Attributes
+    ----------
+    request : AcquireRequest
+        What it was made from.
+    rig_file, session_file
+        The files, the session with the cycles that a target asks for.
+    noise : NoiseParameters or None
+        The calibration.
+    chosen : tuple of str
+        What was chosen for the target, in words.
+    doubts : tuple of str
+        What one had better change.
+    """
+
+    request: AcquireRequest
+    rig_file: RigFile
+    session_file: SessionFile
+    noise: NoiseParameters | None
+    chosen: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The frames of one round, in their order."""
+        return plan_steps(self.session_file)
+
+    @property
+    def need(self) -> Need:
+        """Time and disk that they need."""
+        return estimate(self.steps, self.rig_file)
+
+
+def prepare_session(request: AcquireRequest) -> PreparedSession:
+    """Return a session as it will be taken.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or no number of cycles reaches the target.
+    """
+    rig_file, session_file = load_rig(request.rig), load_session(request.session)
+    noise = None if request.noise is None else read_noise_file(request.noise)
+    session_file, chosen = with_target(
+        session_file, noise, scene=request.scene, target_dolp_sigma=request.target_dolp_sigma
+    )
+    doubts = (grouping_cost(session_file), missing_axes(plan_steps(session_file)))
+    return PreparedSession(
+        request=request,
+        rig_file=rig_file,
+        session_file=session_file,
+        noise=noise,
+        chosen=chosen,
+        doubts=tuple(doubt for doubt in doubts if doubt is not None),
+    )
+
+
+def with_target(
+    session: SessionFile, noise: NoiseParameters | None, *, scene: Path | None, target_dolp_sigma: float | None
+) -> tuple[SessionFile, tuple[str, ...]]:
+    """Return a session with the cycles that a target asks for, and what was chosen; without a target as it is.
+
+    Raises
+    ------
+    ConfigError
+        A scene without a target or the other way round, or no number of cycles reaches the target.
+    """
+    if (scene is None) != (target_dolp_sigma is None):
+        raise ConfigError("--scene and --target-dolp-sigma: give both, or neither")
+    if scene is None or target_dolp_sigma is None:
+        return session, ()
+    # The model of the scene is imported where it is asked for: a session without a target starts at once.
+    from rigctl.files.scene_file import load_scene
+    from rigctl.jobs.target_cycles import with_cycles_for
+
+    return with_cycles_for(session, load_scene(scene), noise, target_dolp_sigma=target_dolp_sigma)
+
+
+def acquire(prepared: PreparedSession, out: Path, *, at_ns: int | None = None, until_ns: int | None = None) -> Outcome:
+    """Take a session into a new run folder; return how it went.
+
+    Parameters
+    ----------
+    prepared : PreparedSession
+        What is taken.
+    out : Path
+        Run folder to make.
+    at_ns, until_ns : int, optional
+        When to begin, and from when on no frame is taken [ns since 1970 UTC].
+
+    Raises
+    ------
+    ConfigError, DataError, DeviceError, RunFolderError
+        A calibration does not fit the devices, a device fails, or the folder cannot be written.
+    KeyboardInterrupt
+        Somebody pressed Ctrl-C; the frame in hand is stored.
+    """
+    request, noise = prepared.request, prepared.noise
+    polarizer = None if request.polarizer is None else read_polarizer_file(request.polarizer)
+    now_utc = utc_text(time.time_ns())
+    return take_session(
+        prepared.rig_file,
+        prepared.session_file,
+        out,
+        files={"rig": request.rig, "session": request.session},
+        at_ns=at_ns,
+        until_ns=until_ns,
+        noise=None if noise is None else noise_numbers(noise),
+        opener=lambda: _open_calibrated_rig(prepared, out, polarizer=polarizer, now_utc=now_utc),
+    )
+
+
+@contextmanager
+def _open_calibrated_rig(
+    prepared: PreparedSession, run: Path, *, polarizer: PolarizerParameters | None, now_utc: str
+) -> Iterator[Rig]:
+    """Give the open devices of a rig, once calibrations are found to be theirs; warn of what is doubtful."""
+    rig_file = prepared.rig_file
+    with open_rig(rig_file, session_name=prepared.session_file.name, run=run) as rig:
+        used = replace(
+            made_for_rig(rig_file, now_utc=now_utc),
+            camera_serial=rig.camera_identity.serial_number,
+            stage_serial=rig.stage_identity.serial_number,
+        )
+        doubts = () if prepared.noise is None else require_noise_fits(prepared.noise, used)
+        if polarizer is not None:
+            doubts += require_polarizer_fits(polarizer, used, polarizer=rig_file.polarizer)
+        for doubt in doubts:
+            warn(doubt)
+        yield rig

@@ -1,0 +1,21 @@
+"""A page on how a session went: its run folder in, the page out."""
+
+from pathlib import Path
+
+from rigctl.durable_file import write_durably
+from rigctl.live.session_history import SessionHistory, session_history
+from rigctl.reports.pages.run_page import run_page
+from rigctl.runs.run_folder import read_run
+
+
+def summarise_session(run: Path, page: Path) -> SessionHistory:
+    """Return how a session went, and write its page.
+
+    Raises
+    ------
+    RunFolderError
+        This is no run, a frame is damaged, or the events cannot be read.
+    """
+    history = session_history(read_run(run))
+    write_durably(page, run_page(history).encode("utf-8"))
+    return history

@@ -1,0 +1,80 @@
+"""How a session went, from its run folder: events, mean counts of every frame, cycles, and some frames to look at."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.live.cycle_history import CycleHistory, Means, cycle_history, is_session, region_means_of
+from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.run_state import read_event_lines
+
+_MOST_FRAMES = 24
+_THUMBNAIL_PIXELS = 160
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Thumbnail:
+    """A frame, thinned out to some 160 pixels a row."""
+
+    record: FrameRecord
+    counts: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionHistory:
+    """How a session went.
+
+    Attributes
+    ----------
+    run : Run
+        Its folder's content.
+    events : sequence of dict
+        As the run holds them.
+    means : mapping
+        Mean counts of picture and regions by sequence number.
+    cycles : CycleHistory or None
+        None for a run that was imported.
+    thumbnails : tuple of Thumbnail
+        Frames spread over the run, 24 at most.
+    """
+
+    run: Run
+    events: Sequence[Mapping[str, Any]]
+    means: Means
+    cycles: CycleHistory | None
+    thumbnails: tuple[Thumbnail, ...]
+
+
+def session_history(run: Run) -> SessionHistory:
+    """Return how a session went; every frame is read once, for its means.
+
+    Raises
+    ------
+    RunFolderError
+        A frame is damaged, or the events cannot be read.
+    """
+    events = read_event_lines(run.path)
+    means = region_means_of(run)
+    return SessionHistory(
+        run=run,
+        events=events,
+        means=means,
+        cycles=cycle_history(run, means) if is_session(run) else None,
+        thumbnails=tuple(_thumbnail(run, record) for record in _spread(run.frames)),
+    )
+
+
+def _spread(frames: Sequence[FrameRecord]) -> list[FrameRecord]:
+    if not frames:
+        return []
+    places = np.unique(np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames))).astype(int))
+    return [frames[place] for place in places]
+
+
+def _thumbnail(run: Run, record: FrameRecord) -> Thumbnail:
+    counts = run.counts(record)
+    step = max(1, counts.shape[1] // _THUMBNAIL_PIXELS)
+    return Thumbnail(record=record, counts=counts[::step, ::step])
