@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-from rigctl.runs.run_events import read_events
-from rigctl.runs.run_folder import read_contents
 from rigctl.terminal import print_json, results
 
 
@@ -23,7 +21,8 @@ def command(
 
     Example: rigctl log runs/2026-05-04 --only interlock
     """
-    from rigctl.runs.event_text import event_line
+    from rigctl.runs.run_events import event_line, read_events
+    from rigctl.runs.run_folder import read_contents
 
     read_contents(run)  # says so where this is no run folder
     events = [event for event in read_events(run) if only in (None, event.event)]

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.live.live_text import live_lines
-from rigctl.runs.run_state import RunState, state_of
 from rigctl.terminal import print_json, results
 
 if TYPE_CHECKING:
@@ -27,6 +25,8 @@ def command(
 
     Example: rigctl status runs/2026-05-04
     """
+    from rigctl.runs.run_state import state_of
+
     state = state_of(run)
     if as_json:
         print_json(asdict(state))
@@ -35,7 +35,8 @@ def command(
 
 
 def _print(state: "RunState") -> None:
-    from rigctl.runs.event_text import event_line
+    from rigctl.live.live_text import live_lines
+    from rigctl.runs.run_events import event_line
 
     console = results()
     by = "" if state.process is None else f" (process {state.process})"

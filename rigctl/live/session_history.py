@@ -1,15 +1,14 @@
 """How a session went, from its run folder: events, mean counts of every frame, cycles, and some frames to look at."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.live.cycle_history import CycleHistory, Means, cycle_history, is_session, region_means_of
+from rigctl.runs.run_events import RunEvent, read_events
 from rigctl.runs.run_folder import FrameRecord, Run
-from rigctl.runs.run_state import read_event_lines
 
 _MOST_FRAMES = 24
 _THUMBNAIL_PIXELS = 160
@@ -31,8 +30,8 @@ class SessionHistory:
     ----------
     run : Run
         Its folder's content.
-    events : sequence of dict
-        As the run holds them.
+    events : sequence of RunEvent
+        What happened, in its order.
     means : mapping
         Mean counts of picture and regions by sequence number.
     cycles : CycleHistory or None
@@ -42,7 +41,7 @@ class SessionHistory:
     """
 
     run: Run
-    events: Sequence[Mapping[str, Any]]
+    events: Sequence[RunEvent]
     means: Means
     cycles: CycleHistory | None
     thumbnails: tuple[Thumbnail, ...]
@@ -56,7 +55,7 @@ def session_history(run: Run) -> SessionHistory:
     RunFolderError
         A frame is damaged, or the events cannot be read.
     """
-    events = read_event_lines(run.path)
+    events = read_events(run.path)
     means = region_means_of(run)
     return SessionHistory(
         run=run,

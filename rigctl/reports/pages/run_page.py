@@ -10,10 +10,10 @@ from jinja2 import Environment, StrictUndefined
 
 from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_history import Means
-from rigctl.live.session_history import Thumbnail
+from rigctl.live.session_history import SessionHistory, Thumbnail
 from rigctl.reports.figures.cycle_figure import cycle_figure, drift_line
 from rigctl.reports.figures.figure_style import png, subplots
-from rigctl.runs.run_events import event_facts, read_events
+from rigctl.runs.run_events import event_facts
 from rigctl.runs.run_folder import FrameRecord, Run
 
 _SHOWN_EVENTS = 200
@@ -34,21 +34,9 @@ td,th{padding:.1rem .6rem;text-align:left;vertical-align:top}</style></head><bod
 </body></html>"""
 
 
-def run_page(run: Run) -> str:
-    """Return the page as HTML that needs no other file.
-
-    Raises
-    ------
-    RunFolderError
-        A frame is damaged, or the events cannot be read.
-
-    Notes
-    -----
-    Every frame is read once, for its means.
-    """
-    events = read_events(run.path)
-    means = region_means_of(run)
-    history = cycle_history(run, means) if is_session(run) else None
+def run_page(session: SessionHistory) -> str:
+    """Return the page as HTML that needs no other file."""
+    run, history, events = session.run, session.cycles, session.events
     pictures = []
     if run.frames:
         pictures += [("Frames", _contact_sheet(session.thumbnails)), ("Mean counts", _count_plot(run, session.means))]
