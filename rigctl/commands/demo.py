@@ -9,7 +9,6 @@ from rigctl.choices import PERTURBATIONS
 from rigctl.cli import EXIT_DISAGREES
 from rigctl.commands.compare import show
 from rigctl.errors import ConfigError
-from rigctl.simulated.perturbation import PERTURBATIONS
 from rigctl.terminal import print_json, progress
 
 
@@ -34,7 +33,7 @@ def command(
     Example: rigctl demo --out /tmp/demo --perturb angle-offset
     """
     from rigctl.jobs.demo import run_demo
-    from rigctl.reports.comparison_files import compared_json
+    from rigctl.reports.tables.comparison_json import compared_json
 
     if perturb is not None and perturb not in PERTURBATIONS:
         raise ConfigError(f"--perturb: is {perturb!r}; allowed are {', '.join(PERTURBATIONS)}")
