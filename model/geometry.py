@@ -30,10 +30,6 @@ def direction(*, zenith_rad: ArrayLike, azimuth_rad: ArrayLike) -> FloatArray:
     ------
     ValueError
         If an angle is not finite.
-
-    References
-    ----------
-    Definition.
     """
     zenith, azimuth = np.broadcast_arrays(_angle("zenith_rad", zenith_rad), _angle("azimuth_rad", azimuth_rad))
     sine = np.sin(zenith)
@@ -106,10 +102,6 @@ def axis_rotation_rad(from_axis: ArrayLike, to_axis: ArrayLike, *, travel: Array
     ndarray
         Shape (...), [rad], in [-pi, pi], counter-clockwise for who looks back along the ray to its source; the
         argument of `model.stokes.rotation`.
-
-    References
-    ----------
-    Definition.
     """
     start, end = np.asarray(from_axis, dtype=np.float64), np.asarray(to_axis, dtype=np.float64)
     upright = np.cross(np.asarray(travel, dtype=np.float64), start)

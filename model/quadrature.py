@@ -69,10 +69,6 @@ def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
     -------
     nodes, weights
         Shape (count,); the weights sum to 1.
-
-    References
-    ----------
-    Definition.
     """
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
@@ -139,10 +135,6 @@ def integrate_panels(
     A panel is accepted when its two nested rules agree to `tolerance` times the domain's absolute integral
     over the number of panels, or to `noise`. After 48 halvings, or with 300 panels open per domain, what is
     left is accepted as it is; the result's `error` tells.
-
-    References
-    ----------
-    Definition.
     """
     owner, lower, upper = _nonempty_panels(cuts)
     total = _Totals(cuts.shape[0])

@@ -49,10 +49,6 @@ def aolp_rad(stokes: ArrayLike) -> FloatArray:
     -------
     ndarray
         Shape (...), [rad], in [0, pi). 0 where S1 = S2 = 0: there the angle has no meaning.
-
-    References
-    ----------
-    Definition.
     """
     array = checked_stokes(stokes)
     angle = 0.5 * np.arctan2(array[..., 2], array[..., 1])
@@ -109,10 +105,6 @@ def rotation(angle_rad: ArrayLike) -> FloatArray:
     -------
     ndarray
         Shape (..., 3, 3). Applied to Stokes parameters it lowers the angle of polarization by `angle_rad`.
-
-    References
-    ----------
-    Definition.
     """
     twice = 2.0 * np.asarray(angle_rad, dtype=np.float64)
     matrix = np.zeros((*twice.shape, 3, 3))
@@ -137,10 +129,6 @@ def rotate_frame(stokes: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
     -------
     ndarray
         Shape (..., 3); the angle of polarization is lower by `angle_rad`, intensity and DoLP are unchanged.
-
-    References
-    ----------
-    Definition.
     """
     turned: FloatArray = np.einsum("...ij,...j->...i", rotation(angle_rad), checked_stokes(stokes))
     return turned

@@ -1,4 +1,4 @@
-"""What leaving effects out truly changes: the chain evaluated with and without them."""
+"""True changes by effects that are left out: the chain evaluated with and without them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ class CheckedEffect:
 
     @property
     def holds(self) -> bool:
-        """Whether the change is within its bound."""
+        """True if the change is within its bound."""
         return self.bound.holds(self.actual)
 
 

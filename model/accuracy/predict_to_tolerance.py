@@ -96,10 +96,6 @@ def predict(
     -----
     Where a reading would need finer settings than there are, or the convergence of its error is not known, the result
     says so in `not_guaranteed`.
-
-    References
-    ----------
-    Definition.
     """
     if not SMALLEST <= tolerance <= LARGEST:
         raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
@@ -148,7 +144,7 @@ def _finer(scene: LitScene, ahead: Forecast, plan: dict[str, int], budget: Budge
 
 
 def _scales(ahead: Forecast, plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:
-    """By what the likely errors of the settings are to be multiplied for those that were estimated of a reading."""
+    """Factors from the likely errors of the settings to those that were estimated of a reading."""
     return {name: budget.by_setting[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
 
 

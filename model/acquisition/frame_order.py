@@ -1,4 +1,4 @@
-"""In which order frames are taken: where each angle's frames lie on average, and from where each is reached."""
+"""Order of the frames: the mean place of each angle's frames, and the angle from which each is reached."""
 
 from itertools import permutations
 from math import pi

@@ -1,4 +1,4 @@
-"""What a session gives for its time: errors of DoLP against frames, angles, exposure and settling."""
+"""Errors of DoLP of a session against frames, angles, exposure and settling."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -71,7 +71,7 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """What errs together in all pixels and is not averaged out by more of them.
+    """Errors common to all pixels, which more of them do not average out.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Disturbances:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleLight:
-    """What one cycle shows of one region: the counts behind each angle and their noise.
+    """Counts behind each angle of one region in one cycle, and their noise.
 
     Attributes
     ----------

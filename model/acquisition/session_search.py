@@ -17,7 +17,7 @@ SATURATED = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What a session has to reach; None asks for nothing of that kind.
+    """Goals of a session; None asks for nothing of that kind.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How the aerosol lies over height: extinction at 550 nm for a visibility or an optical depth."""
+"""Profile of the aerosol over height: extinction at 550 nm for a visibility or an optical depth."""
 
 from dataclasses import dataclass, replace
 

@@ -77,10 +77,6 @@ def aerosol_spectra(
     -----
     Computed at the nodes alone: between them the logarithms of a table are straight lines, and those of spheres are
     taken as such.
-
-    References
-    ----------
-    Definition.
     """
     profile = aerosol_column(visibility_m=state.visibility_m, optical_depth=state.aerosol_optical_depth)
     depths = profile.optical_depth_between([0.0, BOUNDARY_LAYER_TOP_M], [BOUNDARY_LAYER_TOP_M, np.inf])

@@ -24,7 +24,7 @@ from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
 
 @dataclass(frozen=True, kw_only=True)
 class AtmosphereState:
-    """What is known of an atmosphere; all else is the US standard of 1976.
+    """State of an atmosphere as far as it is known; all else is the US standard of 1976.
 
     Attributes
     ----------

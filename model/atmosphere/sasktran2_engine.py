@@ -1,4 +1,4 @@
-"""The same atmosphere solved by sasktran2: an independent check. The package is imported when a sky is asked for."""
+"""Solution of the atmosphere by sasktran2: an independent check. The package is imported when a sky is asked for."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -63,7 +63,7 @@ class Sasktran2Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether its answer is final: it does not iterate."""
+        """True if its answer is final: it does not iterate."""
         return True
 
     @property

@@ -1,4 +1,4 @@
-"""Few wavelengths for a band: Gauss's quadrature for the sun's spectrum itself.
+"""Quadrature rule of few wavelengths for a band: Gauss's, for the sun's spectrum itself.
 
 The radiance over the solar spectrum is smooth in the wavelength, the solar spectrum is not; so that is the measure, and
 the radiance the function that is integrated.

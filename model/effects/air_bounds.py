@@ -84,8 +84,6 @@ def path_bound(air: Air, *, height_m: float, view_zenith_rad: float, scattering_
 
     Parameters
     ----------
-    air
-        The air.
     height_m
         Of the camera [m].
     view_zenith_rad

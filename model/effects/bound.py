@@ -1,4 +1,4 @@
-"""How much a prediction can change where an effect is left out."""
+"""Bounds of the change of a prediction where an effect is left out."""
 
 from dataclasses import astuple, dataclass
 
@@ -58,7 +58,7 @@ class Bound:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbance:
-    """What leaving an effect out does to one region at most.
+    """Largest change of one region where an effect is left out.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Disturbance:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether the effect is not there at all."""
+        """True if the effect is not there at all."""
         return not any(astuple(self))
 
 

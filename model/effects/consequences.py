@@ -1,4 +1,4 @@
-"""From what leaving an effect out does to mean and covariance of a region, to what it does to a prediction."""
+"""Consequences of an effect: from changes of mean and covariance of a region to bounds of a prediction."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +138,7 @@ def _of_counts(bracket: RegionBounds, found: Disturbance, shift: float) -> float
 
 
 def _shift_in_deviations(found: Disturbance, moved: RegionBounds, seen: RegionBounds) -> float:
-    """How far a mean moves in deviations of the target."""
+    """Shift of a mean in deviations of the target."""
     length = np.hypot(found.s0 + found.factor, found.polarised + found.factor) * moved.s0_high
     if length == 0.0:
         return 0.0

@@ -1,4 +1,4 @@
-"""What parts of the light, the field and the band change of a region at most."""
+"""Bounds of what parts of the light, the field and the band change of a region."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What a scene may call for beyond light on a surface and an ideal camera."""
+"""Names of the effects that a scene may call for beyond light on a surface and an ideal camera."""
 
 from enum import StrEnum
 

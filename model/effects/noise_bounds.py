@@ -1,4 +1,4 @@
-"""What noise, pattern and texture add to the covariance of a region at most."""
+"""Bounds of what noise, pattern and texture add to the covariance of a region."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Which effects a scene calls for: what can be left out within a tolerance is, and every decision says why."""
+"""Plan of the effects that a scene calls for: the others are left out within a tolerance, each with its reason."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass, field
@@ -27,7 +27,7 @@ _NO_CHOICE: Mapping[Effect, bool] = {}
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What was decided of an effect, and why.
+    """Decision on an effect, and its reason.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Decision:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectPlan:
-    """Which effects act.
+    """Decisions on all effects of a scene.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class EffectPlan:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What has to be said in every result: what a user left out that may matter."""
+        """Remarks for every result: effects that a user left out and that may matter."""
         return tuple(
             f"{one.effect} is left out by request, though it may change numbers by {in_words(one.bound)}"
             for one in self.decisions
@@ -109,10 +109,6 @@ def plan(
     -----
     Effects of the light, which cost time, are decided first; then those of sensor and session. Each group is taken by
     its largest bound, smallest first; bounds of means add, shares of variances add, and so do the bounds made of them.
-
-    References
-    ----------
-    Definition.
     """
     if not tolerance >= 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
@@ -141,10 +137,6 @@ def effect_bounds(
         Region to the limits of its light, as `light_limits` gives them.
     effects
         Which.
-
-    References
-    ----------
-    Definition.
     """
     regions = {one.name: bracket(scene, one, limits[one.name]) for one in scene.regions}
     return {
@@ -161,10 +153,6 @@ def light_limits(scene: LitScene) -> dict[str, SunLight]:
     ----------
     scene
         All that the scene is.
-
-    References
-    ----------
-    Definition.
     """
     found = {one.name: known_light(_as_given(one)) for one in scene.regions if one.radiance is not None}
     materials = [one for one in scene.regions if one.surface is not None]

@@ -1,4 +1,4 @@
-"""Between what limits the light and the covariance of a region lie, known before anything is solved."""
+"""Bounds of the radiance and the covariance of a region, known before anything is solved."""
 
 from dataclasses import dataclass
 
@@ -23,8 +23,6 @@ class RegionBounds:
 
     Attributes
     ----------
-    region
-        The region.
     s0_low, s0_high, polarised_low, polarised_high
         Mean of S0, and length of (S1, S2).
     signal_low, signal_high
@@ -67,12 +65,12 @@ class RegionBounds:
 
     @property
     def is_known(self) -> bool:
-        """Whether there is light for certain, and not without limit."""
+        """True if there is light for certain, and not without limit."""
         return self.s0_low > 0.0 and bool(np.isfinite(self.s0_high))
 
     @property
     def is_exact(self) -> bool:
-        """Whether the limits are equal."""
+        """True if the limits are equal."""
         return self.s0_low == self.s0_high
 
     def to_channels(self, cov: FloatArray) -> FloatArray:
@@ -110,8 +108,6 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBounds
 
     Parameters
     ----------
-    scene
-        The scene.
     region
         One of its regions.
     light
@@ -122,10 +118,6 @@ def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBounds
     Light of sky and path adds to every channel, so that what the beam alone gives is a lower limit; noise grows with
     the light. Drift, falloff and scatter of angles widen the limits. Drift by d mixes Stokes parameters by W diag(f) M
     - 1, at most d / 2 times the condition of M.
-
-    References
-    ----------
-    Definition.
     """
     sensor, readout, session = scene.sensor, scene.readout, scene.imperfections
     scale = sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * sensor.tau_parallel

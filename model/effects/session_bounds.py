@@ -1,4 +1,4 @@
-"""What a polarizer that leaks or misses its angle, pictures that shift, and light that drifts change at most."""
+"""Bounds of what a leaking or turned polarizer, pictures that shift, and light that drifts change of a region."""
 
 import numpy as np
 

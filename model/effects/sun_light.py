@@ -1,4 +1,4 @@
-"""What the beam alone sends from a region to the camera: cheap, and the least that there is."""
+"""Light of the direct beam alone from a region to the camera: cheap, and the least that there is."""
 
 from dataclasses import dataclass, replace
 
@@ -179,14 +179,8 @@ def largest_pbrdf(surface: Surface, theta_r_rad: FloatArray) -> float:
 
     Parameters
     ----------
-    surface
-        The surface.
     theta_r_rad
         Angles of the views from its normal, shape (K,) [rad].
-
-    References
-    ----------
-    Definition.
     """
     grid = np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS)
     near = surface.slope_rms * np.linspace(-3.0, 3.0, 13)

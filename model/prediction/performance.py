@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class PolarizationStrength:
-    """How strong and how certain the polarization of a region is, of one cycle.
+    """Strength and certainty of the polarization of a region, of one cycle.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a scenario gives: counts, Stokes parameters, DoLP and their deviations, per region."""
+"""Prediction of a scenario: counts, Stokes parameters, DoLP and their deviations, per region."""
 
 from dataclasses import dataclass, replace
 
@@ -25,7 +25,7 @@ Quantities = dict[str, dict[str, float]]
 
 @dataclass(frozen=True, kw_only=True)
 class RegionPrediction:
-    """What the model says of one region.
+    """Prediction of one region.
 
     Parameters
     ----------
@@ -158,10 +158,6 @@ def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
     -----
     The error of a flat field is a pattern of each angle by itself: unlike the response that it takes away, it shows in
     DoLP.
-
-    References
-    ----------
-    Definition.
     """
     if readout.noise_factor is not None:
         channels = replace(channels, temporal_var_dn2=channels.temporal_var_dn2 * readout.noise_factor)

@@ -67,7 +67,7 @@ def angle_of(counts: str) -> str:
 
 
 def is_counts(name: str) -> bool:
-    """Whether a quantity is the counts behind an angle."""
+    """Return whether a quantity is the counts behind an angle."""
     return name.startswith(_COUNTS)
 
 
@@ -80,10 +80,6 @@ def difference(name: str, value: float, reference: float) -> float:
         Of the quantity.
     value, reference
         In its own unit.
-
-    References
-    ----------
-    Definition.
     """
     plain = value - reference
     turn = QUANTITIES[name].turn if name in QUANTITIES else None

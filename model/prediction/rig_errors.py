@@ -1,4 +1,4 @@
-"""What a rig that is not quite as recorded does to a prediction: axes turned, exposure off, light that drifts."""
+"""Prediction for a rig that is not quite as recorded: axes turned, exposure off, light that drifts."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigErrors:
-    """How far a rig is from what was recorded of it.
+    """Errors of a rig against what was recorded of it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How much of the uncertainty of a region's mean each cause makes."""
+"""Uncertainty budget of a region's mean, by cause."""
 
 import math
 from collections.abc import Mapping

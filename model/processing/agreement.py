@@ -1,4 +1,4 @@
-"""Whether what was predicted and what was measured agree: standard scores, and a decision over all of them."""
+"""Agreement of prediction and measurement: standard scores, and a decision over all of them."""
 
 from collections.abc import Callable, Sequence
 
@@ -16,10 +16,6 @@ def two_sided_p_value(z: ArrayLike) -> FloatArray:
     ----------
     z
         Standard scores, any shape.
-
-    References
-    ----------
-    Definition.
     """
     return np.asarray(2.0 * ndtr(-np.abs(np.asarray(z, dtype=np.float64))))
 

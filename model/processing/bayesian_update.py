@@ -1,4 +1,4 @@
-"""Which inputs of a prediction would explain what was measured instead, and how well the data can tell them apart."""
+"""Bayesian update of the inputs of a prediction by what was measured, and how well the data tell them apart."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ _ALIKE = 0.999
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Explanation:
-    """What each of k inputs, and all of them together, would have to do with n residuals.
+    """Update of k inputs, of each alone and of all together, by n residuals.
 
     Attributes
     ----------
@@ -154,10 +154,6 @@ def confusion(seen: float, alike: ArrayLike) -> FloatArray:
     -----
     Scores g = 5 seen^1/2 + e and h = 5 alike seen^1/2 + f with standard normal e, f of correlation `alike`: h > g and
     -h > g are two half-planes.
-
-    References
-    ----------
-    Definition.
     """
     correlation = np.clip(np.asarray(alike, dtype=np.float64), -1.0, 1.0)
     reach = MOVED * np.sqrt(seen)
@@ -174,10 +170,6 @@ def chi_square_tail(chi_square: float, degrees_of_freedom: int) -> float:
         Sum of squares, >= 0 but for rounding.
     degrees_of_freedom
         >= 0.
-
-    References
-    ----------
-    Definition.
     """
     if degrees_of_freedom == 0:
         return 1.0

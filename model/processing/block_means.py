@@ -20,10 +20,6 @@ def block_means(pictures: ArrayLike, usable: ArrayLike, *, side: int) -> NDArray
     -------
     array of float64, shape (N, B)
         B blocks, row by row; none where none is usable.
-
-    References
-    ----------
-    Definition.
     """
     images, good = np.asarray(pictures, dtype=np.float64), np.asarray(usable, dtype=np.bool_)
     rows, columns = good.shape[0] // side, good.shape[1] // side

@@ -24,10 +24,6 @@ def channel_ratios(channels: Moments) -> tuple[FloatArray, FloatArray]:
     Notes
     -----
     N ratios of which N - 1 are free: their mean is 1.
-
-    References
-    ----------
-    Definition.
     """
     whole = float(channels.mean.mean())
     if not whole > 0.0:

@@ -1,4 +1,4 @@
-"""Whether the DoLP of a region's pixels follows the distribution that the region's own Stokes moments give."""
+"""Check of the DoLP of a region's pixels against the distribution that the region's own Stokes moments give."""
 
 from dataclasses import dataclass
 

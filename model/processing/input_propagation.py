@@ -1,4 +1,4 @@
-"""From uncertain inputs to the covariance of results: by slopes, and by quadrature where the response is curved."""
+"""Propagation of uncertain inputs to the covariance of results: by slopes, by quadrature where the response is curved."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _RULES = (5, 3)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Propagation:
-    """What the uncertainty of inputs does to results.
+    """Covariance of results by uncertain inputs.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class _Response:
         return self.slopes * self._std
 
     def bends_more_than(self, k: int, allowed: FloatArray) -> bool:
-        """Whether the second-order part of an input's response is above what is allowed, for any result."""
+        """Return whether the second-order part of an input's response is above what is allowed, for any result."""
         # Rounding of results that do not depend on the input at all is no bend.
         rounding = 1e-9 * np.abs(self._centre)
         return k in self._bends and bool(np.any(np.abs(self._bends[k]) > allowed + rounding))

@@ -55,10 +55,6 @@ def noise_equivalent(stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance
     ------
     ValueError
         If the arguments are no mean and covariance, or S0 is not positive.
-
-    References
-    ----------
-    Definition.
     """
     mean, cov = checked_pair(checked_stokes(stokes_mean), stokes_cov)
     require_positive_intensity(mean)

@@ -105,10 +105,6 @@ def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, com
     ------
     ValueError
         If p is not between 0 and 1, or as for `distribution`.
-
-    References
-    ----------
-    Definition.
     """
     ratio, shift, lead_shape = _ratio(stokes_mean, stokes_cov, component)
     wanted = np.asarray(p, dtype=np.float64)

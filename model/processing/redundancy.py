@@ -1,4 +1,4 @@
-"""What the redundancy of more than three polarizer angles says of a set of pictures: pair sums, and linear response."""
+"""Checks by the redundancy of more than three polarizer angles: pair sums, and linear response."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class LinearResponse:
-    """How the residual of a fit goes with the square of the light.
+    """Slope of the residual of a fit against the square of the light.
 
     Attributes
     ----------
@@ -49,10 +49,6 @@ def pair_sum_excess(plan: Design, channels: ArrayLike, cov: ArrayLike) -> tuple[
     ------
     ValueError
         The mean of the channels is not above 0.
-
-    References
-    ----------
-    Definition.
     """
     intensities = np.asarray(channels, dtype=np.float64)
     mean = float(intensities.mean())
@@ -87,10 +83,6 @@ def linear_response(plan: Design, channels: ArrayLike) -> LinearResponse | None:
     where light is polarized along a channel and of the other between two. Residuals are fitted by that, and by shares
     of S0, S1 and S2 beside, which is what unequal transmittance and wrong angles make. The standard error takes the
     scatter of the residuals as it is (White 1980, doi:10.2307/1912934).
-
-    References
-    ----------
-    Definition.
     """
     intensities = np.asarray(channels, dtype=np.float64)
     if plan.redundancy == 0 or intensities.shape[1] < 8 * (1 + 3 * plan.redundancy):
@@ -132,10 +124,6 @@ def residual_chi_square(plan: Design, mean: ArrayLike, cov: ArrayLike) -> tuple[
     -----
     It is the residual of generalised least squares with the whole covariance, for which no Stokes parameters are
     needed: K'I in its covariance K' cov K, with K the directions that no Stokes vector has. Zero with N = 3.
-
-    References
-    ----------
-    Definition.
     """
     residual = plan.null_basis.T @ np.asarray(mean, dtype=np.float64)
     if residual.size == 0:

@@ -1,4 +1,4 @@
-"""What the pixels of a region say of a mean and of a deviation, each with its standard error.
+"""Mean and deviation of the pixels of a region, each with its standard error.
 
 Every standard error here is taken from the scatter of the pixels themselves, not from an assumed distribution, and
 holds for pixels that are independent of each other: `effective_pixels` says how far they are.
@@ -40,10 +40,6 @@ def mean_moments(values: ArrayLike) -> Moments:
     -------
     Moments
         Mean, shape (n,), and its covariance: the pixels' sample covariance over P.
-
-    References
-    ----------
-    Definition.
     """
     array = _checked(values, least=2)
     cov = np.atleast_2d(np.cov(array)) / array.shape[1]
@@ -181,7 +177,7 @@ def effective_pixels(image: FloatArray, inside: NDArray[np.bool_]) -> float:
 
 
 def _neighbours_are_alike(image: FloatArray, inside: NDArray[np.bool_]) -> bool:
-    """Whether the correlation of neighbours along rows or columns exceeds what independent pixels would show."""
+    """Return whether the correlation of neighbours along rows or columns exceeds what independent pixels would show."""
     centred = np.where(inside, image - image[inside].mean(), 0.0)
     variance = float(np.sum(centred**2)) / inside.sum()
     if variance == 0.0:

@@ -36,7 +36,7 @@ class Texture:
 
     @property
     def remark(self) -> str:
-        """What to know of the repair, in words; empty where there was none."""
+        """Remark on the repair, in words; empty where there was none."""
         if self.removed_variance == 0.0:
             return ""
         return (

@@ -60,8 +60,6 @@ def aureole_of(sky: Sky, sun_zenith_rad: float) -> Aureole:
 
     Parameters
     ----------
-    sky
-        The sky.
     sun_zenith_rad
         Where the sun is [rad].
 

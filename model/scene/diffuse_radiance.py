@@ -48,8 +48,6 @@ class DiffuseRadiance:
 
     Attributes
     ----------
-    sky
-        The sky.
     sun_azimuth_rad
         Clockwise from north [rad].
     ground_radiance
@@ -93,10 +91,6 @@ def nodes_toward(direction: FloatArray, *, solid_angle: FloatArray, cosine: Floa
         Of each, shape (R,) [sr].
     cosine
         Of the angle from the panel's normal, shape (R,), above 0.
-
-    References
-    ----------
-    Definition.
     """
     east, north, up = direction.T
     return Nodes(

@@ -61,10 +61,6 @@ def whole_field(*, width_rad: float, height_rad: float) -> FieldPart:
     ------
     ValueError
         An angle is outside its range.
-
-    References
-    ----------
-    Definition.
     """
     return FieldPart(
         left_rad=-0.5 * width_rad, right_rad=0.5 * width_rad, bottom_rad=-0.5 * height_rad, top_rad=0.5 * height_rad
@@ -98,10 +94,6 @@ def part_of_picture(
     ------
     ValueError
         The edges are in the wrong order.
-
-    References
-    ----------
-    Definition.
     """
     columns, rows = picture
     scale = pixel_pitch_m / focal_length_m
@@ -123,8 +115,6 @@ def tiles(part: FieldPart, view: View, *, per_side: int, rule: TileRule = "gauss
 
     Parameters
     ----------
-    part
-        The part.
     view
         Of the camera's axis.
     per_side
@@ -173,10 +163,6 @@ def off_axis(view: View, *, right: float, up: float) -> View:
     ------
     ValueError
         That line of sight does not meet the ground.
-
-    References
-    ----------
-    Definition.
     """
     toward = geometry.direction(zenith_rad=view.zenith_rad, azimuth_rad=view.azimuth_rad)
     level = geometry.horizontal_axis(view.azimuth_rad, travels_to_target=False)

@@ -38,7 +38,7 @@ class Illumination:
 
     @property
     def direct_horizontal_irradiance(self) -> float:
-        """Of the beam on level ground [W m-2]."""
+        """Irradiance of the beam on level ground [W m-2]."""
         return self.lighting.direct_irradiance * float(np.cos(self.sun_zenith_rad))
 
 
@@ -72,10 +72,6 @@ def illuminate(
     ------
     ValueError
         The sun is too low, or the albedo outside its range.
-
-    References
-    ----------
-    Definition.
     """
     require_sun_zenith(sun_zenith_rad)
     if not 0.0 <= ground_albedo <= 1.0:

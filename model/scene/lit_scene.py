@@ -1,4 +1,4 @@
-"""All that a scene is, in one record: air, sun, camera, what stands before it, sensor, and what is asked of it."""
+"""Record of a scene: air, sun, camera, what stands before it, sensor, and what is asked of it."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ P_FALSE_ALARM = (1e-4, 1e-3, 1e-2, 1e-1)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Air:
-    """What the light of sun and sky depends on, but for the sun's azimuth and for numerical settings.
+    """Air and sun: what their light depends on, but for the sun's azimuth and for numerical settings.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Air:
 
     @property
     def is_solved(self) -> bool:
-        """Whether light scattered more than once is computed."""
+        """True if light scattered more than once is computed."""
         return self.fidelity in (Fidelity.FAST, Fidelity.STANDARD)
 
     @property
@@ -143,7 +143,7 @@ ALL_LIGHT = LightParts()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LitScene:
-    """All that a scene is.
+    """Record of a scene.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What one panel reflects to cameras, of the beam and of diffuse radiance, by quadrature rules of a given order.
+"""Light that one panel reflects to cameras, of the beam and of diffuse radiance, by rules of a given order.
 
 The lobe and the diffuse term are integrated apart. For the lobe the nodes lie over the slopes of the facets, so that a
 narrow lobe has as many as a wide one; for the diffuse term they cover the sky evenly.
@@ -53,7 +53,7 @@ class PanelLight:
 
     @property
     def is_level(self) -> bool:
-        """Whether the panel sees the sky alone, and no ground."""
+        """True if the panel sees the sky alone, and no ground."""
         return self._tilt.tilt_rad == 0.0
 
     def sun(self, *, zenith_rad: float, azimuth_rad: float, irradiance: float) -> FloatArray:
@@ -192,7 +192,7 @@ def _blocks(size: int) -> Iterator[slice]:
 
 
 def _panel_axes(normal: FloatArray, cameras: FloatArray, camera_azimuth_rad: FloatArray) -> FloatArray:
-    """Of each camera: toward it in the panel's plane, across, normal; shape (V, 3, 3), axes along the second."""
+    """Axes of each camera: toward it in the panel's plane, across, normal; shape (V, 3, 3), axes along the second."""
     along = cameras - (cameras @ normal)[:, np.newaxis] * normal
     # Facets have no preferred direction for a camera overhead, and any axis serves.
     level = geometry.horizontal_axis(camera_azimuth_rad, travels_to_target=False)

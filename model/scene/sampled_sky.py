@@ -123,10 +123,6 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
     series converge geometrically, as fast as the phase function of the aerosol lets them. A bright aureole is divided
     out first, as it shows on the ring of the sun's own zenith angle.
-
-    References
-    ----------
-    Definition.
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
@@ -155,10 +151,6 @@ def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
     ------
     ValueError
         Too few steps.
-
-    References
-    ----------
-    Definition.
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     series = _series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))

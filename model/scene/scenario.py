@@ -1,4 +1,4 @@
-"""What a prediction starts from: the light of each region at the aperture, the sensor, and how it is read out."""
+"""Scenario of a prediction: the light of each region at the aperture, the sensor, and its readout."""
 
 from dataclasses import dataclass
 
@@ -66,7 +66,7 @@ class RegionLight:
 
 @dataclass(frozen=True, kw_only=True)
 class Readout:
-    """How frames are taken and turned into Stokes parameters.
+    """Readout: angles, cycles and processing of the frames.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Readout:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """All that a prediction needs; `imperfections` are the session's."""
+    """Light, sensor and readout of a prediction; `imperfections` are the session's."""
 
     regions: tuple[RegionLight, ...]
     sensor: Sensor

@@ -1,4 +1,4 @@
-"""What every sky is, computed, sampled or made up."""
+"""Protocol of a sky, computed, sampled or made up."""
 
 from typing import Protocol
 

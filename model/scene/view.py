@@ -1,4 +1,4 @@
-"""Where a camera is, as seen from what it looks at."""
+"""Position of a camera, as seen from its target."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Where a camera is, as seen from its target, and how it is held.
+    """Position of a camera as seen from its target, and how it is held.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""From radiance at the aperture to counts behind a polarizer: mean and covariance of each channel."""
+"""Mean and covariance of the counts behind a polarizer, from radiance at the aperture."""
 
 from dataclasses import dataclass
 

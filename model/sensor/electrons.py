@@ -98,10 +98,6 @@ def effective_wavelength_m(wavelength_m: ArrayLike, weight: ArrayLike) -> float:
     ------
     ValueError
         If the samples do not increase, or no weight is positive.
-
-    References
-    ----------
-    Definition.
     """
     wavelength = _checked_wavelengths(wavelength_m)
     weights = np.asarray(weight, dtype=np.float64) * _trapezoid_weights(wavelength)

@@ -1,4 +1,4 @@
-"""What a session adds to a scene: angles that miss, pictures that shift, light that drifts, and what lies around."""
+"""Imperfections of a session: angles that miss, pictures that shift, light that drifts, and what lies around."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Imperfections:
-    """What a session adds to a scene; as they stand by default there are none.
+    """Imperfections that a session adds to a scene; by default there are none.
 
     Parameters
     ----------

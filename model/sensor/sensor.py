@@ -1,4 +1,4 @@
-"""What a sensor is: optics, exposure and detector behind a linear polarizer, and the detector's noise."""
+"""Sensor: optics, exposure and detector behind a linear polarizer, and the detector's noise."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -25,10 +25,6 @@ def checked_zenith(name: str, angle_rad: ArrayLike) -> FloatArray:
     ------
     ValueError
         If a value is not finite or outside 0 to pi.
-
-    References
-    ----------
-    Definition.
     """
     angle = _finite(name, angle_rad)
     outside = (angle < 0.0) | (angle > np.pi)
@@ -59,10 +55,6 @@ def checked_azimuth(name: str, angle_rad: ArrayLike) -> FloatArray:
     ------
     ValueError
         If a value is not finite.
-
-    References
-    ----------
-    Definition.
     """
     return _finite(name, angle_rad)
 

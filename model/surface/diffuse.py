@@ -26,7 +26,7 @@ _OPAQUE = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Diffuse:
-    """What fixes the diffuse term of a surface.
+    """Parameters of the diffuse term of a surface.
 
     Parameters
     ----------
@@ -55,8 +55,6 @@ def reflectance_at(lobe: Lobe, theta_rad: float) -> float:
 
     Parameters
     ----------
-    lobe
-        The lobe.
     theta_rad
         Zenith angle [rad], 0 to pi/2.
 
@@ -64,10 +62,6 @@ def reflectance_at(lobe: Lobe, theta_rad: float) -> float:
     -------
     float
         E, to 1e-8.
-
-    References
-    ----------
-    Definition.
     """
     return float(lobe_reflectance(theta_rad, lobe=lobe).s0)
 

@@ -1,4 +1,4 @@
-"""How much of the incident light a surface reflects, and whether a description of it is possible."""
+"""Energy balance of a surface: reflected share of the light, and whether a description is possible."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,6 @@ def hemispherical_reflectance(theta_i_rad: ArrayLike, *, surface: Surface) -> He
     ----------
     theta_i_rad
         Zenith angle of the incident light [rad], any shape, 0 to below pi/2.
-    surface
-        The surface.
 
     Returns
     -------
@@ -56,11 +54,6 @@ def hemispherical_reflectance(theta_i_rad: ArrayLike, *, surface: Surface) -> He
 def findings(surface: Surface) -> tuple[str, ...]:
     """Return what is wrong with a surface as a description of matter, in words; empty if nothing is.
 
-    Parameters
-    ----------
-    surface
-        The surface.
-
     Returns
     -------
     tuple of str
@@ -70,10 +63,6 @@ def findings(surface: Surface) -> tuple[str, ...]:
     Notes
     -----
     Angles of incidence are tried every degree up to 89 and at 89.5 and 89.9 degrees.
-
-    References
-    ----------
-    Definition.
     """
     total = hemispherical_reflectance(_SCAN_RAD, surface=surface)
     limit = 1.0 + _ENERGY_SLACK + total.error

@@ -19,8 +19,6 @@ def gauss_interval(fit: SurfaceFit, name: str, *, level: float = 0.95) -> tuple[
 
     Parameters
     ----------
-    fit
-        The fit.
     name
         A fitted parameter.
     level
@@ -36,10 +34,6 @@ def gauss_interval(fit: SurfaceFit, name: str, *, level: float = 0.95) -> tuple[
     ------
     ValueError
         If the name was not fitted or the level is not between 0 and 1.
-
-    References
-    ----------
-    Definition.
     """
     index, quantile = _parameter_index(fit, name), _normal_quantile(level)
     reach = quantile * float(fit.information.standard_uncertainty[index])
@@ -51,8 +45,6 @@ def profile_interval(fit: SurfaceFit, name: str, *, level: float = 0.95) -> tupl
 
     Parameters
     ----------
-    fit
-        The fit.
     name
         A fitted parameter.
     level

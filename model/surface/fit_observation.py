@@ -1,4 +1,4 @@
-"""What a fit of a surface's parameters looks at: regions, their light and their measured Stokes radiance."""
+"""Observations for a fit of a surface's parameters: regions, their light and their measured Stokes radiance."""
 
 from dataclasses import dataclass
 
@@ -90,10 +90,6 @@ def sunlit(
     ------
     ValueError
         As `Observation`.
-
-    References
-    ----------
-    Definition.
     """
     return Observation(
         theta_i_rad=[theta_i_rad],
@@ -123,10 +119,6 @@ def whitening_matrix(covariance: ArrayLike) -> FloatArray:
     ------
     ValueError
         If C is not symmetric or not positive definite.
-
-    References
-    ----------
-    Definition.
     """
     matrix = np.asarray(covariance, dtype=np.float64)
     if np.max(np.abs(matrix - matrix.T)) > 1e-12 * np.max(np.abs(matrix)):

@@ -58,10 +58,6 @@ def checked_names(free: Sequence[str], *, start: Surface, bounds: Mapping[str, t
     ------
     ValueError
         If a name is not known, none is free, or the DHR is free where the start has none or bounded.
-
-    References
-    ----------
-    Definition.
     """
     unknown = sorted({*free, *bounds} - set(PARAMETERS))
     if unknown or not free:
@@ -92,10 +88,6 @@ def checked_bounds(name: str, bounds: Mapping[str, tuple[float, float]]) -> tupl
     ------
     ValueError
         If the bounds are not in order, too close to each other, or outside of what the value may be.
-
-    References
-    ----------
-    Definition.
     """
     parameter = PARAMETERS[name]
     low, high = bounds.get(name, parameter.bounds)

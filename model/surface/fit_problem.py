@@ -86,10 +86,6 @@ def fit_problem(
     ValueError
         If there is nothing to fit, a name is not known, bounds are not possible, or the specular weight is nothing but
         an unknown scale.
-
-    References
-    ----------
-    Definition.
     """
     names = checked_names(free, start=start, bounds=bounds)
     if not observations:
@@ -120,19 +116,10 @@ def fit_problem(
 def initial_values(problem: FitProblem) -> FloatArray:
     """Return the start's parameters as the problem counts them.
 
-    Parameters
-    ----------
-    problem
-        The problem.
-
     Returns
     -------
     ndarray
         Shape (P,); a value outside the bounds is moved to the nearer one.
-
-    References
-    ----------
-    Definition.
     """
     start = problem.start
     values = {name: getattr(start, name) for name in problem.names}
@@ -146,8 +133,6 @@ def residuals(problem: FitProblem, values: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    problem
-        The problem.
     values
         Parameters as the problem counts them, shape (P,).
 
@@ -183,8 +168,6 @@ def physical_values(problem: FitProblem, values: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    problem
-        The problem.
     values
         Parameters as the problem counts them, shape (P,).
 
@@ -192,10 +175,6 @@ def physical_values(problem: FitProblem, values: FloatArray) -> FloatArray:
     -------
     ndarray
         Shape (P,).
-
-    References
-    ----------
-    Definition.
     """
     physical = values.copy()
     if "dhr" in problem.names:
@@ -212,8 +191,6 @@ def difference_jacobian(
 
     Parameters
     ----------
-    problem
-        The problem.
     values
         Where, shape (P,), within the bounds.
     function
@@ -223,10 +200,6 @@ def difference_jacobian(
     -------
     ndarray
         Shape (M, P).
-
-    References
-    ----------
-    Definition.
     """
     columns = []
     for index, name in enumerate(problem.names):
@@ -243,8 +216,6 @@ def surface_of_values(problem: FitProblem, values: FloatArray) -> Surface:
 
     Parameters
     ----------
-    problem
-        The problem.
     values
         Parameters as the problem counts them, shape (P,).
 
@@ -257,10 +228,6 @@ def surface_of_values(problem: FitProblem, values: FloatArray) -> Surface:
     ------
     ValueError
         If a DHR that is held fixed is below what the lobe of these parameters reflects.
-
-    References
-    ----------
-    Definition.
     """
     physical = physical_values(problem, values)
     chosen = {name: getattr(problem.start, name) for name in PARAMETERS}

@@ -60,10 +60,6 @@ def mueller_elements(*, cos2_psi: FloatArray, n: float, k: float) -> tuple[Float
     Notes
     -----
     M22 is negative below Brewster's angle: a mirror turns +45 deg into -45 deg.
-
-    References
-    ----------
-    Definition.
     """
     r_s, r_p = amplitudes(cos2_psi=cos2_psi, n=n, k=k)
     if np.iscomplexobj(r_s):

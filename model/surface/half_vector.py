@@ -113,7 +113,7 @@ def _double_angle(along_h: FloatArray, along_v: FloatArray) -> _DoubleAngle:
 
 
 def _resolve_coincident_rays(eta_i: _DoubleAngle, eta_r: _DoubleAngle, phi_rad: FloatArray) -> None:
-    """Where sun and sensor stand in one line, let s = h_i in both frames."""
+    """Let s = h_i in both frames where sun and sensor stand in one line."""
     lost = eta_i[2] | eta_r[2]
     if not np.any(lost):
         return

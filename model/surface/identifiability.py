@@ -1,4 +1,4 @@
-"""What a set of observations can tell about parameters, and what it cannot, in numbers and in words."""
+"""Identifiability of parameters by a set of observations, in numbers and in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

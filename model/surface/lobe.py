@@ -19,7 +19,7 @@ INDEX_MAX = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class Lobe:
-    """What fixes the specular lobe of a surface.
+    """Parameters of the specular lobe of a surface.
 
     Parameters
     ----------
@@ -122,8 +122,6 @@ def write_specular(out: FloatArray, geometry: HalfVectorGeometry, *, lobe: Lobe,
         Shape (N, 3, 3); overwritten [sr^-1].
     geometry
         Arrays of shape (N,).
-    lobe
-        The lobe.
     weight
         Factor on all elements.
 

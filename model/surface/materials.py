@@ -1,4 +1,4 @@
-"""What a surface is made of: each property with its uncertainty, its source and how far it can be trusted."""
+"""Materials of surfaces: each property with its uncertainty, its source and how far it can be trusted."""
 
 import math
 from collections.abc import Sequence
@@ -75,10 +75,6 @@ class Property:
         ------
         ValueError
             If the wavelength is outside the table: nothing is extrapolated.
-
-        References
-        ----------
-        Definition.
         """
         if not self.wavelengths_m:
             return self.values[0]
@@ -123,8 +119,6 @@ def constant(
 
     Parameters
     ----------
-    value
-        The value.
     standard_uncertainty, source, confidence, assumed
         As in `Property`.
 
@@ -137,10 +131,6 @@ def constant(
     ------
     ValueError
         If a number is not finite or a word not allowed.
-
-    References
-    ----------
-    Definition.
     """
     return Property(
         values=(float(value),),
@@ -162,8 +152,6 @@ def surface_of(
 
     Parameters
     ----------
-    material
-        The material.
     wavelength_m
         Wavelength in air [m].
     shadowing, diffuse
@@ -178,10 +166,6 @@ def surface_of(
     ------
     ValueError
         If the wavelength is outside a table, or the values form no possible surface.
-
-    References
-    ----------
-    Definition.
     """
     if not (math.isfinite(wavelength_m) and wavelength_m > 0.0):
         raise ValueError(f"wavelength_m = {wavelength_m} m; allowed is above 0")
@@ -203,19 +187,10 @@ def surface_of(
 def properties(material: Material) -> dict[str, Property]:
     """Return the properties that a material has, by name, in the order of its fields.
 
-    Parameters
-    ----------
-    material
-        The material.
-
     Returns
     -------
     dict
         Name to property; "dhr" only where there is one.
-
-    References
-    ----------
-    Definition.
     """
     named = {field.name: getattr(material, field.name) for field in fields(material)}
     return {name: value for name, value in named.items() if isinstance(value, Property)}
@@ -224,19 +199,10 @@ def properties(material: Material) -> dict[str, Property]:
 def assumed_properties(material: Material) -> tuple[str, ...]:
     """Return the names of the properties that are assumed, to be shown wherever the material is.
 
-    Parameters
-    ----------
-    material
-        The material.
-
     Returns
     -------
     tuple of str
         Field names.
-
-    References
-    ----------
-    Definition.
     """
     return tuple(name for name, value in properties(material).items() if value.assumed)
 

@@ -100,8 +100,6 @@ def mueller(theta_i_rad: ArrayLike, theta_r_rad: ArrayLike, phi_rad: ArrayLike, 
         Zenith angle of the sensor [rad], 0 to pi.
     phi_rad
         Azimuth(sun) - azimuth(sensor), azimuths clockwise from north [rad]; any finite value. pi is forward.
-    surface
-        The surface.
 
     Returns
     -------

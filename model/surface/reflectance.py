@@ -45,8 +45,6 @@ def lobe_reflectance(theta_i_rad: ArrayLike, *, lobe: Lobe, tolerance: float = _
     ----------
     theta_i_rad
         Zenith angle of the incident light [rad], any shape, 0 to pi/2.
-    lobe
-        The lobe.
     tolerance
         Rules are refined until two agree to this, absolute (relative where the reflectance exceeds 1).
 

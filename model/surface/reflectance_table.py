@@ -58,10 +58,6 @@ class ReflectanceTable:
         -------
         ndarray
             Shape (N,).
-
-        References
-        ----------
-        Definition.
         """
         u = np.arcsinh((0.5 * np.pi - theta_rad) / self.stretch_rad)
         series = self._piece(0, u)
@@ -100,11 +96,6 @@ class ReflectanceTable:
 def reflectance_table(lobe: Lobe) -> ReflectanceTable:
     """Return the series of a lobe; made once for each lobe and kept.
 
-    Parameters
-    ----------
-    lobe
-        The lobe.
-
     Returns
     -------
     ReflectanceTable
@@ -114,10 +105,6 @@ def reflectance_table(lobe: Lobe) -> ReflectanceTable:
     ------
     ValueError
         If its error cannot be brought below 1e-4.
-
-    References
-    ----------
-    Definition.
     """
     stretch = min(4.0 * lobe.slope_rms, 1.0)
     rise = lobe.slope_rms if lobe.shadowing == "none" else 0.0

@@ -17,7 +17,7 @@ _ALONG_NORMAL = 1e-14
 
 @dataclass(frozen=True, kw_only=True)
 class Tilt:
-    """How a plane panel stands.
+    """Tilt of a plane panel.
 
     Parameters
     ----------
@@ -98,10 +98,6 @@ def local_geometry(
     ------
     ValueError
         If an angle is not finite.
-
-    References
-    ----------
-    Definition.
     """
     sun = geometry.direction(zenith_rad=sun_zenith_rad, azimuth_rad=sun_azimuth_rad)
     camera = geometry.direction(zenith_rad=camera_zenith_rad, azimuth_rad=camera_azimuth_rad)

@@ -1,4 +1,4 @@
-"""From errors of the light to errors of what a user reads: per setting, and their sum."""
+"""Error budget of what a user reads, from errors of the light: per setting, and their sum."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping

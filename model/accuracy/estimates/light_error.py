@@ -86,10 +86,6 @@ def light_errors(
         Solves the refined references.
     tolerance
         That is asked for; what is far below it need not be looked at closely.
-
-    References
-    ----------
-    Definition.
     """
     found: dict[str, dict[str, LightError]] = {setting: {} for setting in NUMERICAL_SETTINGS}
     if result.illumination is None or scene.air is None:

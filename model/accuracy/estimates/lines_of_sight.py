@@ -26,8 +26,6 @@ class LinesOfSight:
 
     Attributes
     ----------
-    region
-        The region.
     lights
         What was found along them: of one tile, or of two corners of the field and its middle, the last.
     finer

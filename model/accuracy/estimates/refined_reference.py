@@ -61,10 +61,6 @@ def refined_references(
     Notes
     -----
     Light scattered once has no streams, and a table has neither.
-
-    References
-    ----------
-    Definition.
     """
     if isinstance(lighting, MixedLighting) and air.alternative is not None:
         return _mixed(air, air.alternative, plan, settings, lighting, store)
@@ -86,10 +82,6 @@ def ends_of_band(lighting: Lighting) -> tuple[Lighting, ...]:
     Notes
     -----
     At the longest the air is thinnest: its sky is brighter toward the horizon, and changes faster, than at any other.
-
-    References
-    ----------
-    Definition.
     """
     one = lighting.first if isinstance(lighting, MixedLighting) else lighting
     if not isinstance(one, BandLighting) or len(one.columns) == 1:

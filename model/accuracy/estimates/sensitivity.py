@@ -1,4 +1,4 @@
-"""How what a user reads moves with the light of each region: a step of each component."""
+"""Sensitivity of what a user reads to the light of each region: a step of each component."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

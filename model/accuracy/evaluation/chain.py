@@ -29,7 +29,7 @@ STAGES = (SKY, LIGHT, STATISTICS, DETECTION)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChainResult:
-    """What one evaluation of the chain gives.
+    """Result of one evaluation of the chain.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ class LightStore:
 
     @property
     def solver(self) -> LightSolver:
-        """What solves a wavelength, and keeps the last solutions."""
+        """Solver of a wavelength, which keeps the last solutions."""
         return self._solver
 
     def illumination(
@@ -218,7 +218,7 @@ def _over_field(
 
 
 def _scatters(parts: LightParts) -> bool:
-    """Whether light scattered by the air counts at all."""
+    """Return whether light scattered by the air counts at all."""
     return parts.skylight or parts.path_radiance
 
 

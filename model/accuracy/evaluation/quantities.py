@@ -1,4 +1,4 @@
-"""What a user reads of a prediction, and by how much two readings differ in the way that a tolerance means it."""
+"""Readings of a prediction, and their differences in the sense of a tolerance."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple

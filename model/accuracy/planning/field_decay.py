@@ -1,4 +1,4 @@
-"""How fast the degrees of a field fall off, by its tiles."""
+"""Decay of the degrees of a field, by its tiles."""
 
 from math import isqrt
 
@@ -21,10 +21,6 @@ def decay(values: FloatArray) -> float | None:
     Notes
     -----
     Of the last three degrees, for odd and even ones may fall apart; of three tiles a side of the two there are.
-
-    References
-    ----------
-    Definition.
     """
     per_side = isqrt(len(values))
     sizes = [float(np.sqrt(np.trace(part))) for part in _by_degree(_coefficients(values))]

@@ -1,4 +1,4 @@
-"""What each level of each setting is likely to leave out and to cost in a scene."""
+"""Forecast of what each level of each setting leaves out and costs in a scene."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -61,10 +61,6 @@ def forecast(scene: LitScene) -> Forecast:
     -----
     The wavelengths are looked at for the scene itself: a narrow band needs one where a wide one needs four. So are the
     streams: the terms of a Henyey-Greenstein function fall as powers of its asymmetry.
-
-    References
-    ----------
-    Definition.
     """
     errors = {name: tuple(level.error for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}
     efforts = {name: tuple(level.effort for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}

@@ -1,4 +1,4 @@
-"""What can be turned in the chain: each setting with its levels, its convergence, and its likely cost.
+"""Numerical settings of the chain: each with its levels, its convergence, and its likely cost.
 
 The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin
 (`model.accuracy.planning.forecast`). What a result states is estimated on its own scene

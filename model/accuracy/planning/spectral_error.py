@@ -1,4 +1,4 @@
-"""What the number of wavelengths costs: the rule tried on functions that are known at all wavelengths."""
+"""Error by the number of wavelengths: the rule tried on functions that are known at all wavelengths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -79,10 +79,6 @@ def spectral_error(air: Air, settings: Settings) -> SpectralError:
     ------
     ValueError
         The air is a table.
-
-    References
-    ----------
-    Definition.
     """
     return spectral_errors(air, (settings,))[0]
 
@@ -107,10 +103,6 @@ def spectral_errors(air: Air, several: Sequence[Settings]) -> tuple[SpectralErro
     The functions are light scattered once, on a slant depth m tau, by molecules or by aerosol at one of three angles,
     without and with a share that is scattered twice; each without and with the loss of the beam on its whole way. The
     largest error of them is taken.
-
-    References
-    ----------
-    Definition.
     """
     state = air.state
     if state is None:

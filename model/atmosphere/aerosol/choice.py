@@ -1,4 +1,4 @@
-"""What a state of the atmosphere says of its aerosol, whether a documented kind or spheres of one's own."""
+"""Choice of the aerosol of an atmosphere: a documented kind, or spheres of one's own."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

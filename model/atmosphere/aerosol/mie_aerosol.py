@@ -1,4 +1,4 @@
-"""How an aerosol of homogeneous spheres attenuates and scatters at one wavelength."""
+"""Extinction and scattering of an aerosol of homogeneous spheres at one wavelength."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +17,7 @@ _MEMORY = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AerosolScattering:
-    """How an aerosol of spheres attenuates and scatters at one wavelength.
+    """Extinction and scattering of an aerosol of spheres at one wavelength.
 
     Attributes
     ----------

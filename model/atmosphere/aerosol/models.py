@@ -38,7 +38,7 @@ _TROPOSPHERIC = np.array(
 
 
 class AerosolType(StrEnum):
-    """Where an aerosol comes from."""
+    """Origin of an aerosol."""
 
     RURAL = "rural"
     """Continental aerosol of the lowest 2 km."""
@@ -126,12 +126,7 @@ def relative_extinction(*, kind: AerosolType, wavelength_m: ArrayLike, relative_
 
 
 def table_wavelengths_m() -> tuple[float, ...]:
-    """Wavelengths of the tables, at which the properties of an aerosol over wavelength have a kink [m].
-
-    References
-    ----------
-    Definition.
-    """
+    """Wavelengths of the tables, at which the properties of an aerosol over wavelength have a kink [m]."""
     return tuple(float(entry) * 1e-6 for entry in _WAVELENGTH_UM)
 
 

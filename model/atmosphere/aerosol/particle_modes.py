@@ -1,4 +1,4 @@
-"""What an aerosol of spheres is made of."""
+"""Modes of particles that make up an aerosol of spheres."""
 
 from dataclasses import dataclass
 

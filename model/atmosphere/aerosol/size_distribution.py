@@ -1,4 +1,4 @@
-"""How many particles of an aerosol have which radius."""
+"""Size distributions: number of particles of an aerosol by radius."""
 
 from dataclasses import dataclass
 from math import exp, inf, isfinite, log, pi, sqrt
@@ -20,7 +20,7 @@ class SizeDistribution(Protocol):
 
     @property
     def ends_vanish(self) -> bool:
-        """Whether the number falls off smoothly to nothing at both ends, and is smooth between."""
+        """True if the number falls off smoothly to nothing at both ends, and is smooth between."""
         ...
 
     def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -66,7 +66,7 @@ class LogNormal:
 
     @property
     def ends_vanish(self) -> bool:
-        """Whether there is no largest radius."""
+        """True if there is no largest radius."""
         return self.largest_radius_m == inf
 
     def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -60,8 +60,6 @@ def size_nodes(
 
     Parameters
     ----------
-    mode
-        The mode.
     bounds
         One of `size_ranges`, not empty.
     wavelength_m

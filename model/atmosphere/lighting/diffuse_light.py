@@ -1,4 +1,4 @@
-"""What a lighting needs of a solved atmosphere, whoever solved it."""
+"""Protocol of a solved atmosphere, whoever solved it."""
 
 from typing import Literal, Protocol
 
@@ -31,7 +31,7 @@ class DiffuseLight(Protocol):
 
     @property
     def converged(self) -> bool:
-        """Whether what was asked for was reached."""
+        """True if what was asked for was reached."""
         ...
 
     @property

@@ -57,7 +57,7 @@ class ExtrapolatedLight:
 
     @property
     def converged(self) -> bool:
-        """Whether both have what was asked for."""
+        """True if both have what was asked for."""
         return self.coarse.converged and self.fine.converged
 
     @property

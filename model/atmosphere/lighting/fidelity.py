@@ -1,4 +1,4 @@
-"""How much effort goes into an atmosphere, and what accuracy it buys."""
+"""Fidelity levels of an atmosphere: the effort that goes into it, and the accuracy that it buys."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class SolverSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FidelityFacts:
-    """What a fidelity level promises, for views up to 80 degrees and a sun up to 75 degrees from the zenith.
+    """Accuracy of a fidelity level, for views up to 80 degrees and a sun up to 75 degrees from the zenith.
 
     Of spheres it holds ten degrees and more from the sun (three, but for dust); of dust, the radiance is off by 5 times
     as much in FAST and 40 times in STANDARD, the degree of polarization by 2 and 3 times. Their scattering matrix costs

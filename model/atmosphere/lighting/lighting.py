@@ -1,4 +1,4 @@
-"""What a scene needs of its atmosphere, from whatever source."""
+"""Protocol of the light of an atmosphere, from whatever source."""
 
 from typing import Protocol
 

@@ -1,4 +1,4 @@
-"""Between the ground and a sensor at a height: transmittance, and light scattered into the line of sight."""
+"""Path between the ground and a sensor at a height: transmittance, and light scattered into the line of sight."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -44,9 +44,5 @@ def unlit_solution(layers: Sequence[Layer], *, mu0: float, **_: Any) -> UnlitSol
         Homogeneous layers.
     mu0
         Cosine of the solar zenith angle, above 0 to 1.
-
-    References
-    ----------
-    Definition.
     """
     return UnlitSolution(mu0=mu0, depth=float(sum(layer.full_depth for layer in layers)))

@@ -1,4 +1,4 @@
-"""How long the expansion of the scattering matrices is, in which blocks of azimuth modes, and what its end costs."""
+"""Length of the expansion of the scattering matrices, its blocks of azimuth modes, and the error of its end."""
 
 from collections.abc import Sequence
 from functools import lru_cache

@@ -17,7 +17,7 @@ from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
 
 
 class AerosolKind(StrEnum):
-    """What scattering by the aerosol does to the polarization of the light that meets it."""
+    """Kind of aerosol by what its scattering does to polarization."""
 
     DEPOLARIZING = "depolarizing"
     """The scattered light is unpolarized."""

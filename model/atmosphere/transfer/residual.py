@@ -1,4 +1,4 @@
-"""What the solution of one grid misses of the equation of transfer on a finer one: an estimate of its error."""
+"""Residual of the solution of one grid in the equation of transfer on a finer one: an estimate of its error."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -18,7 +18,7 @@ _LOWEST_MU = 0.0175  # cosine of 89 degrees: lower lines of sight see the source
 
 @dataclass(frozen=True, kw_only=True)
 class Residual:
-    """Where light leaves the atmosphere: upward at the top, and downward at the ground.
+    """Residual radiance where light leaves the atmosphere: upward at the top, and downward at the ground.
 
     Attributes
     ----------

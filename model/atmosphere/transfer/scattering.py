@@ -12,7 +12,7 @@ from model.atmosphere.transfer.transport import Grid
 
 @dataclass(frozen=True, kw_only=True)
 class Scattering:
-    """How a block of azimuth modes scatters.
+    """Scattering of a block of azimuth modes.
 
     Attributes
     ----------

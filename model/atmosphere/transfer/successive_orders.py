@@ -13,7 +13,7 @@ from model.atmosphere.transfer.transport import Grid, Transport, carry, carry_be
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What the orders of one run share.
+    """Setting that the orders of one run share.
 
     Attributes
     ----------

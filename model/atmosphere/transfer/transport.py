@@ -48,7 +48,7 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class Transport:
-    """What extinction does between the levels of a grid.
+    """Transport between the levels of a grid: extinction, and sources on the way.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class Border:
 
 @dataclass(frozen=True, kw_only=True)
 class Directions:
-    """What the integrands need at directions on borders, shape (K, n).
+    """Quantities of the integrands at directions on borders, shape (K, n).
 
     Parameters
     ----------

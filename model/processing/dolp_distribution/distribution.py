@@ -77,10 +77,6 @@ def probability_above(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLik
     ------
     ValueError
         As for `cdf`.
-
-    References
-    ----------
-    Definition.
     """
     return distribution_tails(x, stokes_mean, stokes_cov).upper
 
@@ -135,10 +131,6 @@ def distribution_tails(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLi
     ------
     ValueError
         As for `cdf`.
-
-    References
-    ----------
-    Definition.
     """
     frame, index, values, shape = paired(x, stokes_mean, stokes_cov, name="x")
     if np.any(np.isnan(values)):

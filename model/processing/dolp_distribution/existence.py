@@ -1,4 +1,4 @@
-"""Whether DoLP has moments, and what it has if not.
+"""Existence of the moments of DoLP, and what exists without them.
 
 DoLP divides by S0. If S0 can come close to zero, the density of DoLP falls so slowly that the mean diverges
 logarithmically and the variance like the inverse of a cut-off. Both depend on the cut-off by an amount that is
@@ -25,7 +25,7 @@ _PANEL_ENDS = (1e-10, 1e-4, 0.05, 0.5, 0.95, 1.0 - 1e-4, 1.0 - 1e-10)
 
 @dataclass(frozen=True, kw_only=True)
 class Ambiguity:
-    """What the choice of a cut-off near S0 = 0 changes, each of shape (M,).
+    """Change by the choice of a cut-off near S0 = 0, each of shape (M,).
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Ambiguity:
 
 @dataclass(frozen=True, kw_only=True)
 class AlwaysExisting:
-    """What is known of DoLP whether or not it has moments.
+    """Statistics of DoLP that exist with or without moments.
 
     Parameters
     ----------
@@ -117,10 +117,6 @@ def always_existing(
     ------
     ValueError
         If the arguments are no mean and covariance, or S0 > 0 has no probability.
-
-    References
-    ----------
-    Definition.
     """
     frame, shape = dolp_frame(stokes_mean, stokes_cov)
     levels = np.asarray(probabilities, dtype=np.float64)

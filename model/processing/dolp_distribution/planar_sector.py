@@ -56,10 +56,6 @@ def sector_probability(
     -------
     ndarray
         Shape (M,), to relative precision.
-
-    References
-    ----------
-    Definition.
     """
     slender = opening_rad * (1.0 + distance) ** 2 < 0.1
     wide = ~slender

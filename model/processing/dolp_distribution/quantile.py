@@ -39,10 +39,6 @@ def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Flo
     Notes
     -----
     The search runs over the logarithm of DoLP, with the smaller tail.
-
-    References
-    ----------
-    Definition.
     """
     frame, index, wanted, shape = paired(p, stokes_mean, stokes_cov, name="p")
     if np.any(~((wanted >= 0.0) & (wanted <= 1.0))):

@@ -45,10 +45,6 @@ def find_quantiles(
     ------
     ValueError
         If a search does not end, which means that a distribution is not increasing.
-
-    References
-    ----------
-    Definition.
     """
     place, wanted = start.copy(), ndtri(p)
     low, high = np.full_like(p, -reach), np.full_like(p, reach)

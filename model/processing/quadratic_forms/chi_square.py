@@ -30,10 +30,6 @@ def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
     -----
     Accurate to rounding from 1e-300 to 1 - 1e-16: Newton's method on the logarithm of the probability, with
     the residual taken from the closed form; above 1/2 on the lower tail 1 - probability, which is exact there.
-
-    References
-    ----------
-    Definition.
     """
     p = np.asarray(probability, dtype=np.float64)
     if degrees < 1:

@@ -1,4 +1,4 @@
-"""Where to cross the real axis: the saddle point of the contour integral of a tail probability.
+"""Saddle point of the contour integral of a tail probability, where the contour crosses the real axis.
 
 The tail P(Q > level) of a quadratic form is an integral over a path that leaves the real axis between the
 pole at 0 and the first singularity to the right. Everything here is made dimensionless with that singularity
