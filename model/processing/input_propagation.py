@@ -1,4 +1,4 @@
-"""Propagation of uncertain inputs to the covariance of results: by slopes, by quadrature where the response is curved."""
+"""Propagation of uncertain inputs to the covariance of results: by slopes, or by quadrature where curved."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
