@@ -16,6 +16,10 @@ Engine = Literal["own", "sasktran2"]
 Perturbation = Literal["gain", "angle-offset", "angle-sense", "extinction"]
 PERTURBATIONS: tuple[Perturbation, ...] = get_args(Perturbation)
 
+# How facets hide one another, and the form of the diffuse term, as `model.surface.pbrdf.Surface` has them.
+Shadowing = Literal["none", "v-cavity", "smith", "smith-correlated"]
+DiffuseKind = Literal["lambert", "balance", "coupled", "polarised"]
+
 
 class Dictionary(StrEnum):
     """Families of ArUco markers, by cells a side and how many markers they have."""

@@ -5,13 +5,6 @@ from typing import Annotated
 
 import typer
 
-from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.files.scene_file import load_scene
-from rigctl.reports.tables.effects_tables import effects_json, effects_table, saved_line
-from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.scene.effect_choice import with_choices
-from rigctl.scene.effect_plan import plan_effects, verify_effects
-from rigctl.scene.scene_reading import scene_of_file
 from rigctl.terminal import print_json, progress, results
 
 # A bound that does not hold is a fault of the program's own.
@@ -41,11 +34,19 @@ def command(
 
     Example: rigctl effects examples/scene-panels.toml --tolerance 0.02 --verify
     """
-    chosen = with_choices(load_scene(scene), switched_on=switched_on or [], left_out=left_out or [])
-    planned = plan_effects(
-        scene_of_file(chosen, None if noise is None else read_noise_file(noise)), tolerance=tolerance
+    from rigctl.jobs.effects import plan_scene_effects
+    from rigctl.reports.tables.effects_tables import effects_json, effects_table, saved_line
+    from rigctl.reports.writers.terminal_table import terminal_table
+
+    planned = plan_scene_effects(
+        scene,
+        tolerance=tolerance,
+        verify=verify,
+        switched_on=switched_on or (),
+        left_out=left_out or (),
+        noise=noise,
     )
-    checked = verify_effects(planned) if verify else None
+    checked = planned.verification
     if as_json:
         print_json(effects_json(planned.plan, checked) | {"remarks": list(planned.remarks)})
     else:

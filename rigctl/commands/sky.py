@@ -1,18 +1,15 @@
 """``rigctl sky``: the polarized sky of a scene."""
 
-import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rigctl.choices import Engine
-from rigctl.durable_file import write_durably
-from rigctl.files.scene_file import SceneFile, load_scene
-from rigctl.reports.sky_kinds import kinds_json, kinds_table, skies_of_kinds
-from rigctl.reports.sky_sheet import SkySheet, sky_sheet
-from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
+
+if TYPE_CHECKING:
+    from rigctl.scene.sky_map import SkyOfKind
 
 
 def command(
@@ -35,45 +32,38 @@ def command(
 
     Example: rigctl sky examples/scene-airborne.toml --compare-aerosols --out sky
     """
-    read = load_scene(scene)
+    from rigctl.jobs.sky import compute_sky
+    from rigctl.reports.tables.sky_tables import sky_json, sky_lines
+
     if compare_aerosols:
-        _compare(read, out, engine=engine, as_json=as_json)
+        _compare(scene, out, engine=engine, as_json=as_json)
         return
-    sheet = sky_sheet(read, engine=engine)
+    sky = compute_sky(scene, engine=engine, out=out)
     if out is not None:
-        _write(out, sheet)
+        progress().print(f"sky.png and sky.json in {out}", markup=False)
     if as_json:
-        print_json(sheet.as_json())
+        print_json(sky_json(sky))
         return
-    for line in sheet.lines:
+    for line in sky_lines(sky):
         results().print(line)
 
 
-def _write(out: Path, sheet: SkySheet) -> None:
-    from rigctl.reports.figures.sky_figure import sky_picture  # half a second, wanted for a picture only
+def _compare(scene: Path, out: Path | None, *, engine: Engine, as_json: bool) -> None:
+    from rigctl.jobs.sky import compute_skies_by_aerosol
+    from rigctl.reports.tables.sky_tables import kinds_json, kinds_table, sky_lines
+    from rigctl.reports.writers.terminal_table import terminal_table
 
-    out.mkdir(parents=True, exist_ok=True)
-    write_durably(out / "sky.png", sky_picture(sheet))
-    write_durably(out / "sky.json", (json.dumps(sheet.as_json(), allow_nan=False) + "\n").encode())
-    progress().print(f"sky.png and sky.json in {out}", markup=False)
-
-
-def _compare(scene: SceneFile, out: Path | None, *, engine: Engine, as_json: bool) -> None:
-    found = []
-    for one in skies_of_kinds(scene, engine=engine):
-        progress().print(f"{one.label}: computed", markup=False)
-        found.append(one)
-    kinds = tuple(found)
+    kinds = compute_skies_by_aerosol(scene, engine=engine, out=out, progress=_say)
     if out is not None:
-        from rigctl.reports.figures.sky_figure import kinds_picture  # half a second, wanted for a picture only
-
-        out.mkdir(parents=True, exist_ok=True)
-        write_durably(out / "sky-aerosols.png", kinds_picture(kinds))
-        write_durably(out / "sky-aerosols.json", (json.dumps(kinds_json(kinds), allow_nan=False) + "\n").encode())
         progress().print(f"sky-aerosols.png and sky-aerosols.json in {out}", markup=False)
     if as_json:
         print_json(kinds_json(kinds))
         return
     results().print(terminal_table(kinds_table(kinds)))
-    for line in (kinds[0].sheet.lines[0], *kinds[0].sheet.remarks[:1]):
+    own = kinds[0].sky
+    for line in (sky_lines(own)[0], *own.remarks[:1]):
         results().print(line)
+
+
+def _say(one: "SkyOfKind") -> None:
+    progress().print(f"{one.label}: computed", markup=False)

@@ -1,20 +1,11 @@
 """``rigctl surface``: what a material does to sunlight."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from model.surface.diffuse import DiffuseKind
-from model.surface.materials import surface_of
-from model.surface.shadowing import Shadowing
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError
-from rigctl.files.material_file import NM_PER_M, find_material
-from rigctl.reports.surface_sheet import SurfaceSheet, surface_sheet
-from rigctl.reports.tables.surface_tables import surface_tables
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.choices import DiffuseKind, Shadowing
 from rigctl.terminal import print_json, progress, results
 
 
@@ -35,35 +26,25 @@ def command(
 
     Example: rigctl surface black-paint --sun-zenith-deg 50 --out black-paint
     """
-    if not 0.0 <= sun_zenith_deg < 90.0:
-        raise ConfigError(f"--sun-zenith-deg: is {sun_zenith_deg:g}, must lie in [0, 90)")
-    found = find_material(material, beside=Path())
-    try:
-        surface = surface_of(found, wavelength_m=wavelength_nm / NM_PER_M, shadowing=shadowing, diffuse=diffuse)
-        sheet = surface_sheet(found, surface, wavelength_nm=wavelength_nm, sun_zenith_deg=sun_zenith_deg)
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
+    from rigctl.jobs.surface import look_at_surface
+    from rigctl.reports.tables.surface_tables import surface_json, surface_tables
+    from rigctl.reports.writers.terminal_table import terminal_table
+
+    sheet = look_at_surface(
+        material,
+        wavelength_nm=wavelength_nm,
+        sun_zenith_deg=sun_zenith_deg,
+        shadowing=shadowing,
+        diffuse=diffuse,
+        out=out,
+    )
     if out is not None:
-        _write(sheet, out)
+        progress().print(f"surface.png, hemisphere.png, surface.json in {out}")
     if as_json:
-        print_json(sheet.as_json())
+        print_json(surface_json(sheet))
         return
     for table in surface_tables(sheet):
         results().print(terminal_table(table))
         results().print()
     for finding in sheet.findings:
         results().print(f"finding: {finding}")
-
-
-def _write(sheet: SurfaceSheet, out: Path) -> None:
-    from rigctl.reports.figures import surface_figures  # half a second, wanted for plots only
-
-    contents = {
-        "surface.png": surface_figures.against_angle(sheet),
-        "hemisphere.png": surface_figures.hemisphere(sheet),
-        "surface.json": (json.dumps(sheet.as_json(), indent=2, allow_nan=False) + "\n").encode(),
-    }
-    out.mkdir(parents=True, exist_ok=True)
-    for name, data in contents.items():
-        write_durably(out / name, data)
-    progress().print(f"{', '.join(contents)} in {out}")

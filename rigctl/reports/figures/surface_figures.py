@@ -7,9 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
-from model.surface.pbrdf import mueller
 from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png
-from rigctl.reports.surface_sheet import SurfaceSheet, principal_plane
+from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
 
 FloatArray = NDArray[np.float64]
 
@@ -18,22 +17,17 @@ _UNPOLARISED, _POLARISED, _SPECULAR = PREDICTED, MEASURED, "0.45"
 _DECADES_OF_HEMISPHERE, _DECADES_OF_CURVE = 4.0, 8.0
 _MARGIN = 1.2
 _LEAST_DEGREE = 0.01
-_CURVE_DEG = np.linspace(-89.0, 89.0, 713)
-_RINGS_DEG = np.linspace(0.0, 89.0, 179)
-_ROUND_DEG = np.linspace(-180.0, 180.0, 361)
 
 
-def against_angle(sheet: SurfaceSheet) -> bytes:
+def against_angle(sheet: SurfaceSheet, maps: ReflectedMaps) -> bytes:
     """Return F00 and DoLP in the principal plane, and reflectance against the angle of incidence."""
     figure = Figure(figsize=(12.5, 3.9), layout="constrained")
     intensity, polarization, reflectance = figure.subplots(1, 3)
-    stokes = principal_plane(
-        sheet.surface, np.deg2rad(_CURVE_DEG), sun_zenith_rad=float(np.deg2rad(sheet.sun_zenith_deg))
-    )
-    intensity.semilogy(_CURVE_DEG, _positive(stokes[:, 0]), color=_UNPOLARISED)
+    stokes = maps.curve_stokes
+    intensity.semilogy(maps.curve_deg, _positive(stokes[:, 0]), color=_UNPOLARISED)
     intensity.set_ylim(*_shown_range(stokes[:, 0], _DECADES_OF_CURVE))
     intensity.set_ylabel("F00 [1/sr]")
-    polarization.plot(_CURVE_DEG, _degree(stokes), color=_UNPOLARISED)
+    polarization.plot(maps.curve_deg, _degree(stokes), color=_UNPOLARISED)
     polarization.set_ylabel("DoLP of unpolarised light")
     polarization.set_ylim(-0.02, 1.02)
     for ax in (intensity, polarization):
@@ -43,21 +37,18 @@ def against_angle(sheet: SurfaceSheet) -> bytes:
     return png(figure)
 
 
-def hemisphere(sheet: SurfaceSheet) -> bytes:
+def hemisphere(sheet: SurfaceSheet, maps: ReflectedMaps) -> bytes:
     """Return F00 and DoLP over all directions of the camera, seen from above, the sun's azimuth at the top."""
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
-    azimuth_rad, zenith_rad = np.meshgrid(np.deg2rad(_ROUND_DEG), np.deg2rad(_RINGS_DEG))
-    # Compass azimuths run clockwise from above; phi is the sun's less the camera's.
-    matrix = mueller(np.deg2rad(sheet.sun_zenith_deg), zenith_rad, -azimuth_rad, surface=sheet.surface)
-    stokes = matrix[..., 0]
+    azimuth_rad, stokes = np.deg2rad(maps.azimuth_deg), maps.hemisphere_stokes
     brightness, degree = _positive(stokes[..., 0]), _degree(stokes)
-    maps = (
+    panels = (
         (brightness, LogNorm(*_shown_range(stokes[..., 0], _DECADES_OF_HEMISPHERE)), "F00 [1/sr]", "viridis"),
         (degree, Normalize(0.0, np.nanmax(degree, initial=_LEAST_DEGREE)), "DoLP of unpolarised light", "magma"),
     )
     axes = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
-    for ax, (values, norm, label, cmap) in zip(axes, maps, strict=True):
-        shown = ax.pcolormesh(azimuth_rad, np.rad2deg(zenith_rad), values, norm=norm, cmap=cmap, shading="gouraud")
+    for ax, (values, norm, label, cmap) in zip(axes, panels, strict=True):
+        shown = ax.pcolormesh(azimuth_rad, maps.zenith_deg, values, norm=norm, cmap=cmap, shading="gouraud")
         _finish_hemisphere(ax, sheet.sun_zenith_deg)
         figure.colorbar(shown, ax=ax, label=label, shrink=0.8, extend="min" if isinstance(norm, LogNorm) else "neither")
     figure.suptitle(_title(sheet))

@@ -1,10 +1,16 @@
-"""Tables of a material."""
+"""A material as tables, and as JSON."""
 
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any
 
-from rigctl.reports.surface_sheet import PropertyValue, Reflectance, ReflectedLight, SurfaceSheet
 from rigctl.reports.table import Column, Table
+from rigctl.scene.reflected_light import PropertyValue, Reflectance, ReflectedLight, SurfaceSheet
+
+
+def surface_json(sheet: SurfaceSheet) -> dict[str, Any]:
+    """Return all that is said of a material as plain data."""
+    return asdict(sheet)
 
 
 def surface_tables(sheet: SurfaceSheet) -> Iterable[Table[Any]]:

@@ -10,6 +10,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.scene.effect_choice import acting_effects, with_choices
 from rigctl.scene.effect_plan import plan_effects, verify_effects
 from rigctl.scene.scene_prediction import ScenePredictor
+from rigctl.scene.scene_reading import scene_of_file
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
 PANELS = EXAMPLES / "scene-panels.toml"
@@ -111,7 +112,7 @@ def test_planner_and_accuracy_share_a_tolerance():
 
 
 def test_verification_counts_what_is_left_out_only():
-    planned = plan_effects(load_scene(PANELS), None, tolerance=0.02)
+    planned = plan_effects(scene_of_file(load_scene(PANELS)), tolerance=0.02)
     checked = verify_effects(planned)
     assert {one.effect for one in checked.checked} == ALL - planned.plan.active
     assert checked.violations == ()

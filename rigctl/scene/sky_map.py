@@ -1,15 +1,19 @@
-"""The sky of a scene in numbers: Stokes radiance over the hemisphere, and what is to be known of it."""
+"""The sky of a scene: Stokes radiance over the hemisphere, of its own aerosol or of one kind after another."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.atmosphere.aerosol.models import AerosolType
+from model.atmosphere.lighting.fidelity import Fidelity
+from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.illumination import Illumination
 from model.stokes import dolp
 from rigctl.choices import Engine
 from rigctl.errors import ConfigError
+from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_reading import scene_of_file
@@ -17,13 +21,12 @@ from rigctl.scene.skies.engine import require_engine
 
 FloatArray = NDArray[np.float64]
 
-SCHEMA_VERSION = 1
 _ZENITH_DEG = np.arange(0.0, 90.1, 2.0)
 _AZIMUTH_DEG = np.arange(0.0, 360.1, 4.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SkySheet:
+class SkyMap:
     """A sky.
 
     Attributes
@@ -66,44 +69,35 @@ class SkySheet:
         place = np.unravel_index(int(np.argmax(self.dolp)), self.dolp.shape)
         return float(self.dolp[place]), float(self.zenith_deg[place[0]]), float(self.azimuth_deg[place[1]])
 
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """What is to be known of this sky, in words."""
-        degree, zenith_deg, azimuth_deg = self.largest_dolp
-        return (
-            f"sun: zenith {self.sun_zenith_deg:.2f} deg, azimuth {self.sun_azimuth_deg:.2f} deg",
-            (
-                f"irradiance in band: beam {self.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
-                f"{self.sky_irradiance:.4g} W m-2 on level ground"
-            ),
-            f"largest DoLP {degree:.3f} at zenith {zenith_deg:.0f} deg, azimuth {azimuth_deg:.0f} deg",
-            *self.remarks,
-        )
 
-    @property
-    def title_lines(self) -> tuple[str, ...]:
-        """Heading of a figure."""
-        return (f"{self.name}: north at the top, azimuth clockwise, horizon outside", self.lines[0], *self.remarks[:1])
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SkyOfKind:
+    """The sky with one kind of aerosol.
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the sky as JSON holds it."""
-        degree, zenith_deg, azimuth_deg = self.largest_dolp
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "scene": self.name,
-            "sun": {"zenith_deg": self.sun_zenith_deg, "azimuth_deg": self.sun_azimuth_deg},
-            "direct_irradiance": self.direct_irradiance,
-            "sky_irradiance": self.sky_irradiance,
-            "largest_dolp": {"dolp": degree, "zenith_deg": zenith_deg, "azimuth_deg": azimuth_deg},
-            "relative_error": self.relative_error,
-            "zenith_deg": self.zenith_deg.tolist(),
-            "azimuth_deg": self.azimuth_deg.tolist(),
-            "stokes": self.stokes.tolist(),
-            "remarks": list(self.remarks),
-        }
+    Attributes
+    ----------
+    label : str
+        What scatters, in words.
+    is_chosen : bool
+        Whether the scene file has it so.
+    sky : SkyMap
+        Its sky.
+    """
+
+    label: str
+    is_chosen: bool
+    sky: SkyMap
 
 
-def sky_sheet(scene: SceneFile, *, engine: Engine = "own") -> SkySheet:
+@dataclass(frozen=True, kw_only=True)
+class SkyDifference:
+    """Difference of two skies: of S0, relative, rms over the solid angle; of DoLP, the largest."""
+
+    s0_rms: float
+    largest_dolp: float
+
+
+def sky_map(scene: SceneFile, *, engine: Engine = "own") -> SkyMap:
     """Return the sky of a scene file.
 
     Parameters
@@ -126,12 +120,12 @@ def sky_sheet(scene: SceneFile, *, engine: Engine = "own") -> SkySheet:
     require_engine(engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
     light = SceneLight(engine=engine)
     record = scene_of_file(scene)
-    return _sheet(scene.name, light.illumination(record), remarks=light.remarks(record))
+    return _map(scene.name, light.illumination(record), remarks=light.remarks(record))
 
 
-def _sheet(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> SkySheet:
+def _map(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> SkyMap:
     phi_rad = illumination.sun_azimuth_rad - np.deg2rad(_AZIMUTH_DEG)
-    return SkySheet(
+    return SkyMap(
         name=name,
         zenith_deg=_ZENITH_DEG,
         azimuth_deg=_AZIMUTH_DEG,
@@ -142,4 +136,43 @@ def _sheet(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -
         sky_irradiance=illumination.sky_irradiance,
         relative_error=illumination.diffuse_radiance.relative_error,
         remarks=remarks,
+    )
+
+
+def skies_of_kinds(scene: SceneFile, *, engine: Engine = "own") -> Iterator[SkyOfKind]:
+    """Yield the sky of a scene for each kind of aerosol: that of the file first, its depth at 550 nm in all of them.
+
+    Raises
+    ------
+    ConfigError
+        The scene's sky is a table, which has one aerosol, or cannot be computed.
+    """
+    own = scene.atmosphere
+    if own is None or own.tier is Fidelity.TABLE:
+        raise ConfigError(f"--compare-aerosols: {scene.name} has no atmosphere that is computed; a table's sky is one")
+    for label, air in _kinds(own):
+        changed = scene.model_copy(update={"atmosphere": air.model_copy(update={"alternative": None})})
+        yield SkyOfKind(label=label, is_chosen=air is own, sky=sky_map(changed, engine=engine))
+
+
+def _kinds(own: AtmosphereSection) -> Iterable[tuple[str, AtmosphereSection]]:
+    """Yield what the file says; then the other kinds of the same aerosol; then spheres of others below 2 km."""
+    name = own.aerosol_type.value if own.own_aerosol is None else own.own_aerosol.name
+    yield f"{own.aerosol}, {name}", own
+    for kind in AerosolKind:
+        if kind is not own.aerosol:
+            yield f"{kind}, {name}", own.model_copy(update={"aerosol": kind})
+    for other in AerosolType:
+        if own.own_aerosol is not None or other is not own.aerosol_type:
+            update = {"aerosol": AerosolKind.SPHERES, "aerosol_type": other, "own_aerosol": None}
+            yield f"{AerosolKind.SPHERES}, {other.value}", own.model_copy(update=update)
+
+
+def sky_difference(sky: SkyMap, reference: SkyMap) -> SkyDifference:
+    """Return how far a sky is from another."""
+    weight = np.sin(np.deg2rad(reference.zenith_deg))[:, np.newaxis] * np.ones(reference.azimuth_deg.size)
+    ratio = sky.stokes[..., 0] / reference.stokes[..., 0] - 1.0
+    return SkyDifference(
+        s0_rms=float(np.sqrt(np.average(ratio**2, weights=weight))),
+        largest_dolp=float(np.max(np.abs(sky.dolp - reference.dolp))),
     )

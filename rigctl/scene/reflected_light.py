@@ -1,7 +1,6 @@
-"""What a material does to sunlight, in numbers: reflection in the principal plane, reflectance, and their sources."""
+"""Light that a material reflects: in the principal plane, over the hemisphere, and in all; with its sources."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,10 @@ FloatArray = NDArray[np.float64]
 
 _CAMERA_ZENITHS_DEG = np.arange(-85.0, 86.0, 5.0)
 _SUN_ZENITHS_DEG = np.append(np.arange(0.0, 81.0, 10.0), [85.0, 89.0])
+# As fine as a figure shows it.
+_CURVE_DEG = np.linspace(-89.0, 89.0, 713)
+_RINGS_DEG = np.linspace(0.0, 89.0, 179)
+_ROUND_DEG = np.linspace(-180.0, 180.0, 361)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +109,24 @@ class SurfaceSheet:
     reflectance: tuple[Reflectance, ...]
     findings: tuple[str, ...]
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the content as plain data."""
-        return asdict(self)
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReflectedMaps:
+    """Unpolarised light after reflection: Stokes radiance by irradiance [sr^-1], as finely as a figure shows it.
+
+    Attributes
+    ----------
+    curve_deg, curve_stokes : (N,), (N, 3) arrays
+        Over the camera's zenith angle in the principal plane, as `ReflectedLight` counts it.
+    zenith_deg, azimuth_deg, hemisphere_stokes : (Z,), (A,), (Z, A, 3) arrays
+        Over all directions of the camera; azimuth from the sun's, clockwise from above.
+    """
+
+    curve_deg: FloatArray
+    curve_stokes: FloatArray
+    zenith_deg: FloatArray
+    azimuth_deg: FloatArray
+    hemisphere_stokes: FloatArray
 
 
 def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float, sun_zenith_deg: float) -> SurfaceSheet:
@@ -135,6 +153,21 @@ def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float,
         principal_plane=tuple(_light(angle, row) for angle, row in zip(_CAMERA_ZENITHS_DEG, stokes, strict=True)),
         reflectance=_reflectances(surface),
         findings=findings(surface),
+    )
+
+
+def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> ReflectedMaps:
+    """Return the light that a surface reflects into the principal plane and over the hemisphere."""
+    sun_zenith_rad = float(np.deg2rad(sun_zenith_deg))
+    azimuth_rad, zenith_rad = np.meshgrid(np.deg2rad(_ROUND_DEG), np.deg2rad(_RINGS_DEG))
+    # Compass azimuths run clockwise from above; phi is the sun's less the camera's.
+    matrix = mueller(sun_zenith_rad, zenith_rad, -azimuth_rad, surface=surface)
+    return ReflectedMaps(
+        curve_deg=_CURVE_DEG,
+        curve_stokes=principal_plane(surface, np.deg2rad(_CURVE_DEG), sun_zenith_rad=sun_zenith_rad),
+        zenith_deg=_RINGS_DEG,
+        azimuth_deg=_ROUND_DEG,
+        hemisphere_stokes=matrix[..., 0],
     )
 
 

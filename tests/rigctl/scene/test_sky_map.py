@@ -7,8 +7,8 @@ from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.reports.figures.sky_figure import kinds_picture
-from rigctl.reports.sky_kinds import kinds_json, skies_of_kinds
-from rigctl.reports.sky_sheet import sky_sheet
+from rigctl.reports.tables.sky_tables import kinds_json
+from rigctl.scene.sky_map import skies_of_kinds, sky_map
 from tests.rigctl.scene_texts import SCENE, written
 
 ONE_WAVELENGTH = SCENE.replace("wavelengths = 2", "wavelengths = 1")
@@ -35,12 +35,12 @@ def test_the_file_stands_first_and_every_kind_once(kinds):
 
 
 def test_the_depth_at_550_nm_is_that_of_the_file_in_all_of_them(kinds):
-    depths = {one.sheet.remarks[0].split(";")[0] for one in kinds}
+    depths = {one.sky.remarks[0].split(";")[0] for one in kinds}
     assert len(depths) == 1
 
 
 def test_spheres_polarize_most_and_a_depolarizing_aerosol_least(kinds):
-    largest = [one.sheet.largest_dolp[0] for one in kinds[:3]]
+    largest = [one.sky.largest_dolp[0] for one in kinds[:3]]
     assert largest == sorted(largest)
     assert largest[2] > 1.5 * largest[0]
 
@@ -48,7 +48,7 @@ def test_spheres_polarize_most_and_a_depolarizing_aerosol_least(kinds):
 def test_differences_are_from_the_sky_of_the_file(kinds):
     found = kinds_json(kinds)["kinds"]
     assert found[0]["difference"] == {"s0_rms": 0.0, "largest_dolp": 0.0}
-    expected = np.max(np.abs(kinds[2].sheet.dolp - kinds[0].sheet.dolp))
+    expected = np.max(np.abs(kinds[2].sky.dolp - kinds[0].sky.dolp))
     assert found[2]["difference"]["largest_dolp"] == pytest.approx(expected)
 
 
@@ -67,8 +67,8 @@ def test_a_doubt_about_the_kind_is_left_out_of_the_comparison(tmp_path):
     doubt = '[atmosphere.alternative]\naerosol = "spheres"\nshare = 0.5\n'
     text = ONE_WAVELENGTH.replace('tier = "fast"', 'tier = "single"').replace("[[regions]]", doubt + "[[regions]]", 1)
     scene = load_scene(written(tmp_path, text))
-    mixed, alone = sky_sheet(scene), next(iter(skies_of_kinds(scene)))
-    assert mixed.largest_dolp[0] > 1.1 * alone.sheet.largest_dolp[0]
+    mixed, alone = sky_map(scene), next(iter(skies_of_kinds(scene)))
+    assert mixed.largest_dolp[0] > 1.1 * alone.sky.largest_dolp[0]
 
 
 def test_a_scene_without_a_computed_atmosphere_is_refused(tmp_path):

@@ -1,0 +1,68 @@
+"""Planning which effects a scene calls for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from model.effects.planner import EffectPlan
+from rigctl.calibrations.noise.noise_file import read_noise_file
+from rigctl.files.scene_file import load_scene
+from rigctl.scene.effect_choice import with_choices
+from rigctl.scene.effect_plan import Verification, plan_effects, verify_effects
+from rigctl.scene.scene_reading import scene_of_file
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedEffects:
+    """Every effect of the model with the decision on it.
+
+    Attributes
+    ----------
+    plan : EffectPlan
+        The decisions.
+    verification : Verification or None
+        What leaving out truly changes, where that was asked for.
+    remarks : tuple of str
+        What is assumed.
+    """
+
+    plan: EffectPlan
+    verification: Verification | None
+    remarks: tuple[str, ...]
+
+
+def plan_scene_effects(
+    scene: Path,
+    *,
+    tolerance: float = 0.01,
+    verify: bool = False,
+    switched_on: Sequence[str] = (),
+    left_out: Sequence[str] = (),
+    noise: Path | None = None,
+) -> PlannedEffects:
+    """Return which effects a scene calls for, and why.
+
+    Parameters
+    ----------
+    scene : Path
+        Scene file.
+    tolerance : float
+        Of a prediction, 1e-9 to 1; effects may take half of it.
+    verify : bool
+        Evaluate what is left out, and its time.
+    switched_on, left_out : sequence of str
+        Names of effects that are forced.
+    noise : Path or None
+        Noise calibration, in place of the assumed noise.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, a number is outside its range, or there is no such effect.
+    """
+    chosen = with_choices(load_scene(scene), switched_on=switched_on, left_out=left_out)
+    record = scene_of_file(chosen, None if noise is None else read_noise_file(noise))
+    planned = plan_effects(record, tolerance=tolerance)
+    return PlannedEffects(
+        plan=planned.plan, verification=verify_effects(planned) if verify else None, remarks=planned.remarks
+    )

@@ -1,0 +1,54 @@
+"""Looking at what a material does to sunlight."""
+
+from pathlib import Path
+
+from model.surface.diffuse import DiffuseKind
+from model.surface.materials import surface_of
+from model.surface.shadowing import Shadowing
+from rigctl.errors import ConfigError
+from rigctl.files.material_file import NM_PER_M, find_material
+from rigctl.scene.reflected_light import SurfaceSheet, reflected_maps, surface_sheet
+
+
+def look_at_surface(
+    material: str,
+    *,
+    wavelength_nm: float = 550.0,
+    sun_zenith_deg: float = 45.0,
+    shadowing: Shadowing = "v-cavity",
+    diffuse: DiffuseKind = "coupled",
+    out: Path | None = None,
+) -> SurfaceSheet:
+    """Return DoLP and reflectance of a material against angle, and where its values come from.
+
+    Parameters
+    ----------
+    material : str
+        Name in the library, or path of a material file.
+    wavelength_nm : float
+        Wavelength in air, within the material's tables.
+    sun_zenith_deg : float
+        Angle of the sun from the normal, 0 to below 90.
+    shadowing, diffuse : str
+        As `model.surface.pbrdf.Surface` has them.
+    out : Path or None
+        Folder for surface.png, hemisphere.png and surface.json.
+
+    Raises
+    ------
+    ConfigError
+        There is no such material, or a number is outside its range.
+    """
+    if not 0.0 <= sun_zenith_deg < 90.0:
+        raise ConfigError(f"--sun-zenith-deg: is {sun_zenith_deg:g}, must lie in [0, 90)")
+    found = find_material(material, beside=Path())
+    try:
+        surface = surface_of(found, wavelength_m=wavelength_nm / NM_PER_M, shadowing=shadowing, diffuse=diffuse)
+        sheet = surface_sheet(found, surface, wavelength_nm=wavelength_nm, sun_zenith_deg=sun_zenith_deg)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    if out is not None:
+        from rigctl.reports.surface_files import write_surface  # half a second, wanted for plots only
+
+        write_surface(sheet, reflected_maps(surface, sun_zenith_deg=sun_zenith_deg), out)
+    return sheet
