@@ -1,0 +1,188 @@
+"""The joint fit of all faults of a run to what its redundant angles leave over."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.processing.diagnosis.causes import PER_FRAME, SHARED, Cause, parameter_count
+from model.processing.diagnosis.correction import corrected_pictures, corrected_system, frame_faults
+from model.processing.diagnosis.evidence import Evidence, Weigher, best_set, estimates
+from model.processing.diagnosis.samples import block_samples, usable_with_neighbours
+from model.processing.diagnosis.scores import Scores, score_covariance, tile_scores
+
+FloatArray = NDArray[np.float64]
+
+# Chance of finding anything where nothing is wrong.
+FALSE_FINDING_RATE = 0.01
+# Of the regressor of a curved response, root mean square, that is left after throughputs, angles and dark levels.
+LEAST_SHARE_LEFT = 0.05
+# What fine structure between pixels feigns as a curved response (standard deviation).
+_RESPONSE_FLOOR = 0.004
+_PASSES, _ROUNDS, _MOST_CAUSES, _LEAST_TILES = 8, 4, 6, 12
+# Last steps of a fit are below this share of a standard error.
+_SETTLED = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointFit:
+    """What a run says of its faults, about those that explain it best.
+
+    Attributes
+    ----------
+    evidence
+        Of all causes.
+    weigher
+        Of sets of them.
+    candidates
+        Numbers of the causes that this run can show.
+    named
+        Numbers of the causes that explain the run best, the strongest first.
+    parameters : (P,) array
+        Of single frames and the response, as the named causes make them.
+    light
+        Mean counts, to which a curved response refers [DN].
+    """
+
+    evidence: Evidence
+    weigher: Weigher
+    candidates: NDArray[np.intp]
+    named: tuple[int, ...]
+    parameters: FloatArray
+    light: float
+
+
+def fit_faults(
+    system: FloatArray,
+    pictures: FloatArray,
+    usable: NDArray[np.bool_],
+    causes: tuple[Cause, ...],
+    *,
+    light: float,
+    offsets: FloatArray,
+) -> JointFit | None:
+    """Return the faults that explain best what redundant angles leave over; None where too few pixels are usable.
+
+    Parameters
+    ----------
+    system
+        Rows of the frames, shape (N, 3), N > 3.
+    pictures
+        Counts, dark level taken off, shape (N, H, W) [DN].
+    usable
+        Pixels that are neither missing nor clipped in any frame, shape (H, W).
+    causes
+        That are looked for.
+    light
+        Mean counts [DN].
+    offsets
+        By how much rounding may have moved the level of each frame (standard deviation), shape (N,) [DN].
+
+    Notes
+    -----
+    Gauss and Newton: faults found are taken out of the pictures and the design, and the fit is made about them, until
+    neither the set nor its sizes change.
+    """
+    near = usable_with_neighbours(usable)
+    parameters = np.zeros(parameter_count(len(pictures)))
+    named: tuple[int, ...] | None = None
+    for _ in range(_PASSES):
+        scores = _scores_about(system, pictures, near, parameters, light)
+        if scores.tiles < _LEAST_TILES:
+            return None
+        fit = _fit_about(scores, parameters, causes, light, offsets)
+        settled = fit.named == named and _is_settled(fit, parameters)
+        named, parameters = fit.named, fit.parameters
+        if settled or not named:
+            break
+    return fit
+
+
+def share_left(evidence: Evidence, index: int) -> float:
+    """Return what is left of the regressor of a cause after throughputs, angles and dark levels, root mean square."""
+    information = 0.5 * (evidence.information + evidence.information.T)
+    count = (len(information) - len(SHARED)) // len(PER_FRAME) * 3
+    direction = evidence.causes[index].directions[:, 0]
+    own = float(direction @ information @ direction)
+    size = np.sqrt(np.maximum(np.diag(information)[:count], 0.0))
+    held = size > 0.0
+    if not own > 0.0 or not held.any():
+        return 0.0
+    others = information[:count, :count][np.ix_(held, held)] / np.outer(size[held], size[held])
+    cross = (information[:count] @ direction)[held] / size[held]
+    values, vectors = np.linalg.eigh(others)
+    kept = values > 1e-7
+    along = vectors[:, kept].T @ cross
+    return float(np.sqrt(max(0.0, 1.0 - float(np.sum(along**2 / values[kept])) / own)))
+
+
+def _scores_about(
+    system: FloatArray, pictures: FloatArray, near: NDArray[np.bool_], parameters: FloatArray, light: float
+) -> Scores:
+    faults = frame_faults(parameters, len(pictures))
+    design, turned = corrected_system(system, faults)
+    straight = corrected_pictures(pictures, faults, light=light)
+    return tile_scores(design.null_basis, block_samples(design, turned, straight, near, faults=faults, light=light))
+
+
+def _fit_about(
+    scores: Scores, parameters: FloatArray, causes: tuple[Cause, ...], light: float, offsets: FloatArray
+) -> JointFit:
+    """Return the fit, with errors from what is left once the causes that it names are taken out."""
+    information = scores.information.sum(axis=0)
+    right = scores.right.sum(axis=0) + information @ parameters
+    about = _everything(causes, information, right)
+    chosen: tuple[int, ...] | None = None
+    for _ in range(_ROUNDS):
+        covariance = score_covariance(scores, about - parameters) + _unseen(information, offsets)
+        evidence = Evidence(
+            causes=causes, information=information, covariance=covariance, right=right, tiles=scores.tiles
+        )
+        weigher, candidates = Weigher(evidence), _candidates(evidence)
+        again = best_set(evidence, weigher, candidates, alpha=FALSE_FINDING_RATE, most=_MOST_CAUSES)
+        about = _sum_of(evidence, again)
+        if again == chosen:
+            break
+        chosen = again
+    return JointFit(
+        evidence=evidence, weigher=weigher, candidates=candidates, named=again, parameters=about, light=light
+    )
+
+
+def _unseen(information: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Return the covariance of scores by rounding, and by what feigns a curved response."""
+    frames = len(offsets)
+    level = PER_FRAME.index("dark level") * frames
+    offset = information[:, level : level + frames] * offsets
+    feigned = information[:, len(PER_FRAME) * frames :] * _RESPONSE_FLOOR
+    return np.asarray(offset @ offset.T + feigned @ feigned.T)
+
+
+def _candidates(evidence: Evidence) -> NDArray[np.intp]:
+    testable = [
+        index
+        for index, cause in enumerate(evidence.causes)
+        if cause.name not in SHARED or share_left(evidence, index) > LEAST_SHARE_LEFT
+    ]
+    return np.array(testable, dtype=np.intp)
+
+
+def _everything(causes: tuple[Cause, ...], information: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the sizes of all faults at once, each held by what is expected of rigs."""
+    expected = np.column_stack([cause.directions * cause.expected for cause in causes])
+    prior = expected @ expected.T
+    return np.asarray(prior @ np.linalg.solve(np.eye(len(right)) + information @ prior, right))
+
+
+def _sum_of(evidence: Evidence, chosen: tuple[int, ...]) -> FloatArray:
+    total = np.zeros(len(evidence.right))
+    if chosen:
+        fitted = estimates(evidence, chosen)
+        for index, part in zip(chosen, fitted.parts, strict=True):
+            total += evidence.causes[index].directions @ fitted.values[part]
+    return total
+
+
+def _is_settled(fit: JointFit, before: FloatArray) -> bool:
+    moved = fit.evidence.information @ (fit.parameters - before)
+    return bool(np.all(np.abs(moved) <= _SETTLED * np.sqrt(np.diag(fit.evidence.covariance)) + 1e-300))

@@ -1,0 +1,151 @@
+"""Normal equations of the joint fit of all faults, and how much their right side scatters from tile to tile."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from model.processing.diagnosis.causes import PER_FRAME, SHARED
+from model.processing.diagnosis.samples import Samples
+
+FloatArray = NDArray[np.float64]
+
+# Tiles are this many blocks wide: wider than blur and mosaics reach; in large pictures wider, so that they stay few.
+_TILE_BLOCKS, _LARGE_TILE_BLOCKS, _LARGE_BLOCKS = 3, 5, 8000
+# Coarser tiles are made of 2 x 2, 4 x 4 ... of them while there are at least so many.
+_LEAST_COARSE_TILES = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scores:
+    """Sums over tiles: information A and right side b of A x = b.
+
+    Attributes
+    ----------
+    information : (T, P, P) array
+        Of each tile.
+    right : (T, P) array
+        Of each tile.
+    grid : (int, int)
+        Tiles down and across.
+    """
+
+    information: FloatArray
+    right: FloatArray
+    grid: tuple[int, int]
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles that hold anything."""
+        return int(np.count_nonzero(np.einsum("tii->t", self.information) > 0.0))
+
+
+def tile_scores(null_basis: FloatArray, samples: Samples) -> Scores:
+    """Return the normal equations of every tile, weighted by the noise that the residual shows.
+
+    Parameters
+    ----------
+    null_basis
+        Of the design, shape (N, N - 3).
+    samples
+        Block means.
+    """
+    frames = len(null_basis)
+    side = _LARGE_TILE_BLOCKS if samples.pixels.size > _LARGE_BLOCKS else _TILE_BLOCKS
+    weights = samples.pixels / _variance_of_a_pixel(samples)
+    features, grid = _tiled(samples.features, side)
+    instruments, _ = _tiled(samples.instruments, side)
+    residual, _ = _tiled(samples.residual, side)
+    weight, _ = _tiled(weights[None], side)
+    onto = null_basis @ null_basis.T
+    repeats = features.shape[1] // frames
+    products = np.matmul(instruments * weight, features.transpose(0, 2, 1)) * np.tile(onto, (repeats, repeats))
+    rights = np.sum(instruments * weight * np.tile(residual, (1, repeats, 1)), axis=2)
+    gather = _gathered(frames)
+    return Scores(information=np.asarray(gather @ products @ gather.T), right=np.asarray(rights @ gather.T), grid=grid)
+
+
+def score_covariance(scores: Scores, parameters: FloatArray) -> FloatArray:
+    """Return the covariance of the sum of the right sides, from what a fit leaves in tiles.
+
+    Parameters
+    ----------
+    scores
+        Of the tiles.
+    parameters
+        Of the fit, shape (P,).
+
+    Notes
+    -----
+    Tiles are taken as independent. Where coarser tiles scatter by more than that allows (shading, fringes), the
+    errors of the parameters concerned are widened to what the coarser ones show.
+    """
+    left = scores.right - scores.information @ parameters
+    covariance = _scatter(left)
+    own = np.diag(covariance).copy()
+    widening = np.ones(len(own))
+    coarse = left.reshape(*scores.grid, -1)
+    while (coarse := _merged(coarse)).shape[0] * coarse.shape[1] >= _LEAST_COARSE_TILES:
+        flat = coarse.reshape(-1, coarse.shape[-1])
+        ratio = np.diag(_scatter(flat)) / np.where(own > 0.0, own, np.inf)
+        # What independent tiles exceed by chance is no widening.
+        chance = 3.0 * np.sqrt(2.0 / len(flat))
+        widening = np.where(ratio > 1.0 + chance, np.maximum(widening, ratio), widening)
+    factor = np.sqrt(widening)
+    return np.asarray(covariance * factor[:, None] * factor[None, :])
+
+
+def _scatter(scores: FloatArray) -> FloatArray:
+    held = scores[np.any(scores != 0.0, axis=1)]
+    count = len(held)
+    if count < 2:
+        return np.zeros((scores.shape[1], scores.shape[1]))
+    centred = held - held.mean(axis=0)
+    return np.asarray(centred.T @ centred * (count / (count - 1.0)))
+
+
+def _merged(scores: FloatArray) -> FloatArray:
+    padded = np.pad(scores, ((0, scores.shape[0] % 2), (0, scores.shape[1] % 2), (0, 0)))
+    rows, columns = padded.shape[0] // 2, padded.shape[1] // 2
+    return np.asarray(padded.reshape(rows, 2, columns, 2, -1).sum(axis=(1, 3)))
+
+
+def _variance_of_a_pixel(samples: Samples) -> FloatArray:
+    """Return the variance that one pixel's residual shows, block by block: of a level, of the light and at edges."""
+    held = samples.pixels > 0
+    squares = (np.mean(samples.residual**2, axis=0) * samples.pixels)[held]
+    light = np.clip(samples.light[held], 0.0, None)
+    parts = np.column_stack([np.ones_like(light), light, light**2, samples.steepness[held]])
+    if not held.any():
+        return np.full(samples.pixels.shape, np.inf)
+    level = float(np.median(squares)) / 0.455 + 1e-300
+    sizes = parts.max(axis=0) + (parts.max(axis=0) == 0.0)
+    expected = np.full_like(light, level)
+    for _ in range(3):
+        # Blocks far off what is expected (things that moved) do not make the noise.
+        kept = np.minimum(squares, 9.0 * expected)
+        found = nnls(parts / sizes / expected[:, None], kept / expected)[0]
+        expected = np.maximum(parts / sizes @ found, 0.05 * level)
+    variance = np.full(samples.pixels.shape, np.inf)
+    variance[held] = expected
+    return variance
+
+
+def _gathered(frames: int) -> FloatArray:
+    """Return the matrix that sums features of all frames for what frames share."""
+    alone = len(PER_FRAME) * frames
+    matrix = np.zeros((alone + len(SHARED), alone + len(SHARED) * frames))
+    matrix[:alone, :alone] = np.eye(alone)
+    for index in range(len(SHARED)):
+        matrix[alone + index, alone + index * frames : alone + (index + 1) * frames] = 1.0
+    return matrix
+
+
+def _tiled(images: FloatArray, side: int) -> tuple[FloatArray, tuple[int, int]]:
+    """Return images (P, R, C) cut into tiles (T, P, side^2), filled up with nothing at the far edges."""
+    rows, columns = images.shape[1:]
+    padded = np.pad(images, ((0, 0), (0, -rows % side), (0, -columns % side)))
+    down, across = padded.shape[1] // side, padded.shape[2] // side
+    cut = padded.reshape(len(images), down, side, across, side).transpose(1, 3, 0, 2, 4)
+    return np.ascontiguousarray(cut).reshape(down * across, len(images), side * side), (down, across)

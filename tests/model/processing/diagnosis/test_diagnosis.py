@@ -1,0 +1,117 @@
+"""Diagnosis of runs of the generator of world-like frames, which shares no formula with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
+from model.processing.reconstruction import design
+from tests.worldlike import Faults, World, expose, random_world
+
+CLEAN_SEEDS = range(24)
+FOUND_SEEDS = range(3)
+
+
+def _diagnosed(world: World, faults: Faults, seed: int) -> Diagnosis:
+    frames = expose(world, faults, np.random.default_rng(seed))
+    angles_rad = np.radians(world.angles_deg)
+    usable = np.all((frames > 0) & (frames < world.full_scale_dn), axis=0)
+    counts = frames.astype(np.float64) - world.black_dn
+    times = range(len(frames))
+    return diagnose(design(angles_rad), counts, usable, angles_rad=angles_rad, times=times, step=1.0)
+
+
+def _world(seed: int) -> World:
+    return random_world(np.random.default_rng(seed), full_scale_dn=4095, black_dn=100.0)
+
+
+def _named(found: Diagnosis) -> list[tuple[str, int | None]]:
+    return [(term.name, term.frame) for term in found.terms if term.is_named]
+
+
+def _term(found: Diagnosis, name: str, frame: int | None) -> Term:
+    return next(term for term in found.terms if (term.name, term.frame) == (name, frame))
+
+
+def test_runs_without_a_fault_show_none() -> None:
+    found = [_diagnosed(random_world(np.random.default_rng(seed)), Faults(), seed) for seed in CLEAN_SEEDS]
+    assert sum(one.first is not None for one in found) <= 1
+
+
+@pytest.mark.parametrize("seed", FOUND_SEEDS)
+@pytest.mark.parametrize(
+    ("faults", "name", "frame", "size"),
+    [
+        (Faults(throughput={1: 0.03}), "throughput", 1, 0.03),
+        (Faults(angle_deg={2: 2.5}), "angle", 2, np.radians(2.5)),
+        (Faults(shift_pixels={3: (1.2, -0.7)}), "shift", 3, np.hypot(1.2, 0.7)),
+        (Faults(throughput={0: 0.02, 2: 0.02}), "throughput of pairs", None, 0.02 / 1.01),
+        (Faults(drift=0.01), "drift", None, 0.03 / 1.015),
+    ],
+)
+def test_a_single_fault_is_named_first_with_its_size(
+    faults: Faults, name: str, frame: int | None, size: float, seed: int
+) -> None:
+    found = _diagnosed(_world(seed), faults, seed)
+    assert found.first is not None
+    alike = {(found.first.name, found.first.frame), *found.first.confused_with}
+    assert (name, frame) in alike
+    term = _term(found, name, frame)
+    assert term.value is not None
+    assert term.std_error is not None
+    # A common factor of the light cannot be seen: sizes are known to their own size relatively.
+    assert abs(term.value - size) < 4.5 * term.std_error + size**2
+
+
+@pytest.mark.parametrize("tone", [0.8, 0.9, 1.25])
+@pytest.mark.parametrize("seed", FOUND_SEEDS)
+def test_a_tone_curve_is_named_as_a_response(tone: float, seed: int) -> None:
+    found = _diagnosed(replace(_world(seed), black_dn=0.0), Faults(tone=tone), seed)
+    assert found.first is not None
+    assert found.first.name.startswith("response")
+    assert _term(found, "response power law", None).value == pytest.approx(tone - 1.0, abs=0.03)
+
+
+def test_a_wrong_dark_level_cannot_be_told_from_that_of_other_frames() -> None:
+    found = _diagnosed(_world(1), Faults(dark_dn={1: 20.0}), 1)
+    assert found.first is not None
+    assert found.first.name == "dark level"
+    assert {frame for _, frame in (("", found.first.frame), *found.first.confused_with)} == {0, 1, 2, 3}
+    value = _term(found, "dark level", 1).value
+    assert value == pytest.approx(20.0, abs=1.5)
+
+
+@pytest.mark.parametrize("seed", FOUND_SEEDS)
+def test_two_faults_are_both_named(seed: int) -> None:
+    found = _diagnosed(_world(seed), Faults(throughput={0: 0.03}, shift_pixels={1: (0.5, 0.5)}), seed)
+    assert {("throughput", 0), ("shift", 1)} <= set(_named(found))
+
+
+def test_light_without_polarization_cannot_tell_a_response() -> None:
+    rng = np.random.default_rng(7)
+    frames = rng.poisson(1000.0, (4, 128, 128)).astype(np.float64)
+    angles_rad = np.radians([0.0, 45.0, 90.0, 135.0])
+    found = diagnose(design(angles_rad), frames, np.ones((128, 128)), angles_rad=angles_rad, times=range(4))
+    term = _term(found, "response curvature", None)
+    assert not term.is_testable
+    assert term.value is None
+    assert term.reason
+
+
+def test_three_angles_fit_any_frames() -> None:
+    angles_rad = np.radians([0.0, 60.0, 120.0])
+    found = diagnose(
+        design(angles_rad), np.full((3, 64, 64), 9.0), np.ones((64, 64)), angles_rad=angles_rad, times=range(3)
+    )
+    assert found.terms == ()
+    assert "three angles" in found.reason
+
+
+@pytest.mark.parametrize("usable_pixels", [0, 1, 40])
+def test_a_picture_with_hardly_a_usable_pixel_is_not_testable(usable_pixels: int) -> None:
+    angles_rad = np.radians([0.0, 45.0, 90.0, 135.0])
+    usable = np.arange(64 * 64).reshape(64, 64) < usable_pixels
+    found = diagnose(design(angles_rad), np.full((4, 64, 64), 9.0), usable, angles_rad=angles_rad, times=range(4))
+    assert found.reason
+    assert found.first is None

@@ -1,0 +1,163 @@
+"""Runs such as the world makes them, drawn at random with known faults: texture, blur, mosaics, tone curves.
+
+A reading of reality of its own: it shares no formula with what judges the frames. Pictures are made by turning a real
+polarizer over each pixel (Malus), walked and blurred in the Fourier plane, exposed photon by photon, and stored as
+cameras and people store them.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, zoom
+
+Pictures = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faults:
+    """What is wrong with a run; nothing at its defaults. Keys of dictionaries are numbers of frames."""
+
+    throughput: dict[int, float] = field(default_factory=dict)
+    angle_deg: dict[int, float] = field(default_factory=dict)
+    dark_dn: dict[int, float] = field(default_factory=dict)
+    shift_pixels: dict[int, tuple[float, float]] = field(default_factory=dict)
+    tone: float = 1.0
+    drift: float = 0.0
+    clipped_share: float = 0.0
+    border_pixels: int = 0
+    left_shift: int = 0
+    jpeg_quality: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """The scene and the camera of a run without faults.
+
+    Attributes
+    ----------
+    angles_deg
+        As the polarizer is said to stand.
+    texture, texture_pixels
+        Root mean square share of the light, and how coarse it is.
+    blur_pixels
+        Of the lens (standard deviation).
+    is_demosaiced
+        Each angle seen by one pixel in four, the others made from its neighbours.
+    electrons
+        At full scale.
+    """
+
+    angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
+    height: int = 160
+    width: int = 192
+    texture: float = 0.1
+    texture_pixels: float = 1.5
+    blur_pixels: float = 1.0
+    is_demosaiced: bool = False
+    full_scale_dn: int = 4095
+    electrons: float = 20000.0
+    read_noise_dn: float = 2.0
+    black_dn: float = 0.0
+
+
+def random_world(rng: np.random.Generator, **fixed: object) -> World:
+    """Return a world of the ranges that other people's frames are of."""
+    bits = int(rng.choice([8, 10, 12]))
+    drawn = {
+        "height": int(rng.integers(128, 224)),
+        "width": int(rng.integers(128, 256)),
+        "texture": float(np.exp(rng.uniform(np.log(0.02), np.log(0.4)))),
+        "texture_pixels": float(rng.uniform(0.7, 4.0)),
+        "blur_pixels": float(rng.uniform(0.0, 3.0)),
+        "is_demosaiced": bool(rng.random() < 0.3),
+        "full_scale_dn": 2**bits - 1,
+        "electrons": float(np.exp(rng.uniform(np.log(4e3), np.log(6e4)))),
+        "read_noise_dn": float(rng.uniform(0.3, 0.8) * 2 ** max(bits - 9, 0)),
+    }
+    return replace(World(**drawn), **fixed)  # type: ignore[arg-type]
+
+
+def light(world: World, rng: np.random.Generator) -> tuple[Pictures, Pictures, Pictures]:
+    """Return brightness (share of full scale), its polarized share and its angle [rad], of a wider picture."""
+    shape = (world.height + 64, world.width + 64)
+    grain = gaussian_filter(rng.standard_normal(shape), world.texture_pixels, mode="wrap")
+    grain += 0.7 * gaussian_filter(rng.standard_normal(shape), 4 * world.texture_pixels, mode="wrap") * 4
+    bright = 0.45 * np.exp(0.25 * _smooth(rng, shape)) * np.clip(1 + world.texture * grain / grain.std(), 0.15, 2.0)
+    share, axis = 0.25 + 0.12 * _smooth(rng, shape), 0.4 * _smooth(rng, shape) + rng.uniform(0, np.pi)
+    for _ in range(int(rng.integers(3, 9))):
+        where = _object(rng, shape)
+        bright[where] *= rng.uniform(0.5, 1.3)
+        share[where] = rng.uniform(0.0, 0.85)
+        axis[where] = rng.uniform(0, np.pi)
+    return np.clip(bright, 0.02, 0.85), np.clip(share, 0.0, 0.95), axis
+
+
+def expose(world: World, faults: Faults, rng: np.random.Generator) -> NDArray[np.uint16]:
+    """Return the frames of a run, one for each angle, shape (N, height, width)."""
+    bright, share, axis = light(world, rng)
+    if faults.clipped_share > 0.0:
+        bright = bright * 1.0 / np.quantile(bright * (1 + share) / 2, 1.0 - faults.clipped_share)
+    frames = [_frame(index, world, faults, (bright, share, axis), rng) for index in range(len(world.angles_deg))]
+    return np.array([_stored(frame, world, faults) for frame in frames])
+
+
+def _frame(
+    index: int, world: World, faults: Faults, scene: tuple[Pictures, Pictures, Pictures], rng: np.random.Generator
+) -> Pictures:
+    bright, share, axis = scene
+    turned = np.radians(world.angles_deg[index] + faults.angle_deg.get(index, 0.0))
+    passed = bright * (share * np.cos(axis - turned) ** 2 + (1.0 - share) / 2.0)
+    passed *= (1.0 + faults.throughput.get(index, 0.0)) * (1.0 + faults.drift * index)
+    walked = _walk_and_blur(passed, faults.shift_pixels.get(index, (0.0, 0.0)), world.blur_pixels)[32:-32, 32:-32]
+    counts = rng.poisson(np.clip(walked, 0.0, None) * world.electrons) * (world.full_scale_dn / world.electrons)
+    counts = counts + rng.normal(0.0, world.read_noise_dn, counts.shape)
+    if world.is_demosaiced:
+        counts = _demosaiced(counts, index)
+    if faults.tone != 1.0:
+        counts = world.full_scale_dn * np.clip(counts / world.full_scale_dn, 0.0, None) ** faults.tone
+    return counts + world.black_dn + faults.dark_dn.get(index, 0.0)
+
+
+def _stored(counts: Pictures, world: World, faults: Faults) -> NDArray[np.uint16]:
+    kept = np.clip(np.rint(counts), 0, world.full_scale_dn).astype(np.uint16)
+    if faults.jpeg_quality is not None:
+        small = (kept * (255.0 / world.full_scale_dn)).round().astype(np.uint8)
+        _, coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, faults.jpeg_quality])
+        decoded = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE)
+        kept = (decoded * (world.full_scale_dn / 255.0)).round().astype(np.uint16)
+    if faults.border_pixels:
+        edge = faults.border_pixels
+        kept[:edge], kept[-edge:], kept[:, :edge], kept[:, -edge:] = 0, 0, 0, 0
+    return (kept << faults.left_shift).astype(np.uint16)
+
+
+def _smooth(rng: np.random.Generator, shape: tuple[int, int]) -> Pictures:
+    coarse = rng.standard_normal((5, 6))
+    return zoom(coarse, (shape[0] / 5, shape[1] / 6), order=3, mode="nearest")[: shape[0], : shape[1]]
+
+
+def _object(rng: np.random.Generator, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    row, column = rng.uniform(0, shape[0]), rng.uniform(0, shape[1])
+    tall, wide = rng.uniform(12, shape[0] / 3), rng.uniform(12, shape[1] / 3)
+    if rng.random() < 0.5:
+        return (np.abs(rows - row) < tall) & (np.abs(columns - column) < wide)
+    return ((rows - row) / tall) ** 2 + ((columns - column) / wide) ** 2 < 1.0
+
+
+def _walk_and_blur(picture: Pictures, shift: tuple[float, float], blur: float) -> Pictures:
+    down, across = np.fft.fftfreq(picture.shape[0])[:, None], np.fft.rfftfreq(picture.shape[1])[None, :]
+    # A lens passes nothing at the pixels' own limit, or the walk of a fraction of a pixel would ring.
+    passed = np.exp(-2 * np.pi**2 * (blur**2 + 0.3**2) * (down**2 + across**2))
+    turned = np.exp(-2j * np.pi * (across * shift[0] + down * shift[1]))
+    return np.fft.irfft2(np.fft.rfft2(picture) * passed * turned, s=picture.shape)
+
+
+def _demosaiced(counts: Pictures, index: int) -> Pictures:
+    row, column = divmod(index % 4, 2)
+    mine = np.zeros_like(counts)
+    mine[row::2, column::2] = 1.0
+    kernel = np.outer([0.5, 1.0, 0.5], [0.5, 1.0, 0.5])
+    return cv2.filter2D(counts * mine, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
