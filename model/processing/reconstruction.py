@@ -145,6 +145,29 @@ def design(
     return _inverted(rows, angles, variances)
 
 
+def design_from_system(system: ArrayLike) -> Design:
+    """Return the least-squares inverse of a measured system matrix; it has no angles.
+
+    Parameters
+    ----------
+    system
+        M, shape (N, 3), N >= 3: intensities = M Stokes.
+
+    Raises
+    ------
+    ValueError
+        If the matrix has rank below 3 or a condition number above 1e6.
+
+    References
+    ----------
+    [MK14] eq. (23).
+    """
+    rows = np.asarray(system, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 3 or rows.shape[0] < 3 or not np.all(np.isfinite(rows)):
+        raise ValueError(f"system has shape {rows.shape}; allowed is (N, 3) with N >= 3 and finite values")
+    return _inverted(rows, np.empty(0), None)
+
+
 def reconstruct(plan: Design, channels: ArrayLike) -> FloatArray:
     """Return the Stokes parameters W I of intensities I.
 
