@@ -18,7 +18,7 @@ from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, Plan,
 from model.accuracy.predict_to_tolerance import predict
 from model.scene.lit_scene import LitScene
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.scene_prediction import ScenePredictor
+from rigctl.prediction.scene_prediction import ScenePredictor
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-airborne.toml"
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)

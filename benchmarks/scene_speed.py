@@ -12,8 +12,8 @@ import pvlib  # noqa: F401  (its import is not what is measured)
 from pvlib import spectrum  # noqa: F401
 
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.skies.sky_store import SkyStore
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-airborne.toml"

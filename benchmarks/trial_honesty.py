@@ -13,10 +13,10 @@ import numpy as np
 from scipy.special import bdtrc
 
 from rigctl.calibrations.noise.calibrate_files import calibrate_run
-from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.files.rig_file import load_rig
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
+from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.simulated.perturbation import PERTURBATIONS, Perturbation, perturbed
 
 ALPHA = 1e-3

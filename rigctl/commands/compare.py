@@ -62,8 +62,8 @@ def command(
 
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
     """
-    from rigctl.comparison.run_calibrations import CalibrationPaths
     from rigctl.jobs.compare import CompareRequest, compare_run
+    from rigctl.measurement.run_calibrations import CalibrationPaths
     from rigctl.reports.tables.comparison_json import compared_json
 
     runs, scene = _runs_and_scene(paths, scene)

@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rigctl.comparison.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
 from rigctl.files.regions import load_regions
 from rigctl.measurement.region_texture import region_textures
+from rigctl.measurement.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
 from rigctl.measurement.temporal_noise import temporal_noise
 from rigctl.reports.stokes_files import write_stokes
 from rigctl.reports.tables.comparison_json import measurement_json

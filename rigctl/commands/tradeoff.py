@@ -10,8 +10,8 @@ from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
-    from rigctl.comparison.accuracy_curves import Curves
-    from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff
+    from rigctl.prediction.accuracy_curves import Curves
+    from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
 
 _TOLERANCES = "0.1,0.03,0.01,0.003,0.001"
 _SMALLEST, _LARGEST = 1e-5, 0.1
@@ -64,8 +64,8 @@ def command(
         return
     from model.acquisition.session_design import Disturbances
     from model.acquisition.session_search import Wanted
-    from rigctl.comparison.acquisition_tradeoff import TradeoffRequest
     from rigctl.jobs.tradeoff import trade_acquisition
+    from rigctl.prediction.acquisition_tradeoff import TradeoffRequest
 
     try:
         request = TradeoffRequest(

@@ -8,12 +8,12 @@ from model.effects.planner import EffectPlan
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.choices import ScaleKind
 from rigctl.comparison.comparison import Comparison
-from rigctl.comparison.performance import Performance
 from rigctl.comparison.series import SeriesDrift, SeriesPoint
 from rigctl.comparison.trends import Trend
 from rigctl.config import sha256_of
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
+from rigctl.prediction.performance import Performance
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,7 @@ from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.explanation import Explanation, explain_rows
-from rigctl.comparison.propagated_rows import propagate_rows
-from rigctl.comparison.remarks import curved_inputs, model_warnings, not_tested, overruled
+from rigctl.comparison.remarks import model_warnings, not_tested, overruled
 from rigctl.comparison.rows import Row, decide, pair, scored
 from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.scale import Scale, scale_inputs
@@ -26,6 +25,7 @@ from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.prediction.propagated_inputs import curved_inputs, propagate_numbers
 from rigctl.scene.scene_inputs import Inputs, only_uncertain
 
 FloatArray = NDArray[np.float64]
@@ -142,7 +142,7 @@ def compare_with_scene(
     predictions = predicted(inputs.values)
     rows = tuple(_paired(predictions, measurement))
     uncertain = only_uncertain(inputs)
-    propagation = propagate_rows(rows, inputs, predicted)
+    propagation = propagate_numbers({row.key: row.predicted for row in rows}, inputs, predicted)
     decided = _decided(rows, propagation, alpha)
     return Comparison(
         kind="scene",

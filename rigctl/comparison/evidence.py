@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.bayesian_update import deviations_cov
-from rigctl.comparison.rows import Key, Row
+from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
+from rigctl.prediction.propagated_inputs import NumberKey
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
             ([(region, name) for name in _STOKES], "std_spatial_mean"),
         )
     ]
-    wanted = [Key(*name, statistic) for names, statistic in groups for name in names]
+    wanted = [NumberKey(*name, statistic) for names, statistic in groups for name in names]
     found = [key for key in wanted if key in place]
     position = {key: k for k, key in enumerate(found)}
     cov = np.diag([(rows[place[key]].std_error or 0.0) ** 2 for key in found])
@@ -60,13 +61,13 @@ def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
     return Evidence(places=np.array([place[key] for key in found], dtype=np.intp), cov=cov)
 
 
-def _fill_means(cov: FloatArray, position: dict[Key, int], measurement: Measurement) -> None:
+def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: Measurement) -> None:
     names = measurement.grid.channel_names
     level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
     at = {
-        region: [position[Key(region, name, "mean")] for name in names]
+        region: [position[NumberKey(region, name, "mean")] for name in names]
         for region in measurement.regions
-        if Key(region, names[0], "mean") in position
+        if NumberKey(region, names[0], "mean") in position
     }
     for one, here in at.items():
         for other, there in at.items():
@@ -75,9 +76,9 @@ def _fill_means(cov: FloatArray, position: dict[Key, int], measurement: Measurem
             )
 
 
-def _fill_deviations(cov: FloatArray, position: dict[Key, int], measurement: Measurement) -> None:
+def _fill_deviations(cov: FloatArray, position: dict[NumberKey, int], measurement: Measurement) -> None:
     for name, region in measurement.regions.items():
-        keys = [Key(name, quantity, "std_spatial_mean") for quantity in _STOKES]
+        keys = [NumberKey(name, quantity, "std_spatial_mean") for quantity in _STOKES]
         if any(key not in position for key in keys):
             continue
         here = [position[key] for key in keys]

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.prediction import RegionPrediction
-from model.processing.input_propagation import Propagation
 from rigctl.comparison.scale import Scale
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
@@ -49,16 +48,6 @@ def model_warnings(predictions: Mapping[str, RegionPrediction]) -> Iterable[str]
     for name, prediction in predictions.items():
         for warning in prediction.warnings:
             yield f"{name}: {warning}"
-
-
-def curved_inputs(propagation: Propagation, uncertain: Inputs) -> Iterable[str]:
-    """Return which inputs were taken by quadrature, and for which slopes had to do."""
-    if propagation.curved:
-        names = ", ".join(uncertain.names[k] for k in propagation.curved)
-        yield f"curved within its uncertainty, hence propagated by quadrature: {names}"
-    if propagation.limited:
-        names = ", ".join(uncertain.names[k] for k in propagation.limited)
-        yield f"so near to what is possible, for its uncertainty, that a slope had to do: {names}"
 
 
 def not_tested(measurement: Measurement, scene: SceneFile, scale: Scale, uncertain: Inputs) -> tuple[str, ...]:

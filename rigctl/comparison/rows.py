@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,14 +9,7 @@ from model.prediction.prediction import Quantities
 from model.prediction.quantity_table import difference
 from model.processing.agreement import holm_rejections, two_sided_p_value
 from rigctl.measurement.region_numbers import MeasuredQuantities
-
-
-class Key(NamedTuple):
-    """Which number of a comparison."""
-
-    region: str
-    quantity: str
-    statistic: str
+from rigctl.prediction.propagated_inputs import NumberKey
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +46,9 @@ class Row:
     agrees: bool | None = None
 
     @property
-    def key(self) -> Key:
+    def key(self) -> NumberKey:
         """Which number it is."""
-        return Key(self.region, self.quantity, self.statistic)
+        return NumberKey(self.region, self.quantity, self.statistic)
 
 
 def pair(region: str, predicted: Quantities, measured: MeasuredQuantities) -> Iterable[Row]:

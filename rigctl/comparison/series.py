@@ -10,10 +10,11 @@ import numpy as np
 from model.prediction.quantity_table import CIRCULAR, FOLLOWED
 from model.processing.drift_line import DriftLine, drift_line
 from rigctl.comparison.comparison import Comparison
-from rigctl.comparison.rows import Key, Row, off_prediction
+from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.trends import Trend, trend
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
+from rigctl.prediction.propagated_inputs import NumberKey
 from rigctl.runs.run_folder import Run
 
 _S_PER_H = 3600.0
@@ -86,7 +87,7 @@ def hours_of(points: Sequence[SeriesPoint]) -> list[float] | None:
 
 def mean_row(point: SeriesPoint, region: str, quantity: str) -> Row | None:
     """Return the row of the mean of a quantity, if there is one."""
-    wanted = Key(region, quantity, "mean")
+    wanted = NumberKey(region, quantity, "mean")
     return next((row for row in point.comparison.rows if row.key == wanted), None)
 
 

@@ -10,9 +10,10 @@ from model.prediction.prediction import RegionPrediction
 from model.prediction.uncertainty_budget import budget, noise_causes
 from model.processing.input_propagation import Propagation
 from model.sensor.channels import ChannelMoments
-from rigctl.comparison.rows import Key, Row
+from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.prediction.propagated_inputs import NumberKey
 from rigctl.scene.parameter_table import ANGLE, DRIFT, OFFSET
 from rigctl.scene.scene_inputs import Inputs
 
@@ -120,7 +121,7 @@ def _inputs(
 ) -> dict[str, FloatArray]:
     """Return what the inputs do to the mean counts of a region: angle, drift of the light, and all others."""
     place = {row.key: k for k, row in enumerate(rows)}
-    effects = propagation.effects[[place[Key(region, channel, "mean")] for channel in channels]]
+    effects = propagation.effects[[place[NumberKey(region, channel, "mean")] for channel in channels]]
     std = np.sqrt(np.diag(uncertain.cov))
     correlation = uncertain.cov / np.outer(std, std)
     found = {}

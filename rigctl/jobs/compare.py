@@ -8,13 +8,13 @@ from rigctl.comparison.checks import require_sound, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
 from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.comparison.performance import performance_of
-from rigctl.comparison.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.comparison.run_registration import registration_of, with_registration
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
+from rigctl.prediction.performance import performance_of
 from rigctl.reports.comparison_files import write_comparison
 from rigctl.runs.run_folder import MANIFEST_FILE, read_run
 from rigctl.scene.effect_choice import acting_effects

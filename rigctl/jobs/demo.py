@@ -8,11 +8,11 @@ from pathlib import Path
 from rigctl.calibrations.noise.calibrate_files import calibrate_run
 from rigctl.choices import Perturbation
 from rigctl.comparison.compared_run import ComparedRun
-from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.compare import CompareRequest, compare_run
+from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.session.take_session import take_session
 from rigctl.simulated.perturbation import perturbed
 

@@ -8,7 +8,7 @@ import numpy as np
 from model.moments import Moments
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.comparison.run_prediction import run_predictor
-from rigctl.detection.rx_run import RxOnRun, detect
+from rigctl.comparison.rx_detection import RxOnRun, detect
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene

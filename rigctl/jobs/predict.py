@@ -12,16 +12,16 @@ from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
 from rigctl.choices import Engine, LightPart
-from rigctl.comparison.performance import Performance, performance_of
-from rigctl.comparison.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.comparison.scale import with_panel_scale
-from rigctl.comparison.sweep import Sweep, sweep
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.performance import Performance, performance_of
+from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
+from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
+from rigctl.prediction.sweep import Sweep, sweep
 from rigctl.reports.sweep_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.scene.skies.engine import require_engine
 from rigctl.utc_time import utc_text
 

@@ -5,11 +5,11 @@ from math import pi
 from model.acquisition.session_design import Session
 from model.acquisition.session_search import Reached, Wanted, fewest_cycles
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.comparison.acquisition_tradeoff import MORNING, OVERHEAD_S
-from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import SessionFile, Take
+from rigctl.prediction.acquisition_tradeoff import MORNING, OVERHEAD_S
+from rigctl.prediction.scene_sessions import SceneSessions
 
 _MS_PER_S = 1000.0
 _RAD_PER_DEG = pi / 180.0

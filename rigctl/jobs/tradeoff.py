@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.comparison.accuracy_curves import Curves, accuracy_curves, steps
-from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, TradeoffRequest, acquisition_tradeoff
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.accuracy_curves import Curves, accuracy_curves, steps
+from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, TradeoffRequest, acquisition_tradeoff
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.reports.tradeoff_files import write_accuracy_tradeoff, write_acquisition_tradeoff
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_prediction import ScenePredictor
 
 # Told what is being done, in words, the steps done, and how many there are.
 Progress = Callable[[str, int, int], None]

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from rigctl.detection.rx_run import RxOnRun
+from rigctl.comparison.rx_detection import RxOnRun
 from rigctl.durable_file import write_durably
 from rigctl.reports.figures.rx_figures import roc_plot, statistic_picture
 from rigctl.reports.tables.detection_tables import detection_json, roc_table

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigctl.comparison.sweep import Sweep
 from rigctl.durable_file import write_durably
+from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.sweep_figure import sweep_png
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json
 from rigctl.reports.writers.json_rows import json_file

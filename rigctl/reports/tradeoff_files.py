@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from rigctl.comparison.accuracy_curves import Curves
-from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff
 from rigctl.durable_file import write_durably
+from rigctl.prediction.accuracy_curves import Curves
+from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
 from rigctl.reports.figures.acquisition_figure import tradeoff_picture
 from rigctl.reports.figures.tradeoff_figure import curve_png
 from rigctl.reports.tables.acquisition_tables import tradeoff_csv, tradeoff_json

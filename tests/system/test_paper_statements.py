@@ -24,8 +24,8 @@ from model.atmosphere.lighting.fidelity import Fidelity
 from model.processing.detection import rx_p_detection
 from rigctl.config import Uncertain
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
 

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from model.acquisition.frame_order import degrees_text
-from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
+from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.reports.figures.figure_style import png, subplots
 
 _LINES = {"cycles": "-", "palindrome": "--", "grouped": ":"}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rigctl.detection.rx_run import RxOnRun
+from rigctl.comparison.rx_detection import RxOnRun
 from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
 
 

@@ -2,7 +2,7 @@
 
 from itertools import cycle
 
-from rigctl.comparison.sweep import Sweep
+from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.figure_style import LINE_STYLES, png, subplots
 from rigctl.reports.tables.sweep_tables import SHOWN_RATE
 

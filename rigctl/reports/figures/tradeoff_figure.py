@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigctl.comparison.accuracy_curves import WHOLE_CHAIN, Curves
+from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves
 from rigctl.reports.figures.figure_style import png, subplots
 from rigctl.reports.tables.tradeoff_tables import is_mean
 

@@ -7,9 +7,9 @@ from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.explanation import Explanation
-from rigctl.comparison.performance import Performance
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
+from rigctl.prediction.performance import Performance
 from rigctl.reports.figures import budget_figure, comparison_figures
 from rigctl.reports.pages.light_section import light_section
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict

@@ -9,7 +9,7 @@ from typing import Any
 from model.acquisition.frame_order import degrees_text
 from model.acquisition.session_design import DolpBudget, Session
 from model.acquisition.session_search import Reached
-from rigctl.comparison.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
+from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.csv_rows import csv_rows
 

@@ -13,11 +13,11 @@ from model.prediction.prediction import RegionPrediction
 from model.processing.texture import Texture
 from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.compared_run import ComparedRun
-from rigctl.comparison.performance import Performance
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.prediction.performance import Performance
 from rigctl.reports.table import Table
 from rigctl.reports.tables.provenance_json import provenance_json
 from rigctl.reports.tables.row_table import numbers_columns, row_table

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.comparison.performance import FALSE_ALARM_RATES
-from rigctl.detection.rx_run import BAND_LEVEL, RxOnRun
+from rigctl.comparison.rx_detection import BAND_LEVEL, RxOnRun
+from rigctl.prediction.performance import FALSE_ALARM_RATES
 from rigctl.reports.table import Column, Shown, Table
 from rigctl.reports.writers.json_rows import json_rows
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from model.scene.field_light import FieldLight, Source
 from model.stokes import aolp_rad, dolp
+from rigctl.prediction.scene_prediction import ScenePrediction
 from rigctl.reports.table import Column, Shown, Table
-from rigctl.scene.scene_prediction import ScenePrediction
 
 FloatArray = NDArray[np.float64]
 

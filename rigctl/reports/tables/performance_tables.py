@@ -8,7 +8,7 @@ import numpy as np
 
 from model.prediction.performance import PairDetection, PolarizationStrength
 from model.prediction.prediction import RegionPrediction
-from rigctl.comparison.performance import STATED_RATES, Performance
+from rigctl.prediction.performance import STATED_RATES, Performance
 from rigctl.reports.table import NOTHING, Column, Table
 
 # Probabilities at which the law of DoLP is stated.

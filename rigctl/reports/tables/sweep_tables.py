@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.comparison.performance import SWEPT_RATES
-from rigctl.comparison.sweep import Sweep
+from rigctl.prediction.performance import SWEPT_RATES
+from rigctl.prediction.sweep import Sweep
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.csv_rows import csv_rows
 

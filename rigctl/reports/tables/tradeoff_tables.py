@@ -8,7 +8,7 @@ from typing import Any
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
 from model.accuracy.predict_to_tolerance import AccuratePrediction
-from rigctl.comparison.accuracy_curves import CurvePoint, Curves
+from rigctl.prediction.accuracy_curves import CurvePoint, Curves
 from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.accuracy_tables import accuracy_json
 from rigctl.reports.writers.json_rows import json_rows

@@ -6,7 +6,7 @@ from typing import Any
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import ORDERED
-from rigctl.comparison.predicted_uncertainty import PredictedUncertainty
+from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
 from rigctl.reports.table import Column, Table
 
 # Of as many inputs as make the uncertainty; the rest is in the JSON.

@@ -7,9 +7,9 @@ from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.effect_sections import effect_names, effect_of
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.effect_choice import acting_effects, with_choices
 from rigctl.scene.effect_plan import plan_effects, verify_effects
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.scene_reading import scene_of_file
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 

@@ -21,8 +21,8 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import measure
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.reports.tables.comparison_json import compared_json
-from rigctl.scene.scene_prediction import ScenePredictor
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text
 from tests.rigctl.scene_texts import written
 

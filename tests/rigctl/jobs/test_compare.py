@@ -2,9 +2,9 @@ import json
 
 import pytest
 
-from rigctl.comparison.run_calibrations import CalibrationPaths
 from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.compare import CompareRequest, compare_run
+from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.session.take_session import take_session
 from tests.rigctl.comparison.test_closed_loop import NOISE
 from tests.rigctl.example_files import small_rig, small_session

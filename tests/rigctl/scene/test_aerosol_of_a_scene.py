@@ -7,9 +7,9 @@ from model.processing.agreement import propagate_inputs
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import get
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.scene_texts import SCENE, written

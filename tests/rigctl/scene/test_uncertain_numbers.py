@@ -7,10 +7,10 @@ from rigctl.config import with_std_apart
 from rigctl.errors import ConfigError
 from rigctl.files.place import SiteSection
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import get
 from rigctl.scene.scene_inputs import gather
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES

@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.prediction import RegionPrediction
-from rigctl.comparison.propagated_rows import propagate_rows
-from rigctl.comparison.remarks import curved_inputs
-from rigctl.comparison.rows import Row
+from rigctl.prediction.propagated_inputs import NumberKey, curved_inputs, propagate_numbers
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.scene_inputs import only_uncertain
-from rigctl.scene.scene_prediction import ScenePredictor
 
 FloatArray = NDArray[np.float64]
 # A change of so little of a number, or of one, is that of rounding.
@@ -38,12 +36,12 @@ class PredictedUncertainty:
 
     std_errors: Nested
     inputs: tuple[str, ...]
-    effects: dict[tuple[str, str, str], FloatArray]
+    effects: dict[NumberKey, FloatArray]
     remarks: tuple[str, ...]
 
     def ranked(self, region: str, quantity: str) -> list[tuple[str, float]]:
         """Return inputs with what one standard uncertainty of each changes of a mean, the largest first."""
-        found = self.effects.get((region, quantity, "mean"), np.zeros(len(self.inputs)))
+        found = self.effects.get(NumberKey(region, quantity, "mean"), np.zeros(len(self.inputs)))
         return [(self.inputs[k], float(found[k])) for k in np.argsort(-np.abs(found), kind="stable") if found[k] != 0.0]
 
 
@@ -70,24 +68,24 @@ def predicted_uncertainty(
     ----------
     `model.processing.input_propagation.propagate`.
     """
-    rows = [
-        Row(region=region, quantity=quantity, statistic=statistic, predicted=value, measured=value)
+    numbers = {
+        NumberKey(region, quantity, statistic): value
         for region, prediction in predictions.items()
         for quantity, statistics in prediction.quantities.items()
         for statistic, value in statistics.items()
-    ]
+    }
     inputs, uncertain = predictor.inputs, only_uncertain(predictor.inputs)
-    found = propagate_rows(rows, inputs, lambda values: predictor.predictions_of(inputs.at(values)))
+    found = propagate_numbers(numbers, inputs, lambda values: predictor.predictions_of(inputs.at(values)))
     errors = np.sqrt(np.maximum(np.diag(found.cov), 0.0)).tolist()
     nested: Nested = {}
-    for row, error in zip(rows, errors, strict=True):
-        nested.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = error
+    for key, error in zip(numbers, errors, strict=True):
+        nested.setdefault(key.region, {}).setdefault(key.quantity, {})[key.statistic] = error
     return PredictedUncertainty(
         std_errors=nested,
         inputs=uncertain.names,
         effects={
-            (row.region, row.quantity, row.statistic): _without_rounding(effects, row.predicted)
-            for row, effects in zip(rows, found.effects, strict=True)
+            key: _without_rounding(effects, number)
+            for (key, number), effects in zip(numbers.items(), found.effects, strict=True)
         },
         remarks=tuple(curved_inputs(found, uncertain)),
     )

@@ -16,9 +16,9 @@ from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVEL
 from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
 from model.prediction.rig_errors import predict_with_errors
 from model.scene.lit_scene import LitScene
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import with_value
 from rigctl.scene.rig_inputs import rig_errors
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.scene_record import Scene
 
 FloatArray = NDArray[np.float64]

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from model.prediction.performance import PairDetection, pair_detections
 from model.prediction.prediction import Quantities
-from rigctl.comparison.performance import SWEPT_RATES
 from rigctl.errors import ConfigError
+from rigctl.prediction.performance import SWEPT_RATES
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import with_value
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.scene_record import Scene
 
 MOST_STEPS = 10_000

@@ -9,9 +9,9 @@ from scipy.special import betaincinv
 from model.moments import Moments
 from model.processing.detection import rx_roc
 from model.processing.detection_sample import sample_roc, sample_threshold
-from rigctl.comparison.performance import FALSE_ALARM_RATES
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
+from rigctl.prediction.performance import FALSE_ALARM_RATES
 
 FloatArray = NDArray[np.float64]
 

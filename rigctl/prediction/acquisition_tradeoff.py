@@ -11,9 +11,9 @@ from model.acquisition.session_design import Disturbances, DolpBudget, Session, 
 from model.acquisition.session_search import SATURATED, Obstacle, Reached, Wanted, fewest_cycles, shortest
 from model.processing.reconstruction import equispaced_rad
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.comparison.scene_sessions import SceneSessions
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
+from rigctl.prediction.scene_sessions import SceneSessions
 from rigctl.scene.scene_light import SceneLight
 
 # Turning the polarizer and storing the frame: what `rigctl plan` assumes [s].

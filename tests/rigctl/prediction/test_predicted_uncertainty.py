@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from rigctl.cli import main
-from rigctl.comparison.predicted_uncertainty import predicted_uncertainty
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.predicted_uncertainty import predicted_uncertainty
+from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.reports.tables.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
-from rigctl.scene.scene_prediction import ScenePredictor
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import written
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rigctl import cli
-from rigctl.detection.rx_run import detect
+from rigctl.comparison.rx_detection import detect
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import measure, signal_of_cycle

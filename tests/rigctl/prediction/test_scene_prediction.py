@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from model.prediction.performance import pair_detections
-from rigctl.comparison.sweep import parse_sweep, sweep
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
+from rigctl.prediction.scene_prediction import ScenePredictor
+from rigctl.prediction.sweep import parse_sweep, sweep
 from rigctl.reports.figures.sweep_figure import sweep_png
 from rigctl.reports.tables.light_tables import light_json, phi_text
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_tables
 from rigctl.scene.scene_inputs import gather
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_prediction import ScenePredictor
 from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.skies.sky_store import SkyStore
 from tests.rigctl.example_files import EXAMPLES
