@@ -1,25 +1,54 @@
-"""The page of a noise calibration: numbers, flags, curves, maps and the EMVA 1288 summary sheet, in one HTML file."""
+"""The page of a noise calibration: numbers, flags, curves, maps and the EMVA 1288 summary sheet."""
 
-import base64
-from importlib.resources import files
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
+from calibration.flags import Flag
+from calibration.sensor.fixed_pattern import FixedPattern
+from calibration.sensor.noise import NoiseCalibration
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration
 from rigctl.reports.figures.calibration_figures import dark_png, linearity_png, snr_png
 from rigctl.reports.figures.calibration_pictures import histograms_png, maps_png, spectrograms_png
 from rigctl.reports.figures.photon_transfer_figure import photon_transfer_png
-from rigctl.reports.tables.calibration_table import calibration_rows
+from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Terms
+from rigctl.reports.table import Table, text_columns
+from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table, sheet_table
 
 _DECIBEL = 20.0
 _MS_PER_S = 1e3
+_NUMBERS = (
+    "Left what the model uses (best: weighted fits, response of the sensor taken into account); right the fits of EMVA "
+    "Standard 1288, Release 4.0 Linear, to set beside data sheets. Errors are standard errors; those of the standard's "
+    "numbers are by leaving out one level after the other."
+)
+_TRANSFER = (
+    "Noise in time against signal: dark noise, noise of photons and fixed pattern as lines; below, how far the "
+    "variances are from the fit."
+)
+_LINEARITY = (
+    "Mean against light; below, how far it is from a straight line. Error bars are the sampling of the means, often "
+    "smaller than a point."
+)
+_DARK = "Mean and variance of dark frames against exposure; slopes of both are dark current, in electrons."
+_MAPS = (
+    "Each pixel: mean in the dark, response to light, noise in the dark, and pixels that are further from the others "
+    "than 6 standard deviations."
+)
+_HISTOGRAMS = (
+    "How far pixels are from the mean of the 5 x 5 pixels around them, on logarithmic axes; below, how many are at "
+    "least so far."
+)
+_SHEET = (
+    "Not measured here, and therefore not stated: spectral responsivity, microlens angle, non-whiteness by section. "
+    "Numbers without photons per pixel are left out."
+)
 
 
-def calibration_page(calibration: FrameCalibration, content: dict[str, Any]) -> str:
-    """Return the page as HTML that needs no other file.
+def calibration_report(calibration: FrameCalibration, content: dict[str, Any]) -> Report:
+    """Return the report of a noise calibration.
 
     Parameters
     ----------
@@ -28,36 +57,72 @@ def calibration_page(calibration: FrameCalibration, content: dict[str, Any]) -> 
     content : dict
         What ``noise.json`` holds of it.
     """
-    noise, pattern = calibration.noise, calibration.pattern
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    template = environment.from_string((files("rigctl") / "data" / "calibration.html.j2").read_text(encoding="utf-8"))
+    noise, remarks = calibration.noise, _remarks(content)
     rows = calibration_rows(content)
-    return template.render(
-        title=Path(calibration.frames.source.path).name,
-        facts=_facts(content),
-        rows=rows,
-        remarks=_remarks(content),
-        flags=noise.flags,
-        photon_transfer=_embedded(photon_transfer_png(noise)),
-        snr=_embedded(snr_png(noise)),
-        linearity=_embedded(linearity_png(noise)),
-        dark=_embedded(dark_png(noise)),
-        has_pattern=pattern is not None,
-        maps=_embedded(maps_png(pattern) if pattern else None),
-        histograms=_embedded(histograms_png(pattern) if pattern else None),
-        spectrograms=_embedded(spectrograms_png(pattern) if pattern else None),
-        sheet=[row for row in rows if row.symbol],
-        sheet_facts=_sheet_facts(calibration, content),
+    numbers = (Paragraph(text=_NUMBERS), calibration_table(rows))
+    return Report(
+        title=f"Sensor noise: {Path(calibration.frames.source.path).name}",
+        source=_facts(content),
+        sections=[
+            Section(title="Numbers", blocks=(*numbers, Bullets(items=tuple(remarks))) if remarks else numbers),
+            Section(title="What is to be known of the frames", blocks=(_flags(noise.flags),)),
+            *_curves(noise),
+            *_pattern(calibration.pattern),
+            Section(
+                title="EMVA 1288 summary sheet",
+                blocks=(
+                    Table(
+                        columns=text_columns("operation point", "", left=(0, 1)),
+                        rows=tuple(_sheet_facts(calibration, content)),
+                    ),
+                    sheet_table(rows),
+                    Paragraph(text=_SHEET),
+                ),
+            ),
+        ],
     )
 
 
-def _facts(content: dict[str, Any]) -> list[str]:
+def _flags(flags: tuple[Flag, ...]) -> Block:
+    if not flags:
+        return Paragraph(text="Nothing odd was found.")
+    return Terms(items=tuple((flag.name, flag.message) for flag in flags))
+
+
+def _curves(noise: NoiseCalibration) -> Iterable[Section]:
+    yield _pictured("Photon transfer", photon_transfer_png(noise), _TRANSFER)
+    yield _pictured("Signal-to-noise ratio", snr_png(noise), "Signal over noise of one pixel in one frame.")
+    yield _pictured("Linearity", linearity_png(noise), _LINEARITY, otherwise="The light of the levels is not known.")
+    yield _pictured("Dark signal", dark_png(noise), _DARK)
+
+
+def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "") -> Section:
+    """Return a section with a figure; with words, or only its heading, where there is nothing to draw."""
+    if png is not None:
+        return Section(title=title, blocks=(Picture(png=png, caption=caption),))
+    return Section(title=title, blocks=(Paragraph(text=otherwise),) if otherwise else ())
+
+
+def _pattern(pattern: FixedPattern | None) -> Iterable[Section]:
+    blocks: tuple[Block, ...] = (Paragraph(text="No flat is brighter than its dark: there are no maps."),)
+    if pattern is not None:
+        by_frequency = "The fixed pattern by spatial frequency; independent pixels make a level line."
+        blocks = (
+            Picture(png=maps_png(pattern), caption=_MAPS),
+            Picture(png=histograms_png(pattern), caption=_HISTOGRAMS),
+            Picture(png=spectrograms_png(pattern), caption=by_frequency),
+        )
+    yield Section(title="Fixed pattern", blocks=blocks)
+
+
+def _facts(content: dict[str, Any]) -> str:
     source = content["source"]
-    return [
+    facts = [
         f"from {source['path']}",
         f"SHA-256 over all frames {source['frames_sha256'][:16]}",
         f"made {content['created_utc'][:19]}Z by {content['created_by']}",
     ]
+    return f"{'; '.join(facts)}."
 
 
 def _remarks(content: dict[str, Any]) -> list[str]:
@@ -100,7 +165,3 @@ def _sheet_facts(calibration: FrameCalibration, content: dict[str, Any]) -> list
 
 def _ms(time_s: float) -> str:
     return f"{_MS_PER_S * time_s:.4g} ms"
-
-
-def _embedded(picture: bytes | None) -> str:
-    return "" if picture is None else base64.b64encode(picture).decode("ascii")

@@ -1,39 +1,41 @@
-"""The page of a polarizer calibration: numbers, scans, harmonics, channels and maps, in one HTML file."""
+"""The page of a polarizer calibration: numbers, scans, harmonics, channels and maps."""
 
-import base64
 from collections.abc import Iterable
-from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
-
-from jinja2 import Environment, StrictUndefined
 
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
-from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING, rig_lines
+from rigctl.calibrations.polarizer.polarizer_file import rig_lines
 from rigctl.reports.figures.polarizer_figures import channels_png, curves_png, harmonics_png, maps_png
+from rigctl.reports.report import Block, Paragraph, Picture, Report, Section, Verbatim
+from rigctl.reports.tables.polarizer_tables import (
+    channel_table,
+    harmonic_table,
+    matrix_table,
+    number_table,
+    region_table,
+)
+
+_CONVENTION = (
+    "polarizer angle = sense · stage angle + offset, counter-clockwise as the camera sees the scene. For the rig file:"
+)
+_SCANS = (
+    "Light against the angle of what turned, with Malus' law fitted to it; below, what the law leaves, in per cent of "
+    "the mean."
+)
+_HARMONICS = (
+    "Amplitude at one, three and four cycles a turn, each over the mean: of noise alone it is above the mark once in a "
+    "thousand. One and three cycles are a wedge or a tilted element, four a detector that is not linear."
+)
+_HALF_TURN = "A scan of half a turn does not tell these apart: take it over a whole turn to see which it is."
+_CHANNELS = (
+    "Each stage angle by itself: response to unpolarized light over the mean, diattenuation, and how far the axis is "
+    "from the common line. Bars are standard errors."
+)
 
 
-@dataclass(frozen=True, kw_only=True)
-class NumberRow:
-    """A number of the page, as text."""
-
-    title: str
-    value: str
-    error: str
-    unit: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class MatrixRow:
-    """A row of W: values with their errors."""
-
-    name: str
-    cells: list[tuple[float, float]]
-
-
-def polarizer_page(found: PolarizerCalibration, content: dict[str, Any], maps: PolarimeterMaps | None) -> str:
-    """Return the page as HTML that needs no other file.
+def polarizer_report(found: PolarizerCalibration, content: dict[str, Any], maps: PolarimeterMaps | None) -> Report:
+    """Return the report of a polarizer calibration.
 
     Parameters
     ----------
@@ -44,58 +46,67 @@ def polarizer_page(found: PolarizerCalibration, content: dict[str, Any], maps: P
     maps : PolarimeterMaps or None
         The same over the picture.
     """
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    template = environment.from_string((files("rigctl") / "data" / "polarizer.html.j2").read_text(encoding="utf-8"))
-    reduction = content["data_reduction"]
-    return template.render(
-        title=", ".join(source["path"] for source in content["source"]),
-        facts=_facts(content),
-        numbers=list(_numbers(content)),
-        rig_lines=rig_lines(content),
-        content=content,
-        meaning=HARMONIC_MEANING,
-        curves=_embedded(curves_png(found)),
-        harmonics=_embedded(harmonics_png(found)),
-        channels=_embedded(channels_png(found)),
-        reduction=[] if reduction is None else list(_matrix(reduction)),
-        singular="" if reduction is None else ", ".join(f"{value:.4g}" for value in reduction["singular_values"]),
-        maps=_embedded(None if maps is None else maps_png(maps)),
-        maps_caption="" if maps is None else _maps_caption(maps),
+    axis = (number_table(content), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(content)))
+    return Report(
+        title=f"Polarizer: {', '.join(source['path'] for source in content['source'])}",
+        source=_facts(content),
+        sections=[
+            Section(title="Axis and extinction", blocks=axis),
+            Section(title="Scans", blocks=(Picture(png=curves_png(found), caption=_SCANS),)),
+            Section(title="What Malus' law leaves", blocks=tuple(_left(found, content))),
+            *_channels(found, content),
+            *_reduction(content["data_reduction"]),
+            *([Section(title="Regions", blocks=(region_table(content),))] if content["regions"] else []),
+            *_maps(maps),
+        ],
     )
 
 
-def _facts(content: dict[str, Any]) -> list[str]:
+def _left(found: PolarizerCalibration, content: dict[str, Any]) -> Iterable[Block]:
+    if (drawn := harmonics_png(found)) is not None:
+        yield Picture(png=drawn, caption=_HARMONICS)
+    yield harmonic_table(content)
+    if content["harmonics"] and not content["harmonics_told_apart"]:
+        yield Paragraph(text=_HALF_TURN)
+
+
+def _channels(found: PolarizerCalibration, content: dict[str, Any]) -> Iterable[Section]:
+    if content["channels"]:
+        drawn = channels_png(found)
+        picture = () if drawn is None else (Picture(png=drawn, caption=_CHANNELS),)
+        yield Section(title="Each stage angle", blocks=(*picture, channel_table(content)))
+
+
+def _reduction(reduction: dict[str, Any] | None) -> Iterable[Section]:
+    if reduction is not None:
+        singular = ", ".join(f"{value:.4g}" for value in reduction["singular_values"])
+        text = (
+            f"Stokes parameters = W · (counts over twice their mean), measured with known states; singular values "
+            f"{singular}, of which three are kept; condition {reduction['condition']:.3f}."
+        )
+        yield Section(title="Data reduction matrix", blocks=(Paragraph(text=text), matrix_table(reduction)))
+
+
+def _maps(maps: PolarimeterMaps | None) -> Iterable[Section]:
+    if maps is not None:
+        picture = Picture(png=maps_png(maps), caption=_maps_caption(maps))
+        yield Section(title="Over the picture", blocks=(picture,))
+
+
+def _facts(content: dict[str, Any]) -> str:
     made = content["made_for"]
     devices = [
         f"{what} {made[f'{what}_model'] or ''} {made[f'{what}_serial']}".replace("  ", " ")
         for what in ("camera", "stage")
         if made[f"{what}_serial"] is not None
     ]
-    return [
+    facts = [
         *devices,
         f"{content['frames']} frames",
         f"manifest {', '.join(source['sha256'][:16] for source in content['source'])}",
         f"made {content['created_utc'][:19]}Z by {content['created_by']}",
     ]
-
-
-def _numbers(content: dict[str, Any]) -> Iterable[NumberRow]:
-    offset, diattenuation, extinction = (content[name] for name in ("offset_deg", "diattenuation", "extinction_ratio"))
-    yield NumberRow(title="sense of rotation", value=f"{content['sense']:+d}", error="", unit="")
-    yield NumberRow(title="axis offset", value=f"{offset['value']:.4f}", error=f"{offset['std_error']:.4f}", unit="deg")
-    if diattenuation is not None:
-        value, error = (f"{diattenuation[part]:.5f}" for part in ("value", "std_error"))
-        yield NumberRow(title="diattenuation", value=value, error=error, unit="")
-    if extinction is not None:
-        upper = "no upper limit" if extinction["upper"] is None else f"{extinction['upper']:.4g}"
-        ratio = "not measured" if extinction["ratio"] is None else f"{extinction['ratio']:.4g}"
-        interval = f"95 %: {extinction['lower']:.4g} to {upper}"
-        yield NumberRow(title="extinction ratio", value=ratio, error=interval, unit="")
-
-
-def _matrix(reduction: dict[str, Any]) -> Iterable[MatrixRow]:
-    for name, values, errors in zip(("S0", "S1", "S2"), reduction["matrix"], reduction["std_error"], strict=True):
-        yield MatrixRow(name=name, cells=list(zip(values, errors, strict=True)))
+    return f"{'; '.join(facts)}."
 
 
 def _maps_caption(maps: PolarimeterMaps) -> str:
@@ -105,7 +116,3 @@ def _maps_caption(maps: PolarimeterMaps) -> str:
         f"Blocks of {side} x {side} pixels, each fitted by itself. Throughput is over its mean over the angles, so "
         f"that uneven light drops out; the axis is shown less its mean over the picture.{beside}"
     )
-
-
-def _embedded(picture: bytes | None) -> str | None:
-    return None if picture is None else base64.b64encode(picture).decode("ascii")

@@ -133,7 +133,7 @@ def _table(block: AnyTable) -> list[Any]:
     grid = [*head, *([_cell(text, column, points) for column, text in zip(columns, row, strict=True)] for row in texts)]
     last = len(head) - 1
     style: list[Any] = [
-        ("LINEBELOW", (0, 0), (-1, last), 0.6, colors.grey),
+        *([("LINEBELOW", (0, 0), (-1, last), 0.6, colors.grey)] if head else []),
         ("LINEBELOW", (0, last + 1), (-1, -1), 0.2, colors.lightgrey),
         ("VALIGN", (0, 0), (-1, -1), "TOP"),
         *((side, (0, 0), (-1, -1), 2) for side in ("LEFTPADDING", "RIGHTPADDING")),
