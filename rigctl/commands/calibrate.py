@@ -140,9 +140,10 @@ def _write_plot(path: Path, calibration: FrameCalibration) -> None:
 
 
 def _write_report(path: Path, calibration: FrameCalibration, content: dict[str, Any]) -> None:
-    from rigctl.reports.pages.calibration_page import calibration_page  # matplotlib, as above
+    from rigctl.reports.pages.calibration_page import calibration_report  # matplotlib, as above
+    from rigctl.reports.writers.report_file import report_file
 
-    _write(path, calibration_page(calibration, content).encode())
+    _write(path, report_file(calibration_report(calibration, content), path))
 
 
 def _write_defects(path: Path, calibration: FrameCalibration) -> None:

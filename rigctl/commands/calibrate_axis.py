@@ -145,9 +145,10 @@ def _maps(run: Run, generator: Path | None, known: KnownLight, *, side_pixels: i
 def _write_report(
     path: Path, found: PolarizerCalibration, content: dict[str, Any], maps: PolarimeterMaps | None
 ) -> None:
-    from rigctl.reports.pages.polarizer_page import polarizer_page
+    from rigctl.reports.pages.polarizer_page import polarizer_report
+    from rigctl.reports.writers.report_file import report_file
 
-    _write(path, polarizer_page(found, content, maps).encode())
+    _write(path, report_file(polarizer_report(found, content, maps), path))
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from rigctl.durable_file import write_durably
 from rigctl.live.session_history import SessionHistory, session_history
-from rigctl.reports.pages.run_page import run_page
+from rigctl.reports.pages.run_page import run_report
+from rigctl.reports.writers.report_file import report_file
 from rigctl.runs.run_folder import read_run
 
 
@@ -17,5 +18,5 @@ def summarise_session(run: Path, page: Path) -> SessionHistory:
         This is no run, a frame is damaged, or the events cannot be read.
     """
     history = session_history(read_run(run))
-    write_durably(page, run_page(history).encode("utf-8"))
+    write_durably(page, report_file(run_report(history), page))
     return history

@@ -5,7 +5,7 @@ from typing import Any
 
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
-from rigctl.calibrations.polarizer.polarizer_file import rig_lines
+from rigctl.calibrations.polarizer.polarizer_json import rig_lines
 from rigctl.reports.figures.polarizer_figures import channels_png, curves_png, harmonics_png, maps_png
 from rigctl.reports.report import Block, Paragraph, Picture, Report, Section, Verbatim
 from rigctl.reports.tables.polarizer_tables import (

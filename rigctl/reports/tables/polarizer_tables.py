@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
-from rigctl.calibrations.polarizer.polarizer_file import HARMONIC_MEANING
+from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
 from rigctl.reports.table import Column, Table, text_columns
 
 _Content = dict[str, Any]

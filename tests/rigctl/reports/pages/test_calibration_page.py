@@ -37,7 +37,7 @@ def test_the_page_of_a_run_says_which_camera(tmp_path: Path) -> None:
     run, page = write_noise_run(tmp_path / "run"), tmp_path / "noise.html"
     arguments = ["--run", str(run), "--out", str(tmp_path / "noise.json"), "--report", str(page)]
     assert main(["calibrate", "noise", *arguments]) == 0
-    assert '<td>camera serial</td><td class="l">42</td>' in page.read_text()
+    assert '<td class="l">camera serial</td><td class="l">42</td>' in page.read_text()
 
 
 def test_numbers_are_shown_to_the_digits_of_their_errors(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ import pytest
 from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
 from rigctl.live.session_history import session_history
-from rigctl.reports.pages.run_page import run_page
+from rigctl.reports.pages.run_page import run_report
+from rigctl.reports.writers.html_page import html
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
 from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled
@@ -20,22 +21,26 @@ def _run(tmp_path, rig, schedule):
     return tmp_path / "run"
 
 
+def _page(run):
+    return html(run_report(session_history(read_run(run))))
+
+
 def test_it_holds_frames_counts_sun_and_events(tmp_path):
     run = _run(tmp_path, RIG_AT_SITE, {"every_min": 30, "duration_h": 1})
     assert main(["summary", str(run)]) == 0
     page = (run / "summary.html").read_text()
     assert page.count("data:image/png;base64,") == 4
-    assert "<td>round</td><td>2</td>" in page
+    assert '<td class="l">round</td><td class="l">2</td>' in page
     assert 'src="http' not in page
 
 
 def test_without_a_site_there_is_no_sun(tmp_path):
-    page = run_page(session_history(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1}))))
+    page = _page(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1}))
     assert page.count("data:image/png;base64,") == 3
 
 
 def test_it_says_how_the_light_drifted(tmp_path):
-    page = run_page(session_history(read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1}))))
+    page = _page(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1}))
     # One cycle a round, and no angle twice in it.
     assert "Drift within rounds: not known" in page
 
@@ -44,7 +49,7 @@ def test_a_session_that_was_cut_off_in_its_first_cycle_has_no_polarization_yet(t
     world = MadeWorld(stage_faults={2: stalled()})
     with pytest.raises(DeviceFaultError):
         take_watched(world, tmp_path)
-    assert run_page(session_history(read_run(tmp_path / "run"))).count("data:image/png;base64,") == 2
+    assert _page(tmp_path / "run").count("data:image/png;base64,") == 2
 
 
 def test_a_session_without_a_frame_has_its_events(tmp_path):
@@ -52,6 +57,6 @@ def test_a_session_without_a_frame_has_its_events(tmp_path):
     world.stage.is_homed = False
     with pytest.raises(LimitError):
         take_watched(world, tmp_path)
-    page = run_page(session_history(read_run(tmp_path / "run")))
+    page = _page(tmp_path / "run")
     assert "base64" not in page
     assert "reference mark" in page
