@@ -1,6 +1,23 @@
-"""Angles in degrees, wrapped."""
+"""Angles that come back to themselves after a turn."""
+
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+AngleT = TypeVar("AngleT", float, "NDArray[np.float64]")
 
 
-def difference_deg(one_deg: float, other_deg: float) -> float:
-    """Return how far one direction is from another, the short way round, in [-180, 180) deg."""
-    return (one_deg - other_deg + 180.0) % 360.0 - 180.0
+def wrapped(angle: AngleT, *, turn: float) -> AngleT:
+    """Return an angle, such as a difference of two, brought into [-turn / 2, turn / 2).
+
+    Parameters
+    ----------
+    angle : float or array
+        Any finite angle.
+    turn : float
+        After which it comes back to itself, in its unit: 360 deg for directions, 180 deg for a polarizer's axis.
+    """
+    half = turn / 2.0
+    return (angle + half) % turn - half

@@ -8,9 +8,14 @@ from drivers.interfaces import Way
 _TURN_DEG = 360.0
 
 
+def wrapped_deg(angle_deg: float) -> float:
+    """Return an angle, such as a difference of two, brought into [-180, 180) deg."""
+    return (angle_deg + 180.0) % _TURN_DEG - 180.0
+
+
 def distance_deg(a_deg: float, b_deg: float) -> float:
     """Return the angle between two directions [deg], in [0, 180]."""
-    return abs((a_deg - b_deg + 180.0) % _TURN_DEG - 180.0)
+    return abs(wrapped_deg(a_deg - b_deg))
 
 
 def require_finite(angle_deg: float) -> float:
@@ -32,7 +37,7 @@ def route_deg(from_deg: float, angle_deg: float, *, way: Way, near_deg: float) -
     near_deg : float
         Angles that are as near as this are reached by the short way, whatever was asked for.
     """
-    short_deg = (angle_deg - from_deg + 180.0) % _TURN_DEG - 180.0
+    short_deg = wrapped_deg(angle_deg - from_deg)
     if abs(short_deg) <= near_deg or way == "short":
         return short_deg
     if way == "forward":

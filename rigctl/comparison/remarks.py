@@ -39,7 +39,7 @@ def _same_angles(stated_deg: FloatArray, read_deg: FloatArray) -> bool:
     """Whether axes are the same ones, as near as a stage lands."""
     if stated_deg.size != read_deg.size:
         return False
-    apart = np.mod(stated_deg - read_deg + 90.0, 180.0) - 90.0
+    apart = wrapped(stated_deg - read_deg, turn=180.0)
     return bool(np.all(np.abs(apart) < _LANDING_DEG))
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from model.atmosphere.sun import distance_factor
+from rigctl.angles import wrapped
 from rigctl.config import Uncertain
 from rigctl.files.light_sections import SunSection
 from rigctl.files.place import GeometrySection, SiteSection
@@ -135,7 +136,7 @@ def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
         before = stated.get(name)
         if before is None:
             yield f"{name}: {number.value:.2f} of the run; the scene file states none"
-        elif abs(_apart_deg(number.value, before.value)) > _WORTH_A_WORD_DEG:
+        elif abs(wrapped(number.value - before.value, turn=360.0)) > _WORTH_A_WORD_DEG:
             yield f"{name}: {number.value:.2f} of the run, not {before.value:.2f} of the scene file"
     if "geometry.phi_deg" in used and used.get("sun.azimuth_deg") != stated.get("sun.azimuth_deg"):
         yield "geometry.phi_deg: kept as stated, though the run has another sun: no camera azimuth is known"
@@ -148,7 +149,3 @@ def _directions(scene: SceneFile) -> dict[str, Parameter]:
         for number in parameters(scene_of_file(scene))
         if number.key.startswith(("sun.", "geometry.")) and number.unit == "deg"
     }
-
-
-def _apart_deg(one: float, other: float) -> float:
-    return (one - other + 180.0) % 360.0 - 180.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import DeviceIdentity, RotationStage
-from rigctl.angles import difference_deg
+from rigctl.angles import wrapped
 
 Side = Literal["forward", "backward"]
 SIDES: tuple[Side, ...] = ("forward", "backward")
@@ -181,11 +181,11 @@ def _visit(
     move = stage.move_to(angle_deg, way=side)
     readings = _watch(stage, watch_s=watch_s, now_s=now_s, sleep=sleep)
     rest_deg = readings[-1][1]
-    watched = tuple((time_s, difference_deg(reading_deg, rest_deg)) for time_s, reading_deg in readings)
+    watched = tuple((time_s, wrapped(reading_deg - rest_deg, turn=360.0)) for time_s, reading_deg in readings)
     return Visit(
         angle_deg=angle_deg,
         side=side,
-        error_deg=difference_deg(rest_deg, angle_deg),
+        error_deg=wrapped(rest_deg - angle_deg, turn=360.0),
         settle_s=max((time_s for time_s, off_deg in watched if abs(off_deg) > band_deg), default=0.0),
         tries=move.tries,
         duration_s=move.duration_s,

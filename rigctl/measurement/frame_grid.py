@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.quantity_table import counts_name
+from rigctl.angles import wrapped
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import FrameRecord, Run
 
@@ -149,7 +150,7 @@ def _mean_angles_rad(records: tuple[tuple[FrameRecord, ...], ...]) -> FloatArray
     degrees = np.array([[record.polarizer_angle_deg for record in cycle] for cycle in records], dtype=np.float64)
     # An axis is the same after half a turn: average what is near the target, 179.998 deg as -0.002 beside 0.
     targets = np.array([_target_deg(record) for record in records[0]])
-    near = targets + (degrees - targets + 90.0) % 180.0 - 90.0
+    near = targets + wrapped(degrees - targets, turn=180.0)
     return np.asarray(np.deg2rad(near.mean(axis=0)))
 
 

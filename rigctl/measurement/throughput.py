@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.angles import wrapped
 from rigctl.calibrations.polarizer.polarizer_file import Channel, PolarizerParameters
 from rigctl.errors import DataError
 from rigctl.measurement.frame_grid import FrameGrid
@@ -53,7 +54,7 @@ def _nearest(channels: Sequence[Channel], record: FrameRecord) -> Channel:
     known = np.array([one.stage_angle_deg for one in channels])
     if record.stage_angle_deg is None:
         raise DataError(f"{record.file} has no stage angle; the throughput of a polarizer goes by it")
-    apart = np.abs((known - record.stage_angle_deg + 180.0) % 360.0 - 180.0)
+    apart = np.abs(wrapped(known - record.stage_angle_deg, turn=360.0))
     if apart.min() > _NEAR_DEG:
         raise DataError(
             f"{record.file} was taken at stage angle {record.stage_angle_deg:.2f} deg; the polarizer calibration has "

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from rigctl.angles import wrapped
 from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import FrameRecord, Run
 
@@ -157,4 +158,4 @@ def _near(readback_deg: float, target_deg: float | None) -> float:
     """Return a readback on the half turn around its target: 179.999 deg is -0.001 beside 0 deg."""
     if target_deg is None:
         return readback_deg
-    return target_deg + (readback_deg - target_deg + 90.0) % 180.0 - 90.0
+    return target_deg + wrapped(readback_deg - target_deg, turn=180.0)

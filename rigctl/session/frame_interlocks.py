@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.angles import difference_deg
+from rigctl.angles import wrapped
 from rigctl.files.interlock_section import InterlockSection
 from rigctl.session.captured_frame import CapturedFrame
 from rigctl.session.interlocks import InterlockViolation
@@ -70,7 +70,7 @@ def _stage_violations(shot: CapturedFrame, tolerance_deg: float) -> Iterator[Int
     if shot.move is None or not shot.is_new_move:
         return
     move = shot.move
-    off_deg = difference_deg(move.position.angle_deg, move.target_deg)
+    off_deg = wrapped(move.position.angle_deg - move.target_deg, turn=360.0)
     if abs(off_deg) > tolerance_deg:
         text = f"stage: asked for {move.target_deg:g} deg it stands at {move.position.angle_deg:g} deg"
         yield InterlockViolation(name="angle", message=f"{text}, allowed are {tolerance_deg:g} deg")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
+from rigctl.angles import wrapped
 from rigctl.calibrations.checked_values import UtcText
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.flat.run_flat import RunFlat
@@ -86,7 +87,7 @@ class FlatFields:
         DataError
             There is none.
         """
-        apart = np.abs((self.angles_deg - polarizer_deg + 90.0) % 180.0 - 90.0)
+        apart = np.abs(wrapped(self.angles_deg - polarizer_deg, turn=180.0))
         nearest = int(np.argmin(apart))
         if apart[nearest] > _NEAR_DEG:
             known = ", ".join(f"{angle:g}" for angle in self.angles_deg)

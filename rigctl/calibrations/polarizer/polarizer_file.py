@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from rigctl.angles import wrapped
 from rigctl.calibrations.checked_values import Bounded, Measured, UtcText, at_least
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
@@ -123,7 +124,7 @@ def require_polarizer_fits(
 
 def _require_same_axis(calibration: PolarizerParameters, sense: int, offset_deg: float) -> None:
     offset = calibration.offset_deg
-    apart = (offset_deg - offset.value + 90.0) % 180.0 - 90.0
+    apart = wrapped(offset_deg - offset.value, turn=180.0)
     if sense != calibration.sense or abs(apart) > _SIGMAS * offset.std_error + _COPIED_DEG:
         raise DataError(
             f"the rig file says sense = {sense}, offset_deg = {offset_deg:g}; calibrated are "

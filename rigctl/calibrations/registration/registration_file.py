@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from calibration.polarimeter.registration import Wander
+from rigctl.angles import wrapped
 from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText, at_least
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
@@ -100,7 +101,7 @@ class ImageRegistration:
 
     def _looked_up(self, angle_deg: float) -> FloatArray:
         angles = np.array([row.angle_deg for row in self.angles])
-        apart = np.abs((angles - angle_deg + 180.0) % 360.0 - 180.0)
+        apart = np.abs(wrapped(angles - angle_deg, turn=360.0))
         nearest = int(np.argmin(apart))
         if apart[nearest] > _NEAR_DEG:
             raise DataError(

@@ -6,6 +6,8 @@ from datetime import datetime
 
 import numpy as np
 
+from rigctl.angles import wrapped
+
 
 @dataclass(frozen=True, kw_only=True)
 class SunPosition:
@@ -50,7 +52,7 @@ def sun_moved_by_place(time: datetime, place: Mapping[str, float], name: str, *,
     Definition: a central difference.
     """
     before, after = (sun_position(time, **_moved(place, name, 0.5 * step)) for step in (-by, by))
-    turned = (after.azimuth_rad - before.azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi
+    turned = wrapped(after.azimuth_rad - before.azimuth_rad, turn=2.0 * np.pi)
     return after.zenith_rad - before.zenith_rad, float(turned)
 
 
