@@ -43,10 +43,6 @@ def mean_places(angles: int, *, cycles: int, pattern: Pattern) -> FloatArray:
     -----
     Light that changes linearly in time moves the mean of an angle's counts by this place times the change in a frame.
     Going on in cycles leaves the places of one cycle; going back and forth an even number of times leaves none.
-
-    References
-    ----------
-    definition
     """
     if angles < 1 or cycles < 1:
         raise ValueError(f"angles = {angles}, cycles = {cycles}; allowed is 1 or more of each")
@@ -78,10 +74,6 @@ def mean_moves_rad(angles_rad: ArrayLike, *, cycles: int, pattern: Pattern) -> F
     Notes
     -----
     The way back to the first angle is taken to be as long as the way there, as of a stage that counts from its home.
-
-    References
-    ----------
-    definition
     """
     angles = np.asarray(angles_rad, dtype=np.float64)
     if angles.size < 1 or cycles < 1:
@@ -132,10 +124,5 @@ def least_drifting_order(angles_rad: ArrayLike) -> FloatArray:
 
 
 def degrees_text(angles_rad: ArrayLike) -> str:
-    """Return angles as people read them: "0 90 45 135".
-
-    References
-    ----------
-    definition
-    """
+    """Return angles as people read them: "0 90 45 135"."""
     return " ".join(f"{angle * 180.0 / pi:.4g}" for angle in np.asarray(angles_rad, dtype=np.float64))

@@ -168,10 +168,6 @@ def fewest_cycles(
     Noise falls with every cycle; drift and settling do not, but for pairs of cycles that go back and forth, of which
     only whole pairs are taken. So one bisection finds the number. Grouped frames, whose drift grows with their number,
     are refused.
-
-    References
-    ----------
-    definition
     """
     if scheme.session.pattern == "grouped":
         raise ValueError("fewest_cycles: frames grouped by angle have no cycles to count; take cycles or a palindrome")
@@ -190,12 +186,7 @@ def fewest_cycles(
 
 
 def shortest(found: Iterable[Reached]) -> Reached | None:
-    """Return the session that takes the least time; None where there is none.
-
-    References
-    ----------
-    definition
-    """
+    """Return the session that takes the least time; None where there is none."""
     reached = [one for one in found if one.session is not None]
     return min(reached, key=_duration_s) if reached else None
 

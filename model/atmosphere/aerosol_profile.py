@@ -47,12 +47,7 @@ class AerosolColumn:
     scale: float
 
     def optical_depth_between(self, lower_m: ArrayLike, upper_m: ArrayLike) -> NDArray[np.float64]:
-        """Optical depth at 550 nm between two heights, lower_m <= upper_m [m].
-
-        References
-        ----------
-        definition
-        """
+        """Optical depth at 550 nm between two heights, lower_m <= upper_m [m]."""
         return self._below(np.asarray(upper_m, dtype=float)) - self._below(np.asarray(lower_m, dtype=float))
 
     def _below(self, height_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,10 +29,6 @@ def face_heights_m(*, fine: bool, cuts: int, face_m: float) -> NDArray[np.float6
     face_m
         Height of one more face before they are cut, and if that is near the ground of some between it and the next
         [m]; on the ground or above the air for none.
-
-    References
-    ----------
-    definition
     """
     faces = _with_face(_FINE_M if fine else _COARSE_M, face_m)
     return np.interp(np.arange((faces.size - 1) * cuts + 1) / cuts, np.arange(faces.size), faces)

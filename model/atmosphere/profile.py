@@ -98,10 +98,6 @@ class Column:
         ------
         ValueError
             A height below the ground.
-
-        References
-        ----------
-        definition
         """
         height = np.asarray(height_m, dtype=float)
         if not np.all(height >= 0.0):
@@ -135,10 +131,6 @@ class Column:
         Notes
         -----
         Optical depth and single-scattering albedo are those of the column for every kind of aerosol.
-
-        References
-        ----------
-        definition
         """
         heights = face_heights_m(fine=fine, cuts=cuts, face_m=face_m)
         lower, upper = self._matrices(matrix_tolerance) if aerosol is AerosolKind.SPHERES else (None, None)
@@ -237,10 +229,6 @@ def kinks_m(state: AtmosphereState, *, aerosol: AerosolKind) -> tuple[float, ...
         The atmosphere.
     aerosol
         SPHERES have the tables of their indices; every kind has the optical depth and albedo of its choice.
-
-    References
-    ----------
-    definition
     """
     choices = {state.boundary_aerosol, state.upper_aerosol}
     if aerosol is AerosolKind.SPHERES:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.atmosphere.lighting.irradiance import MATRIX_DEGREE, sky_irradiance
+from model.atmosphere.lighting.diffuse_light import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.solver import check_scene
 from model.atmosphere.transfer.delta_m_truncation import peak_irradiance, with_truncated_matrix
 from model.atmosphere.transfer.depth import element_edges

@@ -81,10 +81,5 @@ class SolarBand:
         return np.asarray(self.weighted * 0.5 * (np.append(reach, 0.0) + np.append(0.0, reach)))
 
     def integral(self, factor: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Irradiance in the band after a spectral factor (..., N) [W m-2], by the trapezoidal rule.
-
-        References
-        ----------
-        definition
-        """
+        """Irradiance in the band after a spectral factor (..., N) [W m-2], by the trapezoidal rule."""
         return np.asarray(np.sum(self.shares * factor, axis=-1))

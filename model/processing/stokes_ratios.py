@@ -1,4 +1,4 @@
-"""First-order moments of what a Stokes vector is like whatever the scale: s1 = S1/S0, s2 = S2/S0, and AoLP."""
+"""Ratios that do not depend on scale, to first order: s1 = S1/S0, s2 = S2/S0, AoLP, and counts over their mean."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,3 +65,31 @@ def _with_light(stokes: Moments) -> FloatArray:
     if not stokes.mean[0] > 0.0:
         raise ValueError(f"S0 is {stokes.mean[0]:g}; normalised Stokes parameters need S0 above 0")
     return stokes.mean
+
+
+def channel_ratios(channels: Moments) -> tuple[FloatArray, FloatArray]:
+    """Return the counts of each channel over the mean of all channels, and their standard errors to first order.
+
+    Parameters
+    ----------
+    channels
+        Mean counts, shape (N,), dark level taken off, with their covariance.
+
+    Raises
+    ------
+    ValueError
+        The mean of all channels is not above 0.
+
+    Notes
+    -----
+    N ratios of which N - 1 are free: their mean is 1.
+    """
+    whole = float(channels.mean.mean())
+    if not whole > 0.0:
+        raise ValueError(f"the mean of all channels is {whole:.3g}; a ratio needs it above 0")
+    ratios = channels.mean / whole
+    count = channels.mean.size
+    jacobian = (np.eye(count) - ratios[:, None] / count) / whole
+    variances = np.einsum("ij,jk,ik->i", jacobian, channels.cov, jacobian)
+    # Of an error that is common to all channels only rounding is left, of either sign.
+    return ratios, np.sqrt(np.maximum(variances, 0.0))

@@ -36,12 +36,7 @@ class MixedSky:
     share: float
 
     def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
-        """Return the Stokes radiance of the mixture; arguments as those of its skies.
-
-        References
-        ----------
-        definition
-        """
+        """Return the Stokes radiance of the mixture; arguments as those of its skies."""
         first, second = (sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for sky in (self.first, self.second))
         return (1.0 - self.share) * first + self.share * second
 

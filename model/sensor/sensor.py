@@ -94,7 +94,7 @@ class Sensor:
         Power transmittance of the polarizer along and across its axis,
         0 <= tau_perpendicular <= tau_parallel <= 1.
     noise
-        Noise figures.
+        Noise parameters.
     aperture
         "thin-lens": solid angle factor sin^2 = 1 / (1 + 4 f#^2), the form of [MK14];
         "sine": 1 / (4 f#^2), a lens that meets the sine condition.

@@ -8,8 +8,8 @@ import numpy as np
 from model.moments import Moments
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import is_counts, ratio_name
-from model.processing.channel_ratios import channel_ratios
 from model.processing.sample_moments import Sample
+from model.processing.stokes_ratios import channel_ratios
 from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
 
 

@@ -11,8 +11,7 @@ from calibration.polarimeter.registration import Registration
 from model.moments import Moments
 from model.prediction.quantity_table import angle_of
 from model.processing.bayesian_update import chi_square_tail
-from model.processing.block_means import block_means
-from model.processing.redundancy import linear_response, pair_sum_excess, residual_chi_square
+from model.processing.redundancy import block_means, linear_response, pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
 from rigctl.comparison.run_prediction import frame_order

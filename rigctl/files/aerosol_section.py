@@ -7,8 +7,13 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
 from model.atmosphere.aerosol.refractive_index import RefractiveIndex
-from model.atmosphere.aerosol.size_distribution import LogNormal, SizeDistribution, TabulatedSizes, log_normal
-from model.atmosphere.aerosol.volume_share import number_of_volume
+from model.atmosphere.aerosol.size_distribution import (
+    LogNormal,
+    SizeDistribution,
+    TabulatedSizes,
+    log_normal,
+    number_of_volume,
+)
 from rigctl.config import Section
 
 NM_PER_M = 1e9

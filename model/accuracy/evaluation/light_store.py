@@ -1,20 +1,21 @@
 """Sun, sky and light of regions of scenes, computed once for all that ask for them."""
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import astuple, dataclass, replace
-from typing import TypeVar
+from typing import TypeVar, Unpack
 
 import numpy as np
 
-from model.accuracy.evaluation.kept_solutions import KeptSolutions
 from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.lighting.compute_lighting import compute_lighting
+from model.atmosphere.lighting.diffuse_light import DiffuseLight
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.mixed_lighting import MixedLighting
-from model.atmosphere.lighting.solve_column import LightSolver
+from model.atmosphere.lighting.solve_column import HowToSolve, LightSolver
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.atmosphere.solver import solve
+from model.atmosphere.transfer.layers import Layer
 from model.scene.aperture_radiance import ApertureLight, aperture_lights
 from model.scene.field_light import FieldLight, light_over_field, light_over_tiles
 from model.scene.field_of_view import FieldPart
@@ -24,6 +25,37 @@ from model.scene.lit_scene import ALL_LIGHT, Air, LightParts, LitRegion
 from model.scene.sampled_sky import MixedSky, sample_sky
 from model.scene.sky import Sky
 from model.scene.view import View
+
+# Of one wavelength, with many streams and layers ten megabytes.
+_KEPT = 48
+
+
+class KeptSolutions:
+    """Calls a solver, and keeps the last solutions."""
+
+    def __init__(self, solver: LightSolver) -> None:
+        """Set the solver."""
+        self._solver = solver
+        self._kept: OrderedDict[Hashable, tuple[tuple[Layer, ...], DiffuseLight]] = OrderedDict()
+
+    def __call__(self, layers: tuple[Layer, ...], **how: Unpack[HowToSolve]) -> DiffuseLight:
+        """Return the solution of one wavelength; arguments as `model.atmosphere.solver.solve`."""
+        key = (tuple(map(_facts, layers)), *sorted(how.items()))
+        if key not in self._kept:
+            solution = self._solver(layers, **how)
+            # The layers stay with it: a scattering matrix is known by its identity.
+            self._kept[key] = (layers, solution)
+            if len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key][1]
+
+
+def _facts(layer: Layer) -> Hashable:
+    matrix = None if layer.matrix is None else id(layer.matrix)
+    scattering = (layer.ssa_aerosol, layer.g_aerosol, layer.delta, layer.forward_share)
+    return (layer.tau_rayleigh, layer.tau_aerosol, *scattering, matrix)
+
 
 # A sky is asked for again by the next region, the next geometry, or not at all; lights by a sweep or a derivative.
 _SKIES, _LIGHTS = 16, 512

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import isqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import ChainResult
-from model.accuracy.planning.field_decay import decay
 from model.accuracy.planning.numerical_settings import (
     NUMERICAL_SETTINGS,
     STREAMS,
@@ -20,6 +21,7 @@ from model.accuracy.planning.numerical_settings import (
 )
 from model.accuracy.planning.spectral_error import spectral_errors
 from model.atmosphere.profile import column
+from model.quadrature import gauss_legendre
 from model.scene.lit_scene import Air, LitScene
 
 # The convergence of the tiles is taken to be no steeper, for few tiles do not show a kink, and no flatter.
@@ -119,3 +121,46 @@ def _of_wavelengths(air: Air) -> tuple[tuple[float, ...], tuple[float, ...]]:
     levels = range(len(NUMERICAL_SETTINGS[WAVELENGTHS].levels))
     found = spectral_errors(air, [at_level(lowest, WAVELENGTHS, level) for level in levels])
     return tuple(one.scattered for one in found), tuple(float(one.rule.wavelength_m.size) for one in found)
+
+
+FloatArray = NDArray[np.float64]
+
+
+def decay(values: FloatArray) -> float | None:
+    """Return by how much each degree of a field over tiles is below the one before; None for tiles too few to tell.
+
+    Parameters
+    ----------
+    values
+        Of the tiles, row by row, shape (n * n, 3).
+
+    Notes
+    -----
+    Of the last three degrees, for odd and even ones may fall apart; of three tiles a side of the two there are.
+    """
+    per_side = isqrt(len(values))
+    sizes = [float(np.sqrt(np.trace(part))) for part in _by_degree(_coefficients(values))]
+    steps = min(per_side - 2, 2)
+    if steps < 1 or sizes[-1 - steps] == 0.0:
+        return None
+    return float((sizes[-1] / sizes[-1 - steps]) ** (1.0 / steps))
+
+
+def _coefficients(values: FloatArray) -> FloatArray:
+    """Return those of the polynomial through the tiles, first over the height, shape (n, n, 3)."""
+    per_side = isqrt(len(values))
+    basis = _legendre(per_side)
+    return np.asarray(np.einsum("ai,bj,ijc->abc", basis, basis, values.reshape(per_side, per_side, 3)))
+
+
+def _by_degree(coefficients: FloatArray) -> list[FloatArray]:
+    """Return the part of each degree from 1 on in the covariance, each (3, 3)."""
+    degree = np.maximum(*np.indices(coefficients.shape[:2]))
+    return [coefficients[degree == k].T @ coefficients[degree == k] for k in range(1, len(coefficients))]
+
+
+def _legendre(per_side: int) -> FloatArray:
+    """Return weights that give coefficients of orthonormal polynomials from values at the nodes, (degree, node)."""
+    node, weight = gauss_legendre(per_side)
+    plain = np.polynomial.legendre.legvander(2.0 * node - 1.0, per_side - 1)
+    return np.asarray((plain * np.sqrt(2.0 * np.arange(per_side) + 1.0)).T * weight)

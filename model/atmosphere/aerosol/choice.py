@@ -22,12 +22,7 @@ _SPECTRUM_NODES = 8
 
 
 def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol:
-    """Spheres of an aerosol; those of one's own are as they are given, at any humidity.
-
-    References
-    ----------
-    definition
-    """
+    """Spheres of an aerosol; those of one's own are as they are given, at any humidity."""
     if isinstance(choice, MieAerosol):
         return choice
     return preset_aerosol(AerosolType(choice), relative_humidity=relative_humidity)
@@ -53,10 +48,6 @@ def optics_of(
     ------
     ValueError
         An argument outside its range.
-
-    References
-    ----------
-    definition
     """
     extinction = float(
         extinction_of(
@@ -82,10 +73,6 @@ def extinction_of(
     Notes
     -----
     Of spheres, beyond eight wavelengths, a polynomial in 1/wavelength through eight that are computed.
-
-    References
-    ----------
-    definition
     """
     if angstrom_exponent is not None:
         return angstrom_ratio(exponent=angstrom_exponent, wavelength_m=wavelength_m)
@@ -107,12 +94,7 @@ def extinction_of(
 
 
 def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
-    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m].
-
-    References
-    ----------
-    definition
-    """
+    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m]."""
     if choice in TABULATED:
         return frozenset(table_wavelengths_m())
     modes = spheres_of(choice, relative_humidity=relative_humidity).modes

@@ -42,10 +42,6 @@ def angular_grid(*, largest_size_parameter: float) -> AngularGrid:
     -----
     The matrix of a sphere of T terms is a polynomial of degree 2T: so is its expansion, and 2T + 1 nodes integrate
     their product exactly.
-
-    References
-    ----------
-    definition
     """
     most = int(sphere_terms(np.array([largest_size_parameter]))[0])
     terms = (*(limit for limit in _GROUP_TERMS if limit < most), most)
@@ -95,12 +91,7 @@ def sphere_sums(
 
 
 def extinction_sum(*, size_parameter: NDArray[np.float64], weight: NDArray[np.float64], index: complex) -> float:
-    """Sum over spheres of their extinction alone; arguments as in `sphere_sums`.
-
-    References
-    ----------
-    definition
-    """
+    """Sum over spheres of their extinction alone; arguments as in `sphere_sums`."""
     total = 0.0
     for start in range(0, size_parameter.size, _CHUNK):
         chunk = slice(start, start + _CHUNK)

@@ -95,10 +95,6 @@ def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance
     ----------
     aerosol, wavelength_m, tolerance
         As in `aerosol_scattering`.
-
-    References
-    ----------
-    definition
     """
     _check(wavelength_m, tolerance)
     return _extinction_m2(aerosol, float(wavelength_m), float(tolerance))

@@ -39,10 +39,6 @@ class RefractiveIndex:
         ------
         ValueError
             The wavelength is outside the table.
-
-        References
-        ----------
-        definition
         """
         if not self.wavelength_m:
             return complex(self.n[0], self.k[0])

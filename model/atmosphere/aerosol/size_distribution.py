@@ -70,12 +70,7 @@ class LogNormal:
         return self.largest_radius_m == inf
 
     def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Particles per unit of ln(radius); 0 above the largest radius, otherwise not renormalized.
-
-        References
-        ----------
-        definition
-        """
+        """Particles per unit of ln(radius); 0 above the largest radius, otherwise not renormalized."""
         deviation = (np.log(radius_m) - log(self.median_radius_m)) / self.ln_sigma
         density = np.exp(-0.5 * deviation**2) / (sqrt(2.0 * pi) * self.ln_sigma)
         return np.where(radius_m <= self.largest_radius_m, density, 0.0)
@@ -155,12 +150,36 @@ class TabulatedSizes:
         return False
 
     def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Particles per unit of ln(radius), for one particle in all.
-
-        References
-        ----------
-        definition
-        """
+        """Particles per unit of ln(radius), for one particle in all."""
         log_radius, number = np.log(self.radius_m), np.array(self.number_per_log_radius_at)
         total = np.sum(np.diff(log_radius) * (number[1:] + number[:-1])) / 2.0
         return np.asarray(np.interp(np.log(radius_m), log_radius, number / total, left=0.0, right=0.0))
+
+
+def number_of_volume(*, volume: float, volume_median_radius_m: float, ln_sigma: float) -> float:
+    """Return how many particles of a log-normal law together have a volume, per unit of that volume.
+
+    Parameters
+    ----------
+    volume
+        Volume of all particles, above 0, in any unit.
+    volume_median_radius_m
+        Radius [m] that half of the volume lies above, above 0.
+    ln_sigma
+        Standard deviation of the natural logarithm of the radius, above 0 to 2.
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    References
+    ----------
+    definition: the mean cube of the radius is that of the volume's median times exp(-9 sigma^2 / 2).
+    """
+    if not all(isfinite(value) and value > 0.0 for value in (volume, volume_median_radius_m)):
+        raise ValueError(f"volume = {volume!r} and volume_median_radius_m = {volume_median_radius_m!r} must be above 0")
+    if not 0.0 < ln_sigma <= 2.0:
+        raise ValueError(f"ln_sigma = {ln_sigma!r}, allowed is above 0 to 2")
+    mean_cube = volume_median_radius_m**3 * exp(-4.5 * ln_sigma**2)
+    return volume / (4.0 / 3.0 * pi * mean_cube)

@@ -32,10 +32,6 @@ def size_ranges(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float) -
     ------
     ValueError
         Spheres matter that are too large for the wavelength.
-
-    References
-    ----------
-    definition
     """
     grids = [_weighed_sizes(mode, wavelength_m) for mode in aerosol.modes]
     least = tolerance / (8.0 * len(grids)) * sum(float(np.sum(weight)) for _, weight in grids)

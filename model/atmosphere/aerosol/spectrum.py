@@ -40,10 +40,6 @@ def lagrange_basis(*, nodes_m: NDArray[np.float64], wavelength_m: NDArray[np.flo
         Distinct wavelengths [m].
     wavelength_m
         Where to read the polynomials [m], shape (N,).
-
-    References
-    ----------
-    definition
     """
     node, target = 1e-6 / nodes_m, 1e-6 / wavelength_m
     basis = np.ones((node.size, target.size))

@@ -104,19 +104,9 @@ class AnalyticLighting:
         )
 
     def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
-        """Transmittance from the ground to a sensor.
-
-        References
-        ----------
-        definition
-        """
+        """Transmittance from the ground to a sensor."""
         return self.path_and_beam.transmittance(height_m=height_m, zenith_rad=zenith_rad)
 
     def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1].
-
-        References
-        ----------
-        definition
-        """
+        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1]."""
         return self.path_and_beam.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad)

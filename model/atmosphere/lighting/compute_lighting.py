@@ -63,10 +63,6 @@ def compute_lighting(
     ------
     ValueError
         An argument outside its range.
-
-    References
-    ----------
-    definition
     """
     if fidelity is Fidelity.TABLE:
         raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")

@@ -33,32 +33,17 @@ class MixedLighting:
         return float(self._mixed(np.array(self.first.direct_irradiance), np.array(self.second.direct_irradiance)))
 
     def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance of the sky; arguments as in `Lighting.sky`.
-
-        References
-        ----------
-        definition
-        """
+        """Stokes radiance of the sky; arguments as in `Lighting.sky`."""
         each = (light.sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for light in (self.first, self.second))
         return self._mixed(*each)
 
     def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
-        """Transmittance to a sensor; arguments as in `Lighting.transmittance`.
-
-        References
-        ----------
-        definition
-        """
+        """Transmittance to a sensor; arguments as in `Lighting.transmittance`."""
         each = (light.transmittance(height_m=height_m, zenith_rad=zenith_rad) for light in (self.first, self.second))
         return self._mixed(*each)
 
     def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance added below a sensor; arguments as in `Lighting.path`.
-
-        References
-        ----------
-        definition
-        """
+        """Stokes radiance added below a sensor; arguments as in `Lighting.path`."""
         each = (
             light.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad) for light in (self.first, self.second)
         )

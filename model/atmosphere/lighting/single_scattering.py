@@ -6,7 +6,7 @@ from math import exp, pi
 
 import numpy as np
 
-from model.atmosphere.lighting.irradiance import MATRIX_DEGREE, sky_irradiance
+from model.atmosphere.lighting.diffuse_light import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.transfer.delta_m_truncation import single_peak_irradiance, truncated_by_absorption
 from model.atmosphere.transfer.layers import Layer, merge_alike
 from model.atmosphere.transfer.solution import Solution

@@ -36,12 +36,7 @@ class SolvedBlock:
 def solve_blocks(
     setting: Setting, coefficients: NDArray[np.float64], blocks: Sequence[tuple[range, bool]]
 ) -> list[SolvedBlock]:
-    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has.
-
-    References
-    ----------
-    definition
-    """
+    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has."""
     solved: list[SolvedBlock] = []
     for modes, polarized in blocks:
         scattering = scattering_of(setting.grid, coefficients, modes=modes, polarized=polarized)

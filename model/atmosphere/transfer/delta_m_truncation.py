@@ -54,12 +54,7 @@ def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer
 
 
 def peak_irradiance(layers: Sequence[Layer], truncated: Sequence[Layer], *, mu0: float) -> float:
-    """Irradiance of the ground by the forward peak, per unit beam irradiance: diffuse light that counted as the beam.
-
-    References
-    ----------
-    definition
-    """
+    """Irradiance of the ground by the forward peak, per unit of the beam's: diffuse light that counted as the beam."""
     full, counted = (sum(layer.depth for layer in each) for each in (layers, truncated))
     return mu0 * (exp(-counted / mu0) - exp(-full / mu0))
 
@@ -77,12 +72,7 @@ def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) 
 
 
 def truncated_by_absorption(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
-    """Layers of the same depth whose matrices end at a degree, the forward peak taken from their albedo.
-
-    References
-    ----------
-    definition
-    """
+    """Layers of the same depth whose matrices end at a degree, the forward peak taken from their albedo."""
     return [_cut(layer, degree) for layer in layers]
 
 

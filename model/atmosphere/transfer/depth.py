@@ -36,10 +36,6 @@ def element_edges(
         From 0 to the depth of all.
     owner : ndarray, shape (E,)
         Index of the layer.
-
-    References
-    ----------
-    definition
     """
     # A depth that is a multiple of the element's but for rounding must not make one element more.
     counts = [max(ceil(layer.depth / element_depth - _ROUNDING), 1) for layer in layers]
@@ -57,12 +53,7 @@ def element_edges(
 
 
 def slant(depth: NDArray[np.float64], mu: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slant optical depth depth/mu; infinite at the horizon, and 0 where there is no depth.
-
-    References
-    ----------
-    definition
-    """
+    """Slant optical depth depth/mu; infinite at the horizon, and 0 where there is no depth."""
     depth, mu = np.broadcast_arrays(depth, mu)
     path = np.where(depth > 0.0, np.inf, 0.0)
     with np.errstate(over="ignore"):  # of cosines next to 0
@@ -88,10 +79,6 @@ def source_weights(*, path: NDArray[np.float64], part: NDArray[np.float64]) -> N
     Notes
     -----
     Exact for a source that is a parabola of depth. At the horizon only the source at the observer counts.
-
-    References
-    ----------
-    definition
     """
     constant, linear, square = (part**power * moment for power, moment in enumerate(_exponential_moments(path, part)))
     return np.stack([constant - 3.0 * linear + 2.0 * square, 4.0 * (linear - square), 2.0 * square - linear], axis=-1)

@@ -24,10 +24,6 @@ def degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
     Light scattered once needs no expansion, so what counts is the square of a coefficient. A scattering matrix that
     gives up its forward peak is best cut at 3/2 of the nodes: products of higher degree are not integrated well enough
     (rural aerosol, 12 nodes, error of the sky beyond 20 degrees from the sun: 1.6e-4 there, 6e-4 at 2, 4.6e-4 at 1).
-
-    References
-    ----------
-    definition
     """
     matrices = [layer.matrix for layer in layers if layer.matrix is not None]
     if matrices:
@@ -98,10 +94,6 @@ def mode_blocks(degree: int, aerosol: AerosolKind) -> list[tuple[range, bool]]:
     -----
     Molecules scatter in modes 0 to 2 alone: the higher ones of a depolarizing aerosol are those of the intensity. For
     either kind they stand apart because their orders die out sooner.
-
-    References
-    ----------
-    definition
     """
     blocks = [(range(_RAYLEIGH_DEGREE + 1), True)]
     if degree > _RAYLEIGH_DEGREE:

@@ -77,10 +77,6 @@ def single_scattering(
     -------
     ndarray, shape (R, 3)
         Meridian frame, Q > 0 for E in the vertical plane.
-
-    References
-    ----------
-    definition
     """
     direction = mu if upward else -mu
     depths = np.array([layer.depth for layer in layers])

@@ -77,10 +77,6 @@ def merge_alike(layers: Sequence[Layer]) -> list[Layer]:
     -------
     list of Layer
         May be empty. What the solver answers thus does not depend on how a homogeneous layer was cut.
-
-    References
-    ----------
-    definition
     """
     least = _NEGLIGIBLE * sum(layer.depth for layer in layers)
     filled = (layer for layer in layers if layer.depth > least)

@@ -34,10 +34,6 @@ def layers_of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
     ------
     ValueError
         Spheres are asked for, but a layer whose aerosol scatters has no matrix.
-
-    References
-    ----------
-    definition
     """
     if kind is not AerosolKind.SPHERES:
         return [replace(layer, matrix=None) for layer in layers]
@@ -121,10 +117,6 @@ def rayleigh_column(*, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray
     -----
     From the components of the beam's direction along the two field directions, without rotation angles: there is no
     0/0 at the zenith or in the direction of the beam.
-
-    References
-    ----------
-    definition
     """
     along_theta, along_phi, _ = _beam_components(mu, beam_mu, phi_rad)
     theta_power, phi_power = 1.0 - along_theta**2, 1.0 - along_phi**2
@@ -143,10 +135,6 @@ def matrix_column(
         The scattering matrix in the scattering plane.
     mu, beam_mu, phi_rad
         Directions as in `rayleigh_column`.
-
-    References
-    ----------
-    definition
     """
     along_theta, along_phi, cosine = _beam_components(mu, beam_mu, phi_rad)
     sine_square = along_theta**2 + along_phi**2

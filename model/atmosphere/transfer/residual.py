@@ -33,12 +33,7 @@ class Residual:
 
 
 def refined(grid: Grid) -> Grid:
-    """Grid with every element halved and a quarter more directions.
-
-    References
-    ----------
-    definition
-    """
+    """Grid with every element halved and a quarter more directions."""
     middles = (grid.edges[:-1] + grid.edges[1:]) / 2.0
     edges = np.insert(grid.edges, np.arange(1, grid.edges.size), middles)
     nodes, weights = gauss_nodes(grid.nodes.size + ceil(grid.nodes.size / 4))

@@ -67,12 +67,7 @@ def scattering_of(grid: Grid, coefficients: NDArray[np.float64], *, modes: range
 
 
 def project(scattering: Scattering, radiance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expansion of a radiance over direction, shape (M, levels, L, S), from shape (levels, M, 2, N, S).
-
-    References
-    ----------
-    definition
-    """
+    """Expansion of a radiance over direction, shape (M, levels, L, S), from shape (levels, M, 2, N, S)."""
     levels, modes = radiance.shape[:2]
     flat = radiance.reshape(levels, modes, -1).swapaxes(0, 1)
     return (flat @ scattering.projector).reshape(modes, levels, *scattering.beam.shape[1:])
@@ -93,12 +88,7 @@ def scattered_source(scattering: Scattering, moments: NDArray[np.float64], grid:
 
 
 def element_expansion(coefficients: NDArray[np.float64], moments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expansion of twice the source at the three points of each element, shape (M, E, 3, L, S).
-
-    References
-    ----------
-    definition
-    """
+    """Expansion of twice the source at the three points of each element, shape (M, E, 3, L, S)."""
     points = 2 * np.arange(coefficients.shape[0])[:, np.newaxis] + np.arange(3)
     return apply_coefficients(coefficients[:, np.newaxis], moments[:, points])
 

@@ -53,10 +53,6 @@ class ScatteringMatrix:
         -----
         Interpolated between samples four times as dense as the expansion asks for: error below 1e-6 of the largest
         value beside.
-
-        References
-        ----------
-        definition
         """
         last = self._samples.shape[1] - 1 - 2 * _STENCIL[-1]
         place = angle_rad / pi * last
@@ -69,12 +65,7 @@ class ScatteringMatrix:
         return total
 
     def matrix(self, angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """F11, F22, F33 and F12 at scattering angles by the sum of the expansion, shape (4, N).
-
-        References
-        ----------
-        definition
-        """
+        """F11, F22, F33 and F12 at scattering angles by the sum of the expansion, shape (4, N)."""
         a1, a2, a3, b1 = self.coefficients.T
         weights = np.stack([a1, a2 + a3, a2 - a3, b1], axis=-1)
         total = np.zeros((4, angle_rad.size))

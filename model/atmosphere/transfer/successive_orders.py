@@ -76,10 +76,6 @@ def sum_orders(setting: Setting, scattering: Scattering, *, mean_radiance: NDArr
     -----
     The tail is taken as geometric, with the ratio of the last two orders. Where that ratio reaches 1 (it grows toward
     its limit from below in a conservative atmosphere), the tail counts as infinite.
-
-    References
-    ----------
-    definition
     """
     has_mean = mean_radiance is None
     total, irradiance, size, ratio, tail, count = np.zeros(1), 0.0, 0.0, 0.0, inf, 0
@@ -149,10 +145,5 @@ def ground_light(setting: Setting, scattering: Scattering, irradiance: float) ->
 
 
 def direct_irradiance(grid: Grid) -> float:
-    """Irradiance of the ground by the beam, per unit beam irradiance at the top.
-
-    References
-    ----------
-    definition
-    """
+    """Irradiance of the ground by the beam, per unit beam irradiance at the top."""
     return grid.mu0 * exp(-float(grid.edges[-1]) / grid.mu0)

@@ -72,22 +72,13 @@ def gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     -----
     The square root crowds the nodes at the horizon, where the radiance of thin layers bends within a cosine of the
     order of their optical depth. Polynomials of the cosine are exact up to degree count - 1.
-
-    References
-    ----------
-    definition
     """
     root, weight = gauss_legendre(count)
     return root**2, 2.0 * weight * root
 
 
 def transport_of(grid: Grid) -> Transport:
-    """Extinction between the levels of a grid.
-
-    References
-    ----------
-    definition
-    """
+    """Extinction between the levels of a grid."""
     path = slant(grid.depths[:, np.newaxis], grid.nodes)
     weights = source_weights(path=path, part=_PARTS[:, np.newaxis, np.newaxis])
     crossed = _PARTS[:, np.newaxis, np.newaxis] * grid.depths[:, np.newaxis]
@@ -117,10 +108,6 @@ def carry(transport: Transport, source: NDArray[np.float64], ground: NDArray[np.
     Returns
     -------
     ndarray, shape (2E + 1, M, 2, N, S)
-
-    References
-    ----------
-    definition
     """
     weight = transport.source_weight[..., np.newaxis, :, np.newaxis]
     down = sum(weight[point] * source[:, point, :, 0] for point in range(3))
@@ -143,10 +130,6 @@ def carry_beam(transport: Transport, strength: NDArray[np.float64], ground: NDAr
     Returns
     -------
     ndarray, shape (2E + 1, M, 2, N, S)
-
-    References
-    ----------
-    definition
     """
     return _accumulate(transport, transport.beam_weight[:, :, np.newaxis, :, :, np.newaxis] * strength, ground)
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from model.atmosphere.lighting.analytic_sky import AnalyticLighting, analytic_sky
+from model.atmosphere.lighting.band_lighting import path_radiance, path_transmittance
 from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
-from model.atmosphere.lighting.path import path_radiance, path_transmittance
 from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.lighting.table_lighting import TableLighting
 from model.atmosphere.profile import AtmosphereState, column

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
-from model.atmosphere.lighting.path import path_radiance
+from model.atmosphere.lighting.band_lighting import path_radiance
 from model.atmosphere.lighting.single_scattering import single_solution
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.delta_m_truncation import peak_irradiance, with_truncated_matrix

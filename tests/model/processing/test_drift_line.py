@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from model.processing.block_means import block_means
 from model.processing.drift_line import drift_line
+from model.processing.redundancy import block_means
 
 
 def test_the_slope_is_that_of_weighted_least_squares():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.accuracy.planning.field_decay import decay
+from model.accuracy.planning.forecast import decay
 from model.quadrature import gauss_legendre
 
 

@@ -1,9 +1,10 @@
-"""Variance of a pixel's counts from frame to frame of a constant scene."""
+"""Temporal noise of a pixel's counts, and the chance that a pixel is clipped."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
-from model.sensor.sensor import SensorNoise
+from model.sensor.sensor import Sensor, SensorNoise
 
 FloatArray = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
     signal_dn
         Mean signal, black level and dark signal taken off, any shape [DN].
     noise
-        Noise figures.
+        Noise parameters.
     exposure_s
         Exposure time, broadcast against the signal [s].
 
@@ -52,3 +53,24 @@ def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposu
     dark_dn = gain * noise.dark_current_e_per_s * np.asarray(exposure_s, dtype=np.float64)
     light_dn = np.asarray(signal_dn, dtype=np.float64) * (1.0 if noise.shot_noise else 0.0)
     return np.asarray(gain * (light_dn + dark_dn) + (gain * noise.read_noise_e) ** 2)
+
+
+def saturation_probability(
+    sensor: Sensor, level: FloatArray, unquantised_var: FloatArray, spatial_cov: FloatArray
+) -> FloatArray:
+    """Return the larger of the chances of clipping in the converter and in the pixel's well."""
+    noise = sensor.noise
+    spatial = np.diagonal(spatial_cov, axis1=-2, axis2=-1)
+    top = 2.0**sensor.bit_depth - 0.5 - noise.black_level_dn
+    clipped = _exceedance(level, top, unquantised_var + spatial)
+    if noise.saturation_e is None:
+        return clipped
+    well = noise.gain_dn_per_e * noise.saturation_e
+    in_well = unquantised_var - (noise.gain_dn_per_e * noise.read_noise_e) ** 2 + spatial
+    return np.maximum(clipped, _exceedance(level, well, in_well))
+
+
+def _exceedance(mean: FloatArray, limit: float, var: FloatArray) -> FloatArray:
+    sigma = np.sqrt(np.maximum(var, 0.0))
+    certain = (mean > limit).astype(np.float64)
+    return np.where(sigma > 0.0, ndtr((mean - limit) / np.where(sigma > 0.0, sigma, 1.0)), certain)
