@@ -11,6 +11,8 @@ class Flag:
     ----------
     name : str
         What it is, in ``lower_case_with_underscores``; names stay the same from version to version.
+    level : str or None
+        The level that is named; None where it is the whole set.
     message : str
         What was found, what is allowed, and what to try.
     refuses : bool
@@ -18,5 +20,6 @@ class Flag:
     """
 
     name: str
+    level: str | None = None
     message: str
     refuses: bool = False

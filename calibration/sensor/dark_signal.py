@@ -75,7 +75,7 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
     design = np.column_stack([np.ones(len(darks)), known]) if has_slope else np.ones((len(darks), 1))
     means = np.array([dark.mean_dn for dark in darks])
     mean_fit = fit_with_scatter(
-        design, means, sampling_covariance=np.diag(_mean_sampling_variance(darks)), scatter_shape=np.ones(len(darks))
+        design, means, sampling_covariance=np.diag(mean_sampling_variance(darks)), scatter_shape=np.ones(len(darks))
     )
     variances = np.array([dark.temporal_variance_dn2 for dark in darks])
     limited = bool(np.median(variances) < QUANTISATION_LIMIT_DN2)
@@ -109,7 +109,7 @@ def _with_rounding(fit: ScatterFit, *, exposure_range_s: float) -> ScatterFit:
     return replace(fit, covariance=fit.covariance + extra)
 
 
-def _mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
+def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
     """Return the variance of each level's mean: noise of its pixels, and wander of whole frames."""
     noise = np.array([dark.temporal_variance_dn2 / dark.n_pixels for dark in darks])
     freedom = np.array([dark.n_frames - 1 for dark in darks])

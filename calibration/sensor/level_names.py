@@ -10,7 +10,8 @@ _NAMED = 3
 def describe_level(level: LevelStatistics) -> str:
     """Return a level's name for a message."""
     exposure = "unknown exposure" if level.exposure_s is None else f"{level.exposure_s * 1e3:.6g} ms"
-    return f"{level.kind} at {exposure} (mean {level.mean_dn:.4g} DN)"
+    photons = "" if level.photons is None else f"{level.photons:.6g} photons, "
+    return f"{level.kind} at {exposure} ({photons}mean {level.mean_dn:.4g} DN)"
 
 
 def level_names(levels: Sequence[LevelStatistics]) -> str:

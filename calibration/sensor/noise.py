@@ -13,12 +13,15 @@ from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
 from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.judged_curve import judged_curve, sound_darks
 from calibration.sensor.level_checks import level_flags
+from calibration.sensor.level_verdicts import LevelInfluence
+from calibration.sensor.light_stability import LightStability
 from calibration.sensor.noise_parameters import choose_spatial_levels, measure, noise_parameters
 from calibration.sensor.parameter_checks import parameter_flags
 from calibration.sensor.pattern_checks import left_out_flags
 from calibration.sensor.performance import Performance, performance
-from calibration.sensor.photon_transfer import PhotonTransfer, fit_photon_transfer, transfer_points
+from calibration.sensor.photon_transfer import PhotonTransfer
 from calibration.sensor.propagation import SpatialLevels
 from calibration.sensor.row_column_checks import row_column_flags
 from calibration.sensor.sample_checks import sample_flags
@@ -61,6 +64,10 @@ class NoiseCalibration:
         Which of them the fixed pattern was taken from.
     emva1288 : dict
         The numbers of EMVA 1288 by its own unweighted fits, by the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`.
+    influence : tuple of LevelInfluence
+        Each flat beside what all others say of it, in the order of `flats`.
+    light_stability : LightStability
+        Wander of the light from frame to frame, from the repeats within levels.
     """
 
     gain_dn_per_e: Estimate
@@ -79,6 +86,8 @@ class NoiseCalibration:
     darks: tuple[LevelStatistics, ...]
     spatial: SpatialLevels
     emva1288: dict[str, EmvaFigure | None]
+    influence: tuple[LevelInfluence, ...]
+    light_stability: LightStability
 
 
 def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> NoiseCalibration:
@@ -113,15 +122,16 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     EMVA Standard 1288, Release 4.0 Linear, sections 6 to 8. Different from it: the response of the sensor, weights,
     bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
     """
-    flats, darks = _sorted_levels(levels, bit_depth)
+    flats, all_darks = _sorted_levels(levels, bit_depth)
     flags = (*sample_flags(levels, bit_depth=bit_depth), *level_flags(levels), *row_column_flags(levels))
     _refuse_if_any(flags)
+    darks, dark_flags = sound_darks(all_darks)
     dark = fit_dark_signal(darks)
     match = match_darks(flats, darks)
     ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
-    points = transfer_points(flats, dark, match, ceiling_dn=ceiling_dn)
-    transfer = fit_photon_transfer(flats, points, full_signal_dn=ceiling_dn - float(dark.means_dn.min()))
-    flags += curve_flags(flats, transfer, dark, match)
+    curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
+    transfer = curve.transfer
+    flags += (*dark_flags, *curve.flags, *curve_flags(flats, transfer, dark, match))
     _refuse_if_any(flags)
     spatial = choose_spatial_levels(flats, darks, transfer=transfer, match=match)
     measured = measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
@@ -154,6 +164,8 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         darks=tuple(darks),
         spatial=spatial,
         emva1288=emva1288_figures(flats, darks, ceiling_dn=ceiling_dn),
+        influence=curve.levels,
+        light_stability=curve.stability,
     )
 
 

@@ -23,6 +23,8 @@ _CUBIC_LEVELS = 8
 # Upper end of the fit, as a share of saturation. The standard's is 0.7, for a fit without a bend.
 RANGE_OF_SATURATION = 0.8
 _PASSES = 3
+# Variance over signal of one level above both neighbours by this much, and by so many errors.
+_SPIKE, _SPIKE_SIGMA = 1.1, 6.0
 _TERMS = 3
 
 
@@ -107,6 +109,16 @@ class PhotonTransfer:
         return self.fit.response[0, : int(np.count_nonzero(self.used))]
 
     @property
+    def gain_shifts(self) -> FloatArray:
+        """Change of the gain by leaving each used point out, the weights of the others kept [DN/e-]."""
+        signal, n = self.points.signal_dn[self.used], int(np.count_nonzero(self.used))
+        design = signal[:, None] ** np.arange(1, len(self.fit.parameters) + 1)
+        leverage = np.einsum("ij,ji->i", design, self.fit.response[:, :n])
+        residual = self.points.variance_dn2[self.used] - design @ self.fit.parameters
+        shifts: FloatArray = -self.gain_response * residual / np.maximum(1.0 - leverage, np.finfo(float).eps)
+        return shifts
+
+    @property
     def gain_error_of_linearity_dn_per_e(self) -> float:
         """Part of the gain's standard error that the response of the sensor has; 0 where that is not known."""
         if self.linearity is None or len(self.fit.parameters) < _TERMS:
@@ -157,15 +169,27 @@ def transfer_points(
     )
 
 
-def fit_photon_transfer(
-    flats: Sequence[LevelStatistics], points: TransferPoints, *, full_signal_dn: float
-) -> PhotonTransfer:
-    """Return gain and bend of a photon-transfer curve.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UsablePoints:
+    """Points of a photon-transfer curve that a fit may use.
+
+    Attributes
+    ----------
+    mask : (n,) array of bool
+        Up to 80 % of saturation.
+    saturation : SaturationLevel or None
+        Where the variance is largest; None where it never falls.
+    """
+
+    mask: NDArray[np.bool_]
+    saturation: SaturationLevel | None
+
+
+def usable_points(points: TransferPoints, *, full_signal_dn: float) -> UsablePoints:
+    """Return the points up to 80 % of saturation with less than 0.1 % of their samples at the ceiling.
 
     Parameters
     ----------
-    flats : sequence of LevelStatistics
-        The flats of the points, in their order.
     points : TransferPoints
         The curve, by ascending signal.
     full_signal_dn : float
@@ -175,6 +199,55 @@ def fit_photon_transfer(
     ------
     RefusedFramesError
         No level is brighter than its dark and below saturation.
+    """
+    smooth = ~_spikes(points)
+    saturation = saturation_level(signal_dn=points.signal_dn, variance_dn2=np.where(smooth, points.variance_dn2, 0.0))
+    top_dn = RANGE_OF_SATURATION * (saturation.signal_dn if saturation else full_signal_dn)
+    used = (points.signal_dn > 0.0) & (points.signal_dn <= top_dn) & (points.flat_variance_dn2 > 0.0)
+    used &= ~points.saturated
+    if not used.any():
+        raise refused(
+            "no_usable_level",
+            f"no flat level can be used: signals are {points.signal_dn.min():.4g} to {points.signal_dn.max():.4g} DN "
+            f"above dark, {int(points.saturated.sum())} of {len(used)} levels are saturated; wanted are levels with "
+            f"noise, brighter than dark and below {top_dn:.0f} DN: take flats at other exposures",
+        )
+    return UsablePoints(mask=used, saturation=saturation)
+
+
+def _spikes(points: TransferPoints) -> NDArray[np.bool_]:
+    """Return which points have more variance for their signal than both neighbours: not how a sensor saturates."""
+    ratio = points.variance_dn2 / np.maximum(points.signal_dn, np.finfo(float).tiny)
+    error = points.std_error_dn2 / np.maximum(points.signal_dn, np.finfo(float).tiny)
+    padded = np.concatenate([[ratio[0]], ratio, [ratio[-1]]])
+    beside = np.maximum(padded[:-2], padded[2:])
+    spike: NDArray[np.bool_] = (ratio > _SPIKE * beside) & (ratio > beside + _SPIKE_SIGMA * error)
+    spike[[0, -1]] = False
+    return spike
+
+
+def fit_photon_transfer(
+    flats: Sequence[LevelStatistics],
+    points: TransferPoints,
+    *,
+    usable: UsablePoints,
+    mean_variance_dn2: FloatArray,
+    wrong_light: NDArray[np.bool_] | None = None,
+) -> PhotonTransfer:
+    """Return gain and bend of a photon-transfer curve.
+
+    Parameters
+    ----------
+    flats : sequence of LevelStatistics
+        The flats of the points, in their order.
+    points : TransferPoints
+        The curve, by ascending signal.
+    usable : UsablePoints
+        The points to use.
+    mean_variance_dn2 : (n,) array
+        Variance of each level's mean by noise and by wander of the light from frame to frame [DN^2].
+    wrong_light : (n,) array of bool or None
+        Levels whose exposure or photons are not to be believed: they are left out of the response.
 
     Notes
     -----
@@ -199,28 +272,18 @@ def fit_photon_transfer(
     ----------
     EMVA Standard 1288, Release 4.0 Linear, section 6.6, which has no weights, no bend and no errors.
     """
-    saturation = saturation_level(signal_dn=points.signal_dn, variance_dn2=points.variance_dn2)
-    top_dn = RANGE_OF_SATURATION * (saturation.signal_dn if saturation else full_signal_dn)
-    used = (points.signal_dn > 0.0) & (points.signal_dn <= top_dn) & (points.flat_variance_dn2 > 0.0)
-    used &= ~points.saturated
-    if not used.any():
-        raise refused(
-            "no_usable_level",
-            f"no flat level can be used: signals are {points.signal_dn.min():.4g} to {points.signal_dn.max():.4g} DN "
-            f"above dark, {int(points.saturated.sum())} of {len(used)} levels are saturated; wanted are levels with "
-            f"noise, brighter than dark and below {top_dn:.0f} DN: take flats at other exposures",
-        )
-    linearity = _linearity(flats, points, used)
+    used = usable.mask
+    known = used if wrong_light is None else used & ~wrong_light
+    linearity = _linearity(flats, points, known, mean_variance_dn2) if known.any() else None
     fit = _fit_curve(points, used, linearity)
-    return PhotonTransfer(points=points, used=used, fit=fit, linearity=linearity, saturation=saturation)
+    return PhotonTransfer(points=points, used=used, fit=fit, linearity=linearity, saturation=usable.saturation)
 
 
 def _linearity(
-    flats: Sequence[LevelStatistics], points: TransferPoints, used: NDArray[np.bool_]
+    flats: Sequence[LevelStatistics], points: TransferPoints, known: NDArray[np.bool_], mean_variance_dn2: FloatArray
 ) -> LinearityCurve | None:
-    chosen = [flats[index] for index in np.flatnonzero(used).tolist()]
-    n_samples = np.array([flat.n_frames * flat.n_pixels for flat in chosen])
-    return fit_linearity(chosen, points.signal_dn[used], noise_dn2=points.flat_variance_dn2[used] / n_samples)
+    chosen = [flats[index] for index in np.flatnonzero(known).tolist()]
+    return fit_linearity(chosen, points.signal_dn[known], noise_dn2=mean_variance_dn2[known])
 
 
 def _n_terms(n_points: int, linearity: LinearityCurve | None) -> int:

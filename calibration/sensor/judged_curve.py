@@ -1,0 +1,155 @@
+"""A photon-transfer curve from the levels that are sound, and what is wrong with the others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.flags import Flag
+from calibration.sensor.dark_signal import DarkMatch, DarkSignal, mean_sampling_variance
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.level_influence import (
+    DarkInfluence,
+    dark_influence,
+    light_influence,
+    mean_variance_dn2,
+    noise_influence,
+)
+from calibration.sensor.level_names import describe_level
+from calibration.sensor.level_verdicts import FlatVerdicts, LevelInfluence, flat_verdicts
+from calibration.sensor.light_stability import LightStability, light_stability
+from calibration.sensor.photon_transfer import (
+    PhotonTransfer,
+    TransferPoints,
+    UsablePoints,
+    fit_photon_transfer,
+    transfer_points,
+    usable_points,
+)
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedCurve:
+    """The curve of the sound levels.
+
+    Attributes
+    ----------
+    transfer : PhotonTransfer
+        Its fit.
+    levels : tuple of LevelInfluence
+        Each flat beside the others.
+    stability : LightStability
+        Of the light from frame to frame.
+    flags : tuple of Flag
+        One for each level that is named.
+    """
+
+    transfer: PhotonTransfer
+    levels: tuple[LevelInfluence, ...]
+    stability: LightStability
+    flags: tuple[Flag, ...]
+
+
+def sound_darks(darks: Sequence[LevelStatistics]) -> tuple[list[LevelStatistics], tuple[Flag, ...]]:
+    """Return the dark levels that go together, and a flag for each that does not."""
+    found = dark_influence(darks)
+    if found is None:
+        return list(darks), ()
+    pairs = list(zip(darks, found, strict=True))
+    return (
+        [dark for dark, one in pairs if not one.outlying],
+        tuple(_dark_flag(dark, one) for dark, one in pairs if one.outlying),
+    )
+
+
+def _dark_flag(dark: LevelStatistics, found: DarkInfluence) -> Flag:
+    name = describe_level(dark)
+    cause = "light got in, or the sensor was warmer" if found.mean_off_dn > 0.0 else "it is of another exposure"
+    return Flag(
+        name="wrong_dark",
+        level=name,
+        message=f"{name}: its mean is {found.mean_off_dn:+.3g} +- {found.mean_std_error_dn:.2g} DN and its temporal "
+        f"variance {found.variance_off_dn2:+.3g} +- {found.variance_std_error_dn2:.2g} DN^2 off what all other darks "
+        f"say of its exposure: {cause}, or its frames are others; it is left out: take it again",
+    )
+
+
+def judged_curve(
+    flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
+    dark: DarkSignal,
+    match: DarkMatch,
+    *,
+    ceiling_dn: int,
+) -> JudgedCurve:
+    """Return the photon-transfer curve through the levels that all others confirm.
+
+    Parameters
+    ----------
+    flats, darks : sequences of LevelStatistics
+        Flats by ascending mean; darks as `dark` was fitted from.
+    dark : DarkSignal
+        The dark levels.
+    match : DarkMatch
+        Which darks belong to which flat.
+    ceiling_dn : int
+        Sample of a saturated pixel [DN].
+
+    Raises
+    ------
+    RefusedFramesError
+        No level can be used.
+
+    Notes
+    -----
+    A level that is off on an axis is left out of the fit on this axis, and of nothing else.
+    """
+    points = transfer_points(flats, dark, match, ceiling_dn=ceiling_dn)
+    usable = usable_points(points, full_signal_dn=ceiling_dn - float(dark.means_dn.min()))
+    mask = usable.mask
+    used = [flats[index] for index in np.flatnonzero(mask).tolist()]
+    stability = light_stability(used, points.signal_dn[mask])
+    of_darks = np.square(match.weights) @ mean_sampling_variance(darks)
+    own_dn2 = np.where(points.signal_dn > 0.0, mean_variance_dn2(flats, points.signal_dn, stability), 0.0) + of_darks
+    verdicts = flat_verdicts(
+        flats,
+        judged=mask,
+        noise=noise_influence(points, mask),
+        light=light_influence(used, points.signal_dn[mask], own_dn2[mask]),
+    )
+    transfer = _fit(flats, points, usable, verdicts, own_dn2)
+    return JudgedCurve(
+        transfer=transfer,
+        levels=_with_gain_shifts(verdicts.levels, transfer),
+        stability=stability,
+        flags=verdicts.flags,
+    )
+
+
+def _fit(
+    flats: Sequence[LevelStatistics],
+    points: TransferPoints,
+    usable: UsablePoints,
+    verdicts: FlatVerdicts,
+    own_dn2: FloatArray,
+) -> PhotonTransfer:
+    return fit_photon_transfer(
+        flats,
+        points,
+        usable=replace(usable, mask=usable.mask & ~verdicts.wrong_noise),
+        mean_variance_dn2=own_dn2,
+        wrong_light=verdicts.wrong_light,
+    )
+
+
+def _with_gain_shifts(levels: Sequence[LevelInfluence], transfer: PhotonTransfer) -> tuple[LevelInfluence, ...]:
+    """Return the levels with what leaving each out of the gain does, in its standard errors, by the hat matrix."""
+    shifts = transfer.gain_shifts / np.sqrt(transfer.fit.covariance[0, 0])
+    found = list(levels)
+    for row, index in enumerate(np.flatnonzero(transfer.used).tolist()):
+        found[index] = replace(found[index], gain_shift_errors=float(shifts[row]))
+    return tuple(found)

@@ -1,0 +1,173 @@
+"""Influence of single levels: which stand off what the others say, and on which axis."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.sensor.dark_signal import mean_sampling_variance
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.light_stability import LightStability
+from calibration.sensor.outlying_points import CurveModel, PointInfluence, point_influence
+from calibration.sensor.photon_transfer import TransferPoints
+from calibration.sensor.rounding_error import mean_rounding_error_dn, variance_rounding_error_dn2
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+LightName = Literal["exposure", "photons"]
+
+# Chances that a sound set has a level named on one axis; all together below 1 %.
+_FALSE_VARIANCE, _FALSE_LIGHT, _FALSE_DARK_MEAN, _FALSE_DARK_VARIANCE = 1.5e-3, 2.5e-3, 1e-3, 5e-4
+_LEAST_LEVELS = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class DarkInfluence:
+    """One dark level: its mean and its temporal variance against exposure [DN, DN^2]."""
+
+    mean_off_dn: float
+    mean_std_error_dn: float
+    variance_off_dn2: float
+    variance_std_error_dn2: float
+    outlying: bool
+
+
+def dark_influence(darks: Sequence[LevelStatistics]) -> tuple[DarkInfluence, ...] | None:
+    """Return each dark level beside the others; None with fewer than five."""
+    if len(darks) < _LEAST_LEVELS:
+        return None
+    exposures = np.array([np.nan if dark.exposure_s is None else dark.exposure_s for dark in darks])
+    models = _dark_models(exposures)
+    temporal = np.array([dark.temporal_variance_dn2 for dark in darks])
+    spatial = np.array([max(dark.ordinary.variance_dn2, 0.0) for dark in darks])
+    rounding = mean_rounding_error_dn(np.maximum(temporal - 1.0 / 12.0, 0.0) + spatial)
+    means = np.array([dark.mean_dn for dark in darks])
+    by_mean = point_influence(
+        models, means, mean_sampling_variance(darks) + np.square(rounding), p_false=_FALSE_DARK_MEAN
+    )
+    errors = np.array([dark.temporal_std_error_dn2 / max(dark.temporal_variance_dn2, 1e-9) for dark in darks])
+    own = np.square(np.maximum(errors, 1e-6) * max(float(np.median(temporal)), 1e-9))
+    of_rounding = variance_rounding_error_dn2(np.maximum(temporal - 1.0 / 12.0, 0.0), spatial)
+    by_variance = point_influence(models, temporal, own + np.square(of_rounding), p_false=_FALSE_DARK_VARIANCE)
+    if by_mean is None or by_variance is None:
+        return None
+    return tuple(
+        DarkInfluence(
+            mean_off_dn=float(by_mean.deviation[index]),
+            mean_std_error_dn=float(by_mean.std_error[index]),
+            variance_off_dn2=float(by_variance.deviation[index]),
+            variance_std_error_dn2=float(by_variance.std_error[index]),
+            outlying=bool(by_mean.outlying[index] or by_variance.outlying[index]),
+        )
+        for index in range(len(darks))
+    )
+
+
+def _dark_models(exposures: FloatArray) -> list[CurveModel]:
+    even = np.ones(len(exposures))
+    if np.isnan(exposures).any() or np.ptp(exposures) == 0.0:
+        return [CurveModel(design=even[:, None], scatter_shape=even)]
+    scaled = exposures / exposures.max()
+    powers = scaled[:, None] ** np.arange(3)
+    n_terms = min(3, len(np.unique(exposures)))
+    models = [CurveModel(design=powers[:, :terms], scatter_shape=even) for terms in range(1, n_terms + 1)]
+    # A sensor that warms up scatters the more the longer it exposes.
+    growing = CurveModel(design=powers[:, :2], scatter_shape=np.maximum(scaled, 1e-3), is_usual=False)
+    return [*models, growing] if n_terms > 1 else models
+
+
+def noise_influence(points: TransferPoints, used: Mask) -> PointInfluence | None:
+    """Return each used point of a photon-transfer curve beside the curve through the others."""
+    signal, variance = points.signal_dn[used], points.variance_dn2[used]
+    gain = float(np.median(variance / signal))
+    dark = float(np.median(points.flat_variance_dn2[used] - variance))
+    relative = points.flat_std_error_dn2[used] / points.flat_variance_dn2[used]
+    own = np.square(relative * np.maximum(dark + gain * signal, 0.0)) + np.diag(points.dark_covariance_dn4)[used]
+    scaled = signal / signal.max()
+    models = [
+        CurveModel(design=np.column_stack([scaled**power for power in powers]), scatter_shape=signal)
+        for powers in ((1,), (1, 2), (1, 2, 3))
+    ]
+    return point_influence(models, variance, own, p_false=_FALSE_VARIANCE)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LightInfluence:
+    """The means of flats beside the response to the light.
+
+    Attributes
+    ----------
+    light : {"exposure", "photons"}
+        What the light was taken to be proportional to.
+    points : PointInfluence
+        Of the levels that were judged.
+    """
+
+    light: LightName
+    points: PointInfluence
+
+
+def light_influence(
+    flats: Sequence[LevelStatistics], signal_dn: FloatArray, own_dn2: FloatArray
+) -> tuple[LightInfluence, ...]:
+    """Return the flats beside the response to their light, the light that they follow best first.
+
+    Parameters
+    ----------
+    flats : sequence of LevelStatistics
+        Below saturation.
+    signal_dn : (n,) array
+        Their means, dark taken off, > 0 [DN].
+    own_dn2 : (n,) array
+        Variance of these by noise, rounding and wander of the light [DN^2].
+
+    Notes
+    -----
+    Exposures, photons, both or neither may be stated. Scatter of the levels beyond their own errors is in proportion to
+    the signal (the lamp) or, where that explains more than one wrong level would, the same at all (steps of exposures).
+    """
+    lights: tuple[tuple[LightName, FloatArray], ...] = (("exposure", _exposures(flats)), ("photons", _photons(flats)))
+    found = [
+        LightInfluence(light=name, points=points)
+        for name, light in lights
+        if (points := _beside_response(signal_dn, light, own_dn2)) is not None
+    ]
+    return tuple(sorted(found, key=lambda one: one.points.cost))
+
+
+def _exposures(flats: Sequence[LevelStatistics]) -> FloatArray:
+    return np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
+
+
+def _photons(flats: Sequence[LevelStatistics]) -> FloatArray:
+    return np.array([np.nan if flat.photons is None else flat.photons for flat in flats])
+
+
+def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability) -> FloatArray:
+    """Return the variance of the means of flats by noise of pixels, rounding and wander of the light [DN^2]."""
+    temporal = np.array([flat.temporal_variance_dn2 for flat in flats])
+    spatial = np.array([max(flat.ordinary.variance_dn2, 0.0) for flat in flats])
+    n_frames = np.array([float(flat.n_frames) for flat in flats])
+    n_pixels = np.array([float(flat.n_pixels) for flat in flats])
+    rounding = mean_rounding_error_dn(np.maximum(temporal - 1.0 / 12.0, 0.0) + spatial)
+    variance: FloatArray = (temporal / n_pixels + stability.variance_dn2(signal_dn)) / n_frames + np.square(rounding)
+    return variance
+
+
+def _beside_response(signal_dn: FloatArray, light: FloatArray, own_dn2: FloatArray) -> PointInfluence | None:
+    if np.isnan(light).any() or len(np.unique(light)) < max(_LEAST_LEVELS, len(light) // 2 + 1):
+        return None
+    scaled = light / light.max()
+    even = np.full(len(light), float(np.median(signal_dn)))
+    models = [
+        CurveModel(
+            design=np.column_stack([scaled**power for power in powers]),
+            scatter_shape=shape,
+            is_usual=shape is signal_dn and 0 not in powers,
+        )
+        for powers in ((1,), (1, 2), (1, 2, 3), (0, 1), (0, 1, 2), (0, 1, 2, 3))
+        for shape in (signal_dn, even)
+    ]
+    return point_influence(models, signal_dn, own_dn2, p_false=_FALSE_LIGHT)

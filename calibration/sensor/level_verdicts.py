@@ -1,0 +1,165 @@
+"""Verdicts on single levels: which are named, why, and what they are left out of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.flags import Flag
+from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.level_influence import LightInfluence
+from calibration.sensor.level_names import describe_level
+from calibration.sensor.outlying_points import PointInfluence
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Deviations on both axes that agree to this many errors, or to a quarter, have one cause.
+_ALIKE_SIGMA, _ALIKE_SHARE = 4.0, 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelInfluence:
+    """One flat beside what all others say of it.
+
+    Attributes
+    ----------
+    variance_off, variance_std_error : float or None
+        Temporal variance off the curve through the others against their means, relative; None where not judged.
+    mean_off, mean_std_error : float or None
+        Mean off the response of the others to their light, relative.
+    gain_shift_errors : float or None
+        Change of the gain by leaving the level out, in the gain's standard errors.
+    cause : str or None
+        Name of the flag that names it; None where it is sound.
+    """
+
+    variance_off: float | None = None
+    variance_std_error: float | None = None
+    mean_off: float | None = None
+    mean_std_error: float | None = None
+    gain_shift_errors: float | None = None
+    cause: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlatVerdicts:
+    """All flats, in their order.
+
+    Attributes
+    ----------
+    levels : tuple of LevelInfluence
+        Each beside the others.
+    wrong_noise, wrong_light : (n,) arrays of bool
+        Left out of the gain; left out of the response to light and of the quantum efficiency.
+    flags : tuple of Flag
+        One for each level that is named.
+    """
+
+    levels: tuple[LevelInfluence, ...]
+    wrong_noise: Mask
+    wrong_light: Mask
+    flags: tuple[Flag, ...]
+
+
+def flat_verdicts(
+    flats: Sequence[LevelStatistics],
+    *,
+    judged: Mask,
+    noise: PointInfluence | None,
+    light: Sequence[LightInfluence],
+) -> FlatVerdicts:
+    """Return what is wrong with which flat.
+
+    Parameters
+    ----------
+    flats : sequence of LevelStatistics
+        In the order of the curve's points.
+    judged : (n,) array of bool
+        Those that `noise` and `light` hold.
+    noise : PointInfluence or None
+        Variance against mean.
+    light : sequence of LightInfluence
+        Mean against exposure and photons.
+
+    Notes
+    -----
+    Variance against mean needs no light: a level that is off there has another noise. One that is off the light alone
+    has a mean that its noise confirms, and what is stated of its light is wrong. Off on both by the same share: mean
+    goes with gain, variance with its square, so variance over mean is off as much as mean over light: another gain.
+    """
+    places = np.flatnonzero(judged).tolist()
+    levels = [LevelInfluence() for _ in flats]
+    wrong_noise, wrong_light = np.zeros(len(flats), dtype=bool), np.zeros(len(flats), dtype=bool)
+    flags = []
+    for row, index in enumerate(places):
+        by_noise = None if noise is None else _relative(noise, row)
+        worst = _worst_light(light, row)
+        off_light = None if worst is None else _relative(worst.points, row)
+        is_noise = noise is not None and bool(noise.outlying[row])
+        is_light = worst is not None and bool(worst.points.outlying[row])
+        cause = _cause(by_noise if is_noise else None, off_light if is_light else None)
+        levels[index] = LevelInfluence(
+            variance_off=by_noise[0] if by_noise else None,
+            variance_std_error=by_noise[1] if by_noise else None,
+            mean_off=off_light[0] if off_light else None,
+            mean_std_error=off_light[1] if off_light else None,
+            cause=cause,
+        )
+        wrong_noise[index], wrong_light[index] = is_noise, is_light
+        if cause is not None:
+            flags.append(_flag(cause, flats[index], by_noise, off_light, None if worst is None else worst.light))
+    return FlatVerdicts(levels=tuple(levels), wrong_noise=wrong_noise, wrong_light=wrong_light, flags=tuple(flags))
+
+
+def _worst_light(light: Sequence[LightInfluence], row: int) -> LightInfluence | None:
+    """Return the light that a level is off by; where it is off by neither, the one that all follow best."""
+    off = [one for one in light if one.points.outlying[row]]
+    return next(iter(off or light), None)
+
+
+def _relative(points: PointInfluence, row: int) -> tuple[float, float]:
+    """Return how far a point is off the others and its error, relative to what the others have there."""
+    expected = points.values[row] - points.deviation[row]
+    return float(points.deviation[row] / expected), float(points.std_error[row] / abs(expected))
+
+
+def _cause(noise: tuple[float, float] | None, light: tuple[float, float] | None) -> str | None:
+    if noise is None or light is None:
+        return "wrong_variance" if noise else "wrong_light" if light else None
+    apart, error = abs(noise[0] - light[0]), float(np.hypot(noise[1], light[1]))
+    alike = apart < max(_ALIKE_SIGMA * error, _ALIKE_SHARE * abs(light[0]))
+    return "another_gain" if alike else "wrong_level"
+
+
+def _flag(
+    cause: str,
+    level: LevelStatistics,
+    noise: tuple[float, float] | None,
+    light: tuple[float, float] | None,
+    light_name: str | None,
+) -> Flag:
+    variance = "" if noise is None else f"{noise[0]:+.2%} +- {noise[1]:.2%}"
+    mean = "" if light is None else f"{light[0]:+.2%} +- {light[1]:.2%}"
+    messages = {
+        "wrong_variance": f"its temporal variance is {variance} off the curve that all others follow against their "
+        f"means: {_cause_of_variance(noise)}; it is left out of the gain: take it again",
+        "wrong_light": f"its mean is {mean} off the response to the {light_name} that all others follow"
+        + ("" if noise is None else f", while its noise fits its mean ({variance})")
+        + f": the {light_name} stated for it is wrong, or the lamp was another then; it is left out of linearity and "
+        f"quantum efficiency, and stays in the gain: correct what is stated, or take it again",
+        "another_gain": f"variance over mean is {variance}, mean over {light_name} {mean} off what all others "
+        f"follow, by the same share: it was taken at another gain; it is left out of the gain and of linearity: take "
+        f"it again",
+        "wrong_level": f"its temporal variance is {variance} off its mean and its mean {mean} off its {light_name}: "
+        f"other frames, another gain, or saturation; it is left out of the gain and of linearity: take it again",
+    }
+    name = describe_level(level)
+    return Flag(name=cause, level=name, message=f"{name}: {messages[cause]}")
+
+
+def _cause_of_variance(noise: tuple[float, float] | None) -> str:
+    if noise is not None and noise[0] > 0.0:
+        return "the light changed within its frames, or another gain"
+    return "frames that repeat or were averaged, compression, another gain, or the onset of saturation"

@@ -1,0 +1,70 @@
+"""Stability of the light from frame to frame, from the repeats within the levels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.sensor.frame_statistics import LevelStatistics
+
+FloatArray = NDArray[np.float64]
+
+_PASSES = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightStability:
+    """Wander of a frame's mean beyond the noise of its pixels.
+
+    Attributes
+    ----------
+    relative : float
+        Standard deviation in proportion to the signal: a lamp that flickers.
+    constant_dn : float
+        Standard deviation that is the same at all signals: black level, beat of the mains with the exposure [DN].
+    """
+
+    relative: float
+    constant_dn: float
+
+    def variance_dn2(self, signal_dn: FloatArray) -> FloatArray:
+        """Return the variance of a single frame's mean by wander [DN^2]."""
+        variance: FloatArray = self.constant_dn**2 + np.square(self.relative * signal_dn)
+        return variance
+
+
+def light_stability(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -> LightStability:
+    """Return how much the means of frames wander that should be alike.
+
+    Parameters
+    ----------
+    flats : sequence of LevelStatistics
+        Flats below saturation.
+    signal_dn : (n,) array
+        Their means, dark taken off [DN].
+
+    Notes
+    -----
+    Least squares of the variances of frame means, less the noise of pixels, on 1 and signal^2, each weighted as a
+    variance of its own size scatters; a part below 0 is none.
+    """
+    freedom = np.array([flat.n_frames - 1.0 for flat in flats])
+    between = np.array([np.var(flat.frame_means_dn, ddof=1) for flat in flats])
+    noise = np.array([flat.temporal_variance_dn2 / flat.n_pixels for flat in flats])
+    design = np.column_stack([np.ones(len(flats)), np.square(signal_dn)])
+    parts = np.zeros(2)
+    for _ in range(_PASSES):
+        weight = np.sqrt(freedom) / np.maximum(noise + design @ parts, np.finfo(float).tiny)
+        parts = _not_below_zero(design * weight[:, None], (between - noise) * weight)
+    return LightStability(relative=float(np.sqrt(parts[1])), constant_dn=float(np.sqrt(parts[0])))
+
+
+def _not_below_zero(design: FloatArray, values: FloatArray) -> FloatArray:
+    both: FloatArray = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
+    if both.min() >= 0.0:
+        return both
+    alone = np.maximum(design.T @ values, 0.0) / np.maximum(np.sum(np.square(design), axis=0), np.finfo(float).tiny)
+    better = int(np.argmax(alone**2 * np.sum(np.square(design), axis=0)))
+    parts: FloatArray = np.where(np.arange(2) == better, alone, 0.0)
+    return parts

@@ -1,0 +1,203 @@
+"""Points that stand off a smooth curve which all others follow: influence of each in closed form."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# A point more that is taken to be wrong has to explain as much as odds of 1 to 100 against it.
+_ODDS_COST = 2.0 * np.log(100.0)
+# A wrong point may be anywhere within its own size.
+_LARGEST_SHARE = 0.25
+_LEAST_FREEDOM = 3
+_SCATTER_STEPS = 30
+_CONVERGED = 1e-3
+_LARGEST_LEVERAGE = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CurveModel:
+    """One smooth curve that points may follow.
+
+    Attributes
+    ----------
+    design : (n, p) array
+        Columns of a linear model.
+    scatter_shape : (n,) array
+        Standard deviation of one unit of extra, independent scatter of each point, > 0.
+    is_usual : bool
+        False for a curve that is believed where it explains more than one wrong point would.
+    """
+
+    design: FloatArray
+    scatter_shape: FloatArray
+    is_usual: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointInfluence:
+    """Each point beside the curve through the others that are not outlying.
+
+    Attributes
+    ----------
+    values : (n,) array
+        The points.
+    outlying : (n,) array of bool
+        The point stands off by more than chance allows in the stated share of sets.
+    deviation, std_error : (n,) arrays
+        The point less what the curve through the others has there, and the standard error of this difference.
+    scatter : float
+        Standard deviation of the scatter beyond sampling, in units of the model's shape.
+    model : CurveModel
+        The curve that explains the points at the least cost of terms and of wrong points.
+    cost : float
+        That cost: twice the negative logarithm of the likelihood, with Occam's factors.
+    """
+
+    values: FloatArray
+    outlying: Mask
+    deviation: FloatArray
+    std_error: FloatArray
+    scatter: float
+    model: CurveModel
+    cost: float
+
+
+def point_influence(
+    models: Sequence[CurveModel], values: FloatArray, sampling_variance: FloatArray, *, p_false: float
+) -> PointInfluence | None:
+    """Return which points stand off the simplest curve that explains the others; None with too few points.
+
+    Parameters
+    ----------
+    models : sequence of CurveModel
+        Curves that are possible; those with so many terms that fewer than three points are left over are passed by.
+    values : (n,) array
+        The points.
+    sampling_variance : (n,) array
+        Variance of each by its own sampling, > 0.
+    p_false : float
+        Chance that any point of a sound set is called outlying, within (0, 1).
+
+    Notes
+    -----
+    Points are taken out one by one, each time the one that is furthest off the others in units of its own error, up
+    to a quarter of them; outlying are all up to the last that is off by more than its limit, so that two wrong points
+    do not hide one another. Residuals of the others come from the diagonal of the hat matrix, no fit is repeated.
+    Limits are quantiles of the normal law for the part of an error that is sampling and of Student's for the part that
+    is estimated from the scatter of the other points, each for one of n points.
+
+    References
+    ----------
+    Rosner, Technometrics 25, 165 (1983), doi:10.1080/00401706.1983.10487848; Cook and Weisberg, Residuals and Influence
+    in Regression (1982), chapter 2.
+    """
+    possible = [model for model in models if len(values) - model.design.shape[1] > _LEAST_FREEDOM]
+    best: PointInfluence | None = None
+    for model in sorted(possible, key=lambda one: not one.is_usual):
+        if model.is_usual or best is None or best.outlying.any():
+            found = _eliminate(model, values, sampling_variance, p_false)
+            best = found if best is None or found.cost < best.cost else best
+    return best
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fit:
+    parameters: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    leverage: FloatArray
+    variance: FloatArray
+    scatter_variance: float
+
+
+def _eliminate(model: CurveModel, values: FloatArray, sampling: FloatArray, p_false: float) -> PointInfluence:
+    n, n_terms = model.design.shape
+    active = np.ones(n, dtype=bool)
+    chosen, scatter_variance = active, 0.0
+    for _ in range(max(1, int(_LARGEST_SHARE * n))):
+        freedom = int(active.sum()) - n_terms - 1
+        if freedom < _LEAST_FREEDOM - 1:
+            break
+        fit = _fit(model, values, sampling, active, scatter_variance)
+        off, limit = _distances(fit, sampling[active], freedom, p_false / n)
+        worst = int(np.argmax(off / limit))
+        active = active.copy()
+        active[np.flatnonzero(active)[worst]] = False
+        if off[worst] > limit[worst]:
+            chosen = active
+        scatter_variance = fit.scatter_variance
+    return _beside_the_others(model, values, sampling, chosen)
+
+
+def _distances(fit: _Fit, sampling: FloatArray, freedom: int, p_one: float) -> tuple[FloatArray, FloatArray]:
+    """Return how far each point is off the others in its own standard errors, and how far it may be."""
+    spread = np.square(fit.residual) / fit.variance
+    open_ = np.maximum(1.0 - fit.leverage, 1.0 - _LARGEST_LEVERAGE)
+    others = np.maximum((spread.sum() - spread / open_) / freedom, 0.0) * fit.variance
+    by_scatter = np.maximum(others - sampling, 0.0)
+    total = sampling + by_scatter
+    by_normal, by_student = -ndtri(0.5 * p_one), -stdtrit(freedom, 0.5 * p_one)
+    limit = np.sqrt((by_normal**2 * sampling + by_student**2 * by_scatter) / total)
+    off = np.where(fit.leverage < _LARGEST_LEVERAGE, np.abs(fit.residual) / np.sqrt(total * open_), 0.0)
+    return off, limit
+
+
+def _fit(model: CurveModel, values: FloatArray, sampling: FloatArray, active: Mask, start: float = 0.0) -> _Fit:
+    """Return the weighted fit through the active points, with the scatter that makes chi-squared what it should be."""
+    design, y = model.design[active], values[active]
+    shape_variance, own = np.square(model.scatter_shape[active]), sampling[active]
+    freedom = len(y) - design.shape[1]
+    scatter = start
+    for _ in range(_SCATTER_STEPS):
+        variance = own + scatter * shape_variance
+        parameters, covariance, residual = _weighted(design, y, variance)
+        excess = float(np.sum(np.square(residual) / variance)) - freedom
+        if abs(excess) <= _CONVERGED * freedom or (scatter == 0.0 and excess < 0.0):
+            break
+        # Chi-squared is convex in the scatter: Newton's steps come to the root from below.
+        step = excess / float(np.sum(np.square(residual / variance) * shape_variance))
+        scatter = max(scatter + step, 0.0)
+    leverage = np.einsum("ij,jk,ik->i", design, covariance, design) / variance
+    return _Fit(
+        parameters=parameters,
+        covariance=covariance,
+        residual=residual,
+        leverage=leverage,
+        variance=variance,
+        scatter_variance=scatter,
+    )
+
+
+def _weighted(design: FloatArray, values: FloatArray, variance: FloatArray) -> tuple[FloatArray, ...]:
+    root = 1.0 / np.sqrt(variance)
+    orthogonal, triangle = np.linalg.qr(design * root[:, None])
+    inverse = np.linalg.inv(triangle)
+    parameters = inverse @ (orthogonal.T @ (values * root))
+    return parameters, inverse @ inverse.T, values - design @ parameters
+
+
+def _beside_the_others(model: CurveModel, values: FloatArray, sampling: FloatArray, sound: Mask) -> PointInfluence:
+    fit = _fit(model, values, sampling, sound)
+    variance = sampling + fit.scatter_variance * np.square(model.scatter_shape)
+    residual = values - model.design @ fit.parameters
+    leverage = np.einsum("ij,jk,ik->i", model.design, fit.covariance, model.design) / variance
+    open_ = np.maximum(1.0 - leverage, 1.0 - _LARGEST_LEVERAGE)
+    wide = np.square(model.scatter_shape * np.median(np.abs(values) / model.scatter_shape)) + sampling
+    of_wrong = np.log(wide) + _ODDS_COST
+    cost = np.where(sound, np.log(variance) + np.square(residual) / variance, of_wrong)
+    unusual = 0.0 if model.is_usual else float(np.median(of_wrong - np.log(variance)))
+    return PointInfluence(
+        values=values,
+        outlying=~sound,
+        deviation=np.where(sound, residual / open_, residual),
+        std_error=np.sqrt(np.where(sound, variance / open_, variance * (1.0 + leverage))),
+        scatter=float(np.sqrt(fit.scatter_variance)),
+        model=model,
+        cost=float(cost.sum()) + unusual + model.design.shape[1] * float(np.log(len(values))),
+    )

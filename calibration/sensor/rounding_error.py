@@ -1,0 +1,47 @@
+"""Errors that rounding to whole counts leaves in means and variances whose noise hardly dithers it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def mean_rounding_error_dn(noise_dn2: FloatArray) -> FloatArray:
+    """Return the rms error that rounding leaves in a mean, over all places between two counts [DN].
+
+    Parameters
+    ----------
+    noise_dn2 : array
+        Variance before rounding, in time and from pixel to pixel, >= 0 [DN^2].
+
+    Notes
+    -----
+    The first harmonic: exp(-2 pi^2 noise) sin(2 pi mean) / pi.
+
+    References
+    ----------
+    Widrow and Kollar, Quantization Noise (2008), chapter 4.
+    """
+    error: FloatArray = np.exp(-2.0 * np.pi**2 * noise_dn2) / (np.pi * np.sqrt(2.0))
+    return error
+
+
+def variance_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
+    """Return the rms error that rounding leaves in a variance in time beyond 1/12 DN^2, over all places [DN^2].
+
+    Parameters
+    ----------
+    temporal_dn2, spatial_dn2 : arrays
+        Variance before rounding in time, and from pixel to pixel, >= 0 [DN^2]. The second only spreads the places.
+
+    Notes
+    -----
+    The first harmonic: (4 noise + 1 / pi^2) exp(-2 pi^2 noise) cos(2 pi mean).
+
+    References
+    ----------
+    Widrow and Kollar, Quantization Noise (2008), chapter 4.
+    """
+    decay = np.exp(-2.0 * np.pi**2 * (temporal_dn2 + spatial_dn2))
+    error: FloatArray = (4.0 * temporal_dn2 + 1.0 / np.pi**2) * decay / np.sqrt(2.0)
+    return error
