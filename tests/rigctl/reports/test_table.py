@@ -1,0 +1,148 @@
+"""A column is said once and stands wherever its table is written."""
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass
+
+import pytest
+from rich.console import Console
+
+from rigctl.reports.report import Bullets, Paragraph, Report, Section, Terms, Verbatim, Verdict
+from rigctl.reports.table import Column, Shown, Table, text_columns
+from rigctl.reports.writers.csv_rows import csv_rows
+from rigctl.reports.writers.html_page import html
+from rigctl.reports.writers.json_rows import finite, json_rows
+from rigctl.reports.writers.pdf_document import pdf
+from rigctl.reports.writers.report_file import report_file
+from rigctl.reports.writers.terminal_table import terminal_table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    name: str
+    light: float
+    error: float | None = None
+
+
+READINGS = (Reading(name="road <1>", light=1.23456, error=0.01), Reading(name="paint", light=2.0))
+COLUMNS = (
+    Column(title="place", key="name", left=True),
+    Column(title="light [DN]", key="light", text=lambda row: f"{row.light:.2f}", brief=lambda row: f"{row.light:.1f}"),
+    Column(title="its error", key="error", text=lambda row: "–" if row.error is None else f"{row.error:.1g}"),
+)
+TWICE = Column(title="twice", key="twice", value=lambda row: 2.0 * row.light, text=lambda row: f"{2 * row.light:.3f}")
+
+
+def report(*blocks, verdict=None):
+    return Report(title="A title", source="Of a test.", sections=[Section(title="S", blocks=blocks)], verdict=verdict)
+
+
+def page_rows(text):
+    return [re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", row) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", text)]
+
+
+def terminal_text(table):
+    console = Console(file=io.StringIO(), width=100)
+    console.print(terminal_table(table))
+    return console.file.getvalue()
+
+
+def test_a_column_more_stands_on_the_page_in_the_terminal_in_csv_and_in_json():
+    table = Table(columns=(*COLUMNS, TWICE), rows=READINGS)
+    assert page_rows(html(report(table)))[:2] == [
+        ["place", "light [DN]", "its error", "twice"],
+        ["road &lt;1&gt;", "1.23", "0.01", "2.469"],
+    ]
+    assert "twice" in terminal_text(table)
+    assert next(csv.reader(io.StringIO(csv_rows(table).decode()))) == ["name", "light", "error", "twice"]
+    assert json_rows(table)[1] == {"name": "paint", "light": 2.0, "error": None, "twice": 4.0}
+
+
+def test_people_read_text_and_programs_read_values():
+    table = Table(columns=COLUMNS, rows=READINGS)
+    assert csv_rows(table).decode() == "name,light,error\nroad <1>,1.23456,0.01\npaint,2.0,\n"
+    assert table.texts(Shown.PAGE)[0] == ("road <1>", "1.23", "0.01")
+    assert table.texts(Shown.TERMINAL)[0] == ("road <1>", "1.2", "0.01")
+
+
+def test_a_column_stands_only_where_it_is_shown():
+    columns = (
+        *COLUMNS,
+        Column(title="page", text=lambda _: "p", shown=Shown.PAGE),
+        Column(title="terminal", text=lambda _: "t", shown=Shown.TERMINAL),
+        Column(key="csv", value=lambda _: 1, shown=Shown.CSV),
+    )
+    table = Table(columns=columns, rows=READINGS)
+    assert page_rows(html(report(table)))[0][-1] == "page"
+    assert terminal_text(table).splitlines()[0].split()[-1] == "terminal"
+    assert csv_rows(table).decode().splitlines()[0] == "name,light,error,csv"
+    assert list(json_rows(table)[0]) == ["name", "light", "error"]
+
+
+def test_columns_without_a_key_are_for_people_alone():
+    table = Table(columns=text_columns("what", "which"), rows=(("a", "b"),))
+    assert csv_rows(table) == b"\n\n"
+    assert json_rows(table) == [{}]
+    assert page_rows(html(report(table))) == [["what", "which"], ["a", "b"]]
+
+
+def test_columns_serve_rows_that_hold_theirs():
+    held = Table(columns=tuple(column.of(lambda pair: pair[1]) for column in COLUMNS), rows=((1, READINGS[0]),))
+    plain = Table(columns=COLUMNS, rows=READINGS[:1])
+    for where in (Shown.PAGE, Shown.TERMINAL):
+        assert held.texts(where) == plain.texts(where)
+    assert csv_rows(held) == csv_rows(plain)
+    assert json_rows(held) == json_rows(plain)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_json_holds_no_number_that_does_not_exist(number):
+    assert finite(number) is None
+    assert json_rows(Table(columns=COLUMNS, rows=(Reading(name="a", light=number),)))[0]["light"] is None
+
+
+def test_csv_leaves_a_number_that_does_not_exist_empty():
+    assert csv_rows(Table(columns=COLUMNS, rows=(Reading(name="a", light=math.nan),))).endswith(b"\na,,\n")
+
+
+def test_rows_to_be_seen_at_once_are_marked():
+    table = Table(columns=COLUMNS, rows=READINGS, is_off=lambda row: row.name == "paint")
+    assert html(report(table)).count('<tr class="off">') == 1
+
+
+def test_headings_over_groups_span_their_columns():
+    columns = (COLUMNS[0], Column(title="a", text=str, group="both"), Column(title="b", text=str, group="both"))
+    text = html(report(Table(columns=columns, rows=READINGS)))
+    assert '<th class="group" colspan="1"></th><th class="group" colspan="2">both</th>' in text
+    assert pdf(report(Table(columns=columns, rows=READINGS))).startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        Paragraph(text="a < b"),
+        Bullets(items=("a", "b")),
+        Terms(items=(("flag", "what it means"),)),
+        Verbatim(text="[rig]\nx = 1"),
+        Table(columns=COLUMNS, rows=READINGS),
+        Table(columns=text_columns("", ""), rows=(("a", "b"),)),
+        Table(columns=COLUMNS, rows=()),
+    ],
+)
+def test_every_block_is_written_as_html_and_as_pdf(block):
+    assert "A title" in html(report(block))
+    assert pdf(report(block)) == pdf(report(block))
+
+
+def test_only_a_report_that_judges_has_a_verdict():
+    assert '<div class="verdict' not in html(report())
+    judged = report(verdict=Verdict(good=False, text="No.", reasons=(("Points to angle:", "look"),)))
+    assert '<div class="verdict disagrees">' in html(judged)
+    assert pdf(judged).startswith(b"%PDF")
+
+
+def test_the_name_of_a_file_says_how_a_report_is_written(tmp_path):
+    assert report_file(report(), tmp_path / "noise.pdf").startswith(b"%PDF")
+    assert report_file(report(), tmp_path / "noise.html").startswith(b"<!doctype html>")
