@@ -37,7 +37,7 @@ STATED: dict[str, Number] = {
     "noise.prnu": Number(value=0.01, std=0.0015),
     "rig.polarizer_offset_deg": Number(value=0.0, std=0.4),
     "rig.exposure_ratio": Number(value=1.0, std=0.004),
-    "rig.light_drift": Number(value=0.0, std=0.004),
+    "errors.illumination_drift": Number(value=0.0, std=0.004),
     "regions.black.stokes_radiance.0": Number(value=8.0, std=0.4),
     "regions.black.stokes_radiance.1": Number(value=2.923, std=0.12),
     "regions.black.stokes_radiance.2": Number(value=1.302, std=0.05),
@@ -72,6 +72,7 @@ def scene_text() -> str:
         ),
         section("noise", f"dark_current_e_per_s = 0.0\nblack_level_dn = {BLACK_DN}\ndsnu_e = 0.0"),
         section("rig", ""),
+        section("errors", ""),
         "[acquisition]\nexposure_ms = 0.03",
     ]
     for k, region in enumerate(REGIONS):
@@ -107,7 +108,7 @@ def take_run(path: Path, truth: dict[str, float], draws: np.random.Generator) ->
         for sequence in range(CYCLES * len(_ORDER)):
             cycle, place = divmod(sequence, len(_ORDER))
             angle = ANGLES_DEG[_ORDER[place]]
-            drift = 1.0 + truth["rig.light_drift"] * (place / (len(_ORDER) - 1) - 0.5)
+            drift = 1.0 + truth["errors.illumination_drift"] * (place / (len(_ORDER) - 1) - 0.5)
             electrons = _electrons(truth, light, np.radians(angle + truth["rig.polarizer_offset_deg"])) * drift
             counts = truth["noise.gain_dn_per_e"] * (
                 draws.poisson(electrons * response)

@@ -1,4 +1,4 @@
-"""Prediction for a rig that is not quite as recorded: axes turned, exposure off, light that drifts."""
+"""Prediction for a rig that is not quite as recorded: axes turned, exposure off."""
 
 from dataclasses import dataclass, replace
 
@@ -23,13 +23,10 @@ class RigErrors:
         True angle of the polarizer's axis less the recorded one, by frame of a cycle, shape (N,) [rad].
     exposure_ratio
         True exposure over the recorded one, > 0.
-    light_ratio
-        Light during each frame over the mean of the cycle, shape (N,), > 0.
     """
 
     turned_rad: FloatArray
     exposure_ratio: float
-    light_ratio: FloatArray
 
 
 def predict_with_errors(
@@ -61,13 +58,12 @@ def predict_with_errors(
     [MK14] eq. (11)-(29).
     """
     angles_rad = scenario.readout.angles_rad
-    if errors.turned_rad.shape != angles_rad.shape or errors.light_ratio.shape != angles_rad.shape:
+    if errors.turned_rad.shape != angles_rad.shape:
         raise ValueError(
-            f"turned_rad {errors.turned_rad.shape} and light_ratio {errors.light_ratio.shape} do not fit "
-            f"{angles_rad.size} angles; allowed is one of each for each angle"
+            f"turned_rad {errors.turned_rad.shape} does not fit {angles_rad.size} angles; allowed is one for each"
         )
-    if not (errors.exposure_ratio > 0.0 and np.all(errors.light_ratio > 0.0)):
-        raise ValueError("exposure_ratio and light_ratio have to be above 0")
+    if not errors.exposure_ratio > 0.0:
+        raise ValueError(f"exposure_ratio = {errors.exposure_ratio}; it has to be above 0")
     plan = design(angles_rad, scenario.readout.extinction_ratio)
     return {
         region.name: predict_region(
@@ -84,23 +80,12 @@ def predict_with_errors(
 def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> ChannelMoments:
     sensor = replace(scenario.sensor, exposure_s=scenario.sensor.exposure_s * errors.exposure_ratio)
     angles_rad = scenario.readout.angles_rad + errors.turned_rad
-    steady = channel_moments(
+    seen = channel_moments(
         region.aperture_moments(),
         angles_rad=angles_rad,
         sensor=sensor,
         flat_fielded=scenario.readout.flat_error is not None,
         imperfections=scenario.imperfections,
         smooth_cov=region.smooth_cov(),
-    )
-    factor = errors.light_ratio
-    both = np.outer(factor, factor)
-    # Shot noise goes with the light; read noise does not.
-    shot = sensor.noise.noise_factor**2 * sensor.noise.gain_dn_per_e * steady.mean_dn
-    seen = replace(
-        steady,
-        mean_dn=steady.mean_dn * factor,
-        scene_cov_dn2=steady.scene_cov_dn2 * both,
-        temporal_var_dn2=steady.temporal_var_dn2 + shot * (factor - 1.0),
-        fixed_pattern_cov_dn2=steady.fixed_pattern_cov_dn2 * both,
     )
     return as_processed(seen, scenario.readout)

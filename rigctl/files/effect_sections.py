@@ -32,6 +32,7 @@ def _positive_up_to(most: float) -> AfterValidator:
     return AfterValidator(check)
 
 
+Drift = Annotated[Uncertain, _between(-1, 1)]
 EffectName = Annotated[str, AfterValidator(_known)]
 
 
@@ -49,7 +50,7 @@ class ErrorsSection(Section):
     polarizer_angle_std_deg: Annotated[Uncertain, _between(0, 20)] = Uncertain(value=0.0)
     misregistration_px: Annotated[Uncertain, _between(0, 1e4)] = Uncertain(value=0.0)
     texture_correlation_px: Annotated[Uncertain, _positive_up_to(1e4)] = Uncertain(value=1.0)
-    illumination_drift: Annotated[Uncertain, _between(-1, 1)] = Uncertain(value=0.0)
+    illumination_drift: Drift = Uncertain(value=0.0)
     surround_albedo: Annotated[Uncertain, _between(0, 1)] | None = None
     off_axis_falloff: bool = False
 

@@ -10,7 +10,7 @@ from model.surface.material_library import MATERIALS
 from model.surface.shadowing import Shadowing
 from rigctl.config import Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
 from rigctl.errors import ConfigError
-from rigctl.files.effect_sections import EffectsSection, ErrorsSection
+from rigctl.files.effect_sections import Drift, EffectsSection, ErrorsSection
 from rigctl.files.light_sections import AtmosphereSection, FieldSection, ResponseSection, SunSection
 from rigctl.files.material_file import find_material
 from rigctl.files.place import GeometrySection, SiteSection
@@ -99,14 +99,14 @@ class RigSection(Section):
     """How far the rig may be from what a run records of it; each is an input with an uncertainty, exact by default.
 
     `polarizer_offset_deg` is what would have to be added to every recorded angle of the polarizer, `angle_std_deg` how
-    well each angle is known on its own, `exposure_ratio` the true exposure over the recorded one, `light_drift` the
-    relative change of the light through a cycle of angles.
+    well each angle is known on its own, `exposure_ratio` the true exposure over the recorded one. `light_drift` is what
+    `errors.illumination_drift` was called here.
     """
 
     polarizer_offset_deg: Uncertain = Uncertain(value=0.0)
     angle_std_deg: Annotated[float, Field(ge=0, lt=45)] = 0.0
     exposure_ratio: Positive = Uncertain(value=1.0)
-    light_drift: Uncertain = Uncertain(value=0.0)
+    light_drift: Drift | None = None
 
 
 class SceneRegion(Region):
@@ -202,6 +202,12 @@ class SceneFile(Section):
     @model_validator(mode="after")
     def _distinct_names(self) -> "SceneFile":
         require_distinct([region.name for region in self.regions])
+        return self
+
+    @model_validator(mode="after")
+    def _one_drift(self) -> "SceneFile":
+        if self.rig.light_drift is not None and "illumination_drift" in self.errors.model_fields_set:
+            raise ValueError("rig.light_drift and errors.illumination_drift are one number; leave the first out")
         return self
 
     @model_validator(mode="after")

@@ -186,7 +186,7 @@ class ScenePredictor:
         if rig_errors(self.scene) is not None:
             raise ConfigError(
                 f"scene {self.scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "
-                "polarizer_offset_deg = 0, exposure_ratio = 1, light_drift = 0 (uncertainties may stay)"
+                "polarizer_offset_deg = 0, exposure_ratio = 1 (uncertainties may stay)"
             )
         active = acting_effects(self.scene) if effects is None else effects.active
         spent = 0.0 if effects is None else effects.spent.largest

@@ -135,13 +135,14 @@ def sensor_of(scene: Scene, exposure_s: float) -> Sensor:
 def imperfections_of(scene: Scene, *, frames: int) -> Imperfections:
     """Return what the session adds; angles of the file are in the order of time, those of the readout rise."""
     errors = scene.errors
-    in_time = np.argsort([angle % 180.0 for angle in scene.acquisition.angles_deg], kind="stable").tolist()
+    angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)
+    in_time = tuple(np.argsort(angles_deg, kind="stable").tolist()) if scene.rig is None else scene.rig.frame_order
     return Imperfections(
         polarizer_angle_std_rad=radians(errors.polarizer_angle_std_deg),
         misregistration_pixels=errors.misregistration_px.value,
         texture_correlation_pixels=errors.texture_correlation_px.value,
         drift=errors.illumination_drift.value,
-        drift_order=tuple(in_time) if len(in_time) == frames else (),
+        drift_order=in_time if len(in_time) == frames else (),
         surround_albedo=None if errors.surround_albedo is None else errors.surround_albedo.value,
         off_axis_falloff=errors.off_axis_falloff,
     )

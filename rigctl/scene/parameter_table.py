@@ -16,7 +16,10 @@ EXPOSURE = "acquisition.exposure_ms"
 GAIN, NOISE_FACTOR = "noise.gain_dn_per_e", "noise.noise_factor"
 EFFICIENCY, TRANSMITTANCE = "sensor.quantum_efficiency", "sensor.optics_transmittance"
 SUN_ZENITH, SUN_AZIMUTH = "sun.zenith_deg", "sun.azimuth_deg"
-OFFSET, EXPOSURE_RATIO, DRIFT = "rig.polarizer_offset_deg", "rig.exposure_ratio", "rig.light_drift"
+OFFSET, EXPOSURE_RATIO = "rig.polarizer_offset_deg", "rig.exposure_ratio"
+DRIFT = "errors.illumination_drift"
+# What a parameter was called before.
+OLD_KEYS = {"rig.light_drift": DRIFT}
 # Before the name of each angle.
 ANGLE = "rig.angle_deg."
 
@@ -103,7 +106,7 @@ SCENE_ROWS = (
     _row("errors.polarizer_angle_std_deg", "deg", "scatter of the polarizer's angle from frame to frame"),
     _row("errors.misregistration_px", "pixels", "shift of the picture from frame to frame, along each axis"),
     _row("errors.texture_correlation_px", "pixels", "distance at which the texture's correlation is 0.61"),
-    _row("errors.illumination_drift", "", "change of the light through a cycle over its mean", least=-inf),
+    _row(DRIFT, "", "change of the light through a cycle over its mean", least=-1.0, most=1.0),
     _row("errors.surround_albedo", "", "albedo of the near surroundings", most=1.0),
 )
 
@@ -151,7 +154,6 @@ MATERIAL_ROWS = (
 RIG_ROWS = (
     _row(OFFSET, "deg", "what would have to be added to every recorded angle of the polarizer", -inf),
     _row(EXPOSURE_RATIO, "", "true exposure over the recorded one"),
-    _row(DRIFT, "", "change of the light through a cycle over its mean", -inf),
 )
 _ANGLE_ROW = _row(ANGLE, "deg", "what one angle of the polarizer is off on its own", -inf)
 # Its uncertainty is that of rig.exposure_ratio.

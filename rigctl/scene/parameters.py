@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from model.surface.materials import Property
 from rigctl.config import Uncertain
 from rigctl.errors import ConfigError
-from rigctl.scene.parameter_table import Place, Row, all_rows, placed_rows
+from rigctl.scene.parameter_table import OLD_KEYS, Place, Row, all_rows, placed_rows
 from rigctl.scene.scene_record import Scene
 
 _SUGGESTED = 4
@@ -58,8 +58,9 @@ def get(scene: Scene, key: str) -> Parameter:
     ConfigError
         The scene has no such number.
     """
+    wanted = OLD_KEYS.get(key, key)
     for found, row, place, leaf in _found(scene):
-        if found == key:
+        if found == wanted:
             return _parameter(key, row, place, leaf)
     raise ConfigError(unknown(scene, key))
 
@@ -90,9 +91,10 @@ def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     places = {key: place for key, _, place, _ in _found(scene)} if values else {}
     changed = scene
     for key, value in values.items():
-        if key not in places:
+        place = places.get(OLD_KEYS.get(key, key))
+        if place is None:
             raise ConfigError(unknown(scene, key))
-        changed = _with(changed, places[key], value)
+        changed = _with(changed, place, value)
     return changed
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.prediction.rig_errors import RigErrors
-from model.sensor.imperfections import drifting_light
 from rigctl.config import Uncertain
 from rigctl.files.scene_file import RigSection, SceneFile
 from rigctl.scene.scene_record import Rig, Scene
@@ -57,7 +56,6 @@ def with_rig(scene: Scene, section: RigSection, cycle: TakenCycle) -> Scene:
     rig = Rig(
         polarizer_offset_deg=_widened(offset, cycle.offset_std_deg),
         exposure_ratio=_widened(exposure, cycle.exposure_std * exposure.value),
-        light_drift=section.light_drift,
         angle_deg=tuple(Uncertain(value=0.0, std=section.angle_std_deg) for _ in cycle.angle_names),
         angle_names=cycle.angle_names,
         frame_order=cycle.frame_order,
@@ -68,12 +66,12 @@ def with_rig(scene: Scene, section: RigSection, cycle: TakenCycle) -> Scene:
 def is_ideal(rig: Rig) -> bool:
     """Whether a rig is as recorded, as far as the values go."""
     turned = any(angle.value for angle in (rig.polarizer_offset_deg, *rig.angle_deg))
-    return not turned and rig.exposure_ratio.value == 1.0 and rig.light_drift.value == 0.0
+    return not turned and rig.exposure_ratio.value == 1.0
 
 
 def is_as_recorded(rig: Rig) -> bool:
     """Whether a rig is exactly as recorded: ideal, and without any uncertainty."""
-    stated = (rig.polarizer_offset_deg, rig.exposure_ratio, rig.light_drift, *rig.angle_deg)
+    stated = (rig.polarizer_offset_deg, rig.exposure_ratio, *rig.angle_deg)
     return is_ideal(rig) and not any(number.std for number in stated)
 
 
@@ -86,7 +84,6 @@ def rig_errors(scene: Scene) -> RigErrors | None:
     return RigErrors(
         turned_rad=np.deg2rad(single_deg + rig.polarizer_offset_deg.value),
         exposure_ratio=rig.exposure_ratio.value,
-        light_ratio=drifting_light(rig.light_drift.value, np.array(rig.frame_order, dtype=np.intp)),
     )
 
 

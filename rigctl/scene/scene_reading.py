@@ -16,11 +16,12 @@ from model.surface.materials import Material, assumed_properties, properties
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.config import Uncertain
 from rigctl.errors import ConfigError
+from rigctl.files.effect_sections import ErrorsSection
 from rigctl.files.material_file import find_material
 from rigctl.files.place import SiteSection
 from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion, SensorSection
 from rigctl.scene.effect_choice import choice_remarks
-from rigctl.scene.parameter_table import NOISE_FACTOR, SUN_AZIMUTH, SUN_ZENITH
+from rigctl.scene.parameter_table import DRIFT, NOISE_FACTOR, SUN_AZIMUTH, SUN_ZENITH
 from rigctl.scene.scene_record import JointErrors, Scene, SceneRegionRecord, Sun
 from rigctl.scene.skies.solar_band import response_band
 from rigctl.scene.skies.sun_position import sun_moved_by_place, sun_position
@@ -48,14 +49,14 @@ def scene_of_file(file: SceneFile, noise: NoiseParameters | None = None) -> Scen
         noise=file.noise.model_copy(update=known),
         acquisition=file.acquisition,
         regions=tuple(_region(region, wavelength_m) for region in file.regions),
-        errors=file.errors,
+        errors=_errors(file),
         effects=file.effects,
         sun=sun,
         geometry=file.geometry,
         atmosphere=file.atmosphere,
         field_of_view=file.field_of_view,
         joint_errors=(*joint, *by_site),
-        remarks=(*_of_noise(file, noise, known), *assumed_materials(file), *choice_remarks(file)),
+        remarks=(*_of_noise(file, noise, known), *assumed_materials(file), *choice_remarks(file), *_of_old_keys(file)),
     )
 
 
@@ -101,6 +102,17 @@ def _with_wavelength(file: SceneFile) -> SensorSection:
         raise ConfigError(f"scene {file.name}: {error}") from error
     wavelength_nm = effective_wavelength_m(band.wavelength_m, band.weighted) * _NM_PER_M
     return file.sensor.model_copy(update={"wavelength_nm": Uncertain(value=wavelength_nm)})
+
+
+def _errors(file: SceneFile) -> ErrorsSection:
+    """Return what the session adds, with the drift of the light from where it was stated before."""
+    drift = file.rig.light_drift
+    return file.errors if drift is None else file.errors.model_copy(update={"illumination_drift": drift})
+
+
+def _of_old_keys(file: SceneFile) -> Iterable[str]:
+    if file.rig.light_drift is not None:
+        yield f"rig.light_drift: is called {DRIFT} now, and taken as that"
 
 
 def _calibrated(noise: NoiseParameters | None) -> tuple[dict[str, Uncertain], tuple[JointErrors, ...]]:

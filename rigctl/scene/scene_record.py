@@ -33,7 +33,7 @@ class Rig:
 
     Attributes
     ----------
-    polarizer_offset_deg, exposure_ratio, light_drift : Uncertain
+    polarizer_offset_deg, exposure_ratio : Uncertain
         As in the scene file's [rig], with what the run's own files say of their uncertainty.
     angle_deg : tuple of Uncertain
         What each angle of the cycle is off on its own.
@@ -45,7 +45,6 @@ class Rig:
 
     polarizer_offset_deg: Uncertain
     exposure_ratio: Uncertain
-    light_drift: Uncertain
     angle_deg: tuple[Uncertain, ...]
     angle_names: tuple[str, ...]
     frame_order: tuple[int, ...]

@@ -10,7 +10,7 @@ from model.sensor.imperfections import Imperfections, drifting_light
 from tests.model.sensors import sensor
 
 ANGLES = np.deg2rad([0.0, 45.0, 90.0, 135.0])
-NONE = RigErrors(turned_rad=np.zeros(4), exposure_ratio=1.0, light_ratio=np.ones(4))
+NONE = RigErrors(turned_rad=np.zeros(4), exposure_ratio=1.0)
 
 
 def _scenario():
@@ -57,8 +57,10 @@ def test_exposure_scales_the_counts_and_not_their_ratios():
 
 
 def test_drift_scales_means_and_shot_noise_of_each_frame():
-    ratio = np.array([1.2, 1.0, 0.9, 0.9])
-    plain, found = _quantities(NONE), _quantities(replace(NONE, light_ratio=ratio))
+    # 0 deg is the last of four frames: 0.8, 0.93, 1.07, 1.2 of the mean light.
+    session = Imperfections(drift=0.4, drift_order=(3, 0, 1, 2))
+    plain = _quantities(NONE)
+    found = predict_with_errors(replace(_scenario(), imperfections=session), NONE)["panel"].quantities
     assert found["dn_0"]["mean"] == pytest.approx(1.2 * plain["dn_0"]["mean"], rel=1e-12)
     brighter = replace(_scenario().sensor, exposure_s=1.2 * _scenario().sensor.exposure_s)
     same = predict(replace(_scenario(), sensor=brighter))["panel"].quantities["dn_0"]["std_temporal"]
@@ -74,8 +76,8 @@ def test_linear_drift_in_the_order_0_90_45_135_makes_the_known_false_dolp():
 
 
 def test_errors_that_do_not_fit_the_angles_are_refused():
-    with pytest.raises(ValueError, match="do not fit 4 angles"):
-        _quantities(replace(NONE, light_ratio=np.ones(3)))
+    with pytest.raises(ValueError, match="does not fit 4 angles"):
+        _quantities(replace(NONE, turned_rad=np.zeros(3)))
 
 
 def test_no_light_is_refused():

@@ -33,7 +33,7 @@ def test_inputs_drawn_from_what_is_stated_agree_and_have_standard_normal_scores(
 
 
 # Of these the chance to be outranked is below 5 % by their own estimate; eight standard uncertainties leave 1e-4.
-@pytest.mark.parametrize("name", ["rig.light_drift", "noise.prnu", "regions.black.stokes_radiance.1"])
+@pytest.mark.parametrize("name", ["errors.illumination_drift", "noise.prnu", "regions.black.stokes_radiance.1"])
 def test_an_input_that_is_off_is_named_first(tmp_path: Path, name: str) -> None:
     explanation = compared(tmp_path, seed=3, moved=name, by_std=8.0).explanation
     assert explanation is not None
@@ -56,7 +56,7 @@ def test_the_joint_update_is_marked_as_fitted_and_narrows_what_the_data_see(tmp_
     explanation = compared(tmp_path, seed=6).explanation
     assert explanation is not None
     fitted = {one.name: one for one in explanation.fitted}
-    assert fitted["rig.light_drift"].std < 0.2 * STATED["rig.light_drift"].std
+    assert fitted["errors.illumination_drift"].std < 0.2 * STATED["errors.illumination_drift"].std
     assert fitted["sensor.extinction_ratio"].std == pytest.approx(STATED["sensor.extinction_ratio"].std, rel=0.02)
 
 
