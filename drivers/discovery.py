@@ -2,12 +2,16 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
 
 from drivers.errors import DeviceError
 from drivers.serial_port import BytePort, open_serial_port
 from drivers.serial_ports import PortInfo
-from drivers.stages import apt_protocol, elliptec_protocol, probes, zaber_protocol
-from drivers.stages.probes import Answer
+from drivers.stages.probes import Answer, StageProbe
+
+STAGES = "rigctl.stages"
+"""Group of entry points of the drivers of stages."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,22 +39,7 @@ class Found:
 @dataclass(frozen=True, kw_only=True)
 class _Family:
     driver: str
-    baud: int
-    ask: Callable[[BytePort], list[Answer]]
-
-
-_ELLX = _Family(driver="ellx", baud=elliptec_protocol.BAUD, ask=probes.ask_elliptec)
-_ZABER = _Family(driver="zaber", baud=zaber_protocol.BAUD, ask=probes.ask_zaber)
-_APT = _Family(driver="apt", baud=apt_protocol.BAUD, ask=probes.ask_apt)
-_ALL = (_ZABER, _ELLX, _APT)
-
-# USB ids behind which hardly anything else can be. A plain FT232R (0403:6001), which some Zaber cables have, is in
-# thousands of other devices.
-_KNOWN_USB_IDS: dict[tuple[int, int], tuple[_Family, ...]] = {
-    (0x0403, 0x6015): (_ELLX,),  # FT230X: the Elliptec interface board
-    (0x0403, 0xFAF0): (_APT,),
-}
-_ZABER_VENDOR = 0x2939
+    probe: StageProbe
 
 
 def find_stages(
@@ -68,17 +57,20 @@ def find_stages(
     open_port : callable
         Opens a path at a bit rate.
     """
-    return [found for port in ports for found in _find_on(port, probe=probe, open_port=open_port)]
+    families = _families()
+    return [found for port in ports for found in _find_on(port, families, probe=probe, open_port=open_port)]
 
 
-def _find_on(port: PortInfo, *, probe: bool, open_port: Callable[..., BytePort]) -> list[Found]:
-    families = _ALL if probe else _families_by_usb_id(port.usb_id)
-    if not families:
+def _find_on(
+    port: PortInfo, families: list[_Family], *, probe: bool, open_port: Callable[..., BytePort]
+) -> list[Found]:
+    asked = [family for family in families if probe or _is_known(port.usb_id, family.probe)]
+    if not asked:
         return [Found(port=port, remark="not asked, since it may be anything; --probe asks")]
     try:
         found = [
             Found(port=port, driver=family.driver, answer=answer)
-            for family in families
+            for family in asked
             for answer in _ask(port, family, open_port=open_port)
         ]
     except DeviceError as error:
@@ -86,15 +78,22 @@ def _find_on(port: PortInfo, *, probe: bool, open_port: Callable[..., BytePort])
     return found or [Found(port=port, remark="no stage answers")]
 
 
-def _families_by_usb_id(usb_id: tuple[int, int] | None) -> tuple[_Family, ...]:
-    if usb_id is None:
-        return ()
-    return (_ZABER,) if usb_id[0] == _ZABER_VENDOR else _KNOWN_USB_IDS.get(usb_id, ())
+def _families() -> list[_Family]:
+    """Return the families of all installed drivers whose modules tell how they are found, always in one order."""
+    entries = sorted(entry_points(group=STAGES), key=lambda entry: entry.name, reverse=True)
+    probes = {entry.name: getattr(import_module(entry.module), "PROBE", None) for entry in entries}
+    return [_Family(driver=name, probe=probe) for name, probe in probes.items() if isinstance(probe, StageProbe)]
+
+
+def _is_known(usb_id: tuple[int, int] | None, probe: StageProbe) -> bool:
+    return usb_id is not None and any(
+        usb_id[0] == vendor and product in (None, usb_id[1]) for vendor, product in probe.usb_ids
+    )
 
 
 def _ask(port: PortInfo, family: _Family, *, open_port: Callable[..., BytePort]) -> list[Answer]:
-    link = open_port(port.device, baud=family.baud)
+    link = open_port(port.device, baud=family.probe.baud)
     try:
-        return family.ask(link)
+        return family.probe.ask(link)
     finally:
         link.close()

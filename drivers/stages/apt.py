@@ -5,12 +5,17 @@ from collections.abc import Callable
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
-from drivers.serial_port import BytePort, open_serial_port
+from drivers.serial_port import BytePort, SerialPort
 from drivers.stages import apt_protocol as protocol
 from drivers.stages.approach import approach, reachable_tolerance_deg
-from drivers.stages.apt_link import AptLink
+from drivers.stages.apt_link import AptLink, ask_apt
 from drivers.stages.apt_models import AptModel, HomeParameters, VelocityParameters, find_model
+from drivers.stages.probes import StageProbe
+from drivers.stages.stage_port import open_stage_on
 from drivers.stages.turning import distance_deg, require_finite, target_within_deg
+
+# How `rigctl devices` finds one.
+PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x0403, 0xFAF0),), ask=ask_apt)
 
 _TRIES = 3
 _POLL_S = 0.1
@@ -90,7 +95,7 @@ class AptStage:
             tolerance_deg=self._tolerance_deg,
             name=self._link.name,
             now_s=self._link.now_s,
-            take_notes=self._link.take_notes,
+            take_notes=self._link.notes.take,
         )
 
     def position(self) -> StagePosition:
@@ -263,13 +268,12 @@ def open_apt(
     NotConnectedError
         There is no such port, or it may not be opened, or another program holds it.
     """
-    link = open_serial_port(port, baud=protocol.BAUD)
-    try:
+
+    def connect(link: SerialPort) -> AptStage:
         link.request_to_send()
         return connect_apt(link, tolerance_deg=tolerance_deg, actuator=actuator, now_s=now_s, sleep=sleep)
-    except BaseException:
-        link.close()
-        raise
+
+    return open_stage_on(port, baud=protocol.BAUD, connect=connect)
 
 
 def identity_of(information: protocol.Information) -> DeviceIdentity:

@@ -5,21 +5,24 @@ every question so far has had its answer. When it is not, it listens until the l
 Nothing that a message says is kept: a status is one that was asked for now.
 """
 
-from collections import deque
+import time
 from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.errors import DeviceError, DeviceFaultError, DeviceTimeoutError, ProtocolError
+from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
 from drivers.stages import apt_protocol as protocol
 from drivers.stages.apt_models import HomeParameters, VelocityParameters
+from drivers.stages.probes import Answer, events_after
+from drivers.stages.stage_port import Notes
 
+_PROBE_ANSWER_S = 0.3
 _TRIES = 6
 _REPLY_TIMEOUT_S = 0.5  # the longest message takes 8 ms on the line, a USB adapter adds 16 ms
 _TAIL_S = 0.002  # twenty bytes' worth
 _QUIET_S = 0.05
 _QUIET_LIMIT_S = 1.0
-_NOTES_KEPT = 20
 
 AnswerT = TypeVar(
     "AnswerT",
@@ -40,6 +43,11 @@ class AptLink:
         Open, at 115200 bits/s. The link closes it.
     now_s, sleep : callables
         A clock that never goes back [s], and a pause [s].
+
+    Attributes
+    ----------
+    notes : Notes
+        What was noticed: repeated questions, damaged answers.
     """
 
     def __init__(self, port: BytePort, *, now_s: Callable[[], float], sleep: Callable[[float], None]) -> None:
@@ -49,17 +57,7 @@ class AptLink:
         self.sleep = sleep
         self._parser = protocol.MessageParser()
         self._in_step = False
-        self._notes: deque[str] = deque(maxlen=_NOTES_KEPT)
-
-    def note(self, text: str) -> None:
-        """Keep a remark for whoever takes the notes."""
-        self._notes.append(text)
-
-    def take_notes(self) -> tuple[str, ...]:
-        """Return what was noticed since the last call: repeated questions, damaged answers (newest 20)."""
-        notes = tuple(self._notes)
-        self._notes.clear()
-        return notes
+        self.notes = Notes()
 
     def close(self) -> None:
         """Release the port. May be called twice."""
@@ -85,7 +83,7 @@ class AptLink:
             try:
                 return self._exchange(question, answer)
             except (ProtocolError, DeviceTimeoutError) as error:
-                self.note(f"tried again: {error}")
+                self.notes.add(f"tried again: {error}")
         return self._exchange(question, answer)
 
     def ask_until_two_agree(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
@@ -166,3 +164,16 @@ class AptLink:
         while self._port.read_some(timeout_s=quiet_s) and self.now_s() < end_s:
             pass
         self._parser.reset()
+
+
+def ask_apt(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
+    """Return the APT controller on a line at 115200 bits/s."""
+    question, parser = protocol.identify(), protocol.MessageParser()
+    return [
+        Answer(
+            address=None,
+            identity=DeviceIdentity(model=event.model, serial_number=str(event.serial_number), firmware=event.firmware),
+        )
+        for event in events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s)
+        if isinstance(event, protocol.Information)
+    ]

@@ -2,14 +2,20 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
-from drivers.serial_port import BytePort, open_serial_port
+from drivers.serial_port import BytePort
 from drivers.stages import elliptec_protocol as protocol
 from drivers.stages.approach import approach, reachable_tolerance_deg
-from drivers.stages.elliptec_link import EllxLink
+from drivers.stages.elliptec_link import EllxLink, ask_elliptec
+from drivers.stages.probes import StageProbe
+from drivers.stages.stage_port import open_stage_on
 from drivers.stages.turning import distance_deg, require_finite, route_deg
+
+# How `rigctl devices` finds one: behind the FT230X of its interface board.
+PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x0403, 0x6015),), ask=ask_elliptec)
 
 _TRIES = 3
 _SLOWEST_DEG_PER_S = 10.0  # an ELL14 does about 430; slower than this, something is wrong
@@ -69,7 +75,7 @@ class EllxStage:
                 return self.position()
         raise DeviceTimeoutError(
             f"{self._link.name}: homing was commanded {_TRIES} times and not confirmed. Last seen: "
-            + "; ".join(self._link.take_notes())
+            + "; ".join(self._link.notes.take())
         )
 
     def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
@@ -100,7 +106,7 @@ class EllxStage:
             tolerance_deg=self._tolerance_deg,
             name=self._link.name,
             now_s=self._link.now_s,
-            take_notes=self._link.take_notes,
+            take_notes=self._link.notes.take,
         )
 
     def position(self) -> StagePosition:
@@ -231,12 +237,8 @@ def open_elliptec(
     NotConnectedError
         There is no such port, or it may not be opened, or another program holds it.
     """
-    link = open_serial_port(port, baud=protocol.BAUD)
-    try:
-        return connect_elliptec(link, address=address, tolerance_deg=tolerance_deg, now_s=now_s, sleep=sleep)
-    except BaseException:
-        link.close()
-        raise
+    connect = partial(connect_elliptec, address=address, tolerance_deg=tolerance_deg, now_s=now_s, sleep=sleep)
+    return open_stage_on(port, baud=protocol.BAUD, connect=connect)
 
 
 def _ask_information(link: EllxLink) -> protocol.Information:

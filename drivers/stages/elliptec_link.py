@@ -6,21 +6,24 @@ the stage forget what it has received in part, listens until the line is quiet, 
 the stage is no longer busy; only then is the next command sent.
 """
 
-from collections import deque
+import time
 from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, ProtocolError
+from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
 from drivers.stages import elliptec_protocol as protocol
+from drivers.stages.probes import Answer, events_after
+from drivers.stages.stage_port import Notes
 
+_PROBE_ANSWER_S = 0.15  # an answer takes 36 ms on the line, a USB adapter adds 16 ms
 _TRIES = 3
 _REPLY_TIMEOUT_S = 1.0  # the longest reply takes 36 ms on the line, a USB adapter adds 16 ms
 _QUIET_S = 0.05  # 48 bytes' worth of silence
 _QUIET_LIMIT_S = 1.0
 _POLL_S = 0.1
 _GAP_S = 0.1  # a move sent sooner after the one before "can move to 0 instead", other drivers' authors found
-_NOTES_KEPT = 20
 
 AnswerT = TypeVar("AnswerT", protocol.Information, protocol.Status, protocol.Position)
 
@@ -43,6 +46,11 @@ class EllxLink:
     ----------
     restarted : bool
         Whether the stage was seen initialising since somebody last set this to False.
+
+    Attributes
+    ----------
+    notes : Notes
+        What was noticed: buttons, repeated questions, late answers.
     """
 
     def __init__(
@@ -64,13 +72,7 @@ class EllxLink:
         self.restarted = False
         self._in_step = False
         self._last_heard_s = now_s()
-        self._notes: deque[str] = deque(maxlen=_NOTES_KEPT)
-
-    def take_notes(self) -> tuple[str, ...]:
-        """Return what was noticed since the last call: buttons, repeated questions, late answers (newest 20)."""
-        notes = tuple(self._notes)
-        self._notes.clear()
-        return notes
+        self.notes = Notes()
 
     def close(self) -> None:
         """Release the port. May be called twice."""
@@ -80,7 +82,7 @@ class EllxLink:
         """Get in step with a stage in an unknown state; an error left from before is noted and cleared."""
         code = self._resynchronise(busy_until_s=self.now_s() + self._busy_timeout_s)
         if code != protocol.OK:
-            self._notes.append(f"left from before: status {_in_words(code)}")
+            self.notes.add(f"left from before: status {_in_words(code)}")
 
     def ask(self, command: bytes, answer: type[AnswerT]) -> AnswerT:
         """Return the answer to a command that moves nothing, asking up to three times.
@@ -187,9 +189,9 @@ class EllxLink:
         if event.address != self.address:
             return True
         if isinstance(event, protocol.ButtonStatus):
-            self._notes.append("a button of the handset was pressed")
+            self.notes.add("a button of the handset was pressed")
         elif isinstance(event, protocol.ButtonPosition):
-            self._notes.append(f"a button of the handset moved the stage to {event.counts} counts")
+            self.notes.add(f"a button of the handset moved the stage to {event.counts} counts")
         else:
             return False
         return True
@@ -212,15 +214,15 @@ class EllxLink:
             self._parser.feed(data)
             while (event := self._parser.next_event()) is not None:
                 if not self._is_of_others(event):
-                    self._notes.append(f"ignored, since it came too late or unasked: {event}")
+                    self.notes.add(f"ignored, since it came too late or unasked: {event}")
         except ProtocolError as error:
-            self._notes.append(f"ignored: {error}")
+            self.notes.add(f"ignored: {error}")
 
     def _note_or_raise(self, error: Exception) -> None:
         """Note an error that sending the command once more may cure; raise any other."""
         if isinstance(error, DeviceFaultError) and error.code not in protocol.GARBLED_CODES:
             raise error
-        self._notes.append(f"tried again: {error}")
+        self.notes.add(f"tried again: {error}")
 
     def _get_in_step(self, *, busy_until_s: float | None = None) -> None:
         """See that every command so far is done with. Raises the fault that the stage reports meanwhile."""
@@ -229,7 +231,7 @@ class EllxLink:
         until_s = self.now_s() + self._busy_timeout_s if busy_until_s is None else busy_until_s
         code = self._resynchronise(busy_until_s=until_s)
         if code in protocol.GARBLED_CODES:
-            self._notes.append(f"a command was damaged: status {_in_words(code)}")
+            self.notes.add(f"a command was damaged: status {_in_words(code)}")
         elif code != protocol.OK:
             raise self.fault(code, protocol.status(self.address))
 
@@ -252,7 +254,7 @@ class EllxLink:
             try:
                 return self._ask_status(command)
             except (ProtocolError, DeviceTimeoutError) as error:
-                self._notes.append(f"tried again: {error}")
+                self.notes.add(f"tried again: {error}")
             self._reset_line()
         return self._ask_status(command)
 
@@ -265,7 +267,7 @@ class EllxLink:
         try:
             self._ask_status(protocol.status(self.address))
         except (ProtocolError, DeviceTimeoutError) as error:
-            self._notes.append(f"the fault may still be set in the stage: {error}")
+            self.notes.add(f"the fault may still be set in the stage: {error}")
 
     def _reset_line(self) -> None:
         self._port.write(protocol.RESET_RECEIVER)
@@ -274,3 +276,21 @@ class EllxLink:
 
 def _in_words(code: int) -> str:
     return f"{code} ({protocol.STATUS_MEANINGS.get(code, 'reserved')})"
+
+
+def ask_elliptec(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
+    """Return the Elliptec rotation stages on a line at 9600 bits/s, all sixteen addresses asked."""
+    answers = []
+    for address in "0123456789ABCDEF":
+        parser = protocol.ReplyParser()
+        question = protocol.identify(address)
+        events = events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s)
+        for event in events:
+            if isinstance(event, protocol.Information) and event.address == address:
+                identity = DeviceIdentity(
+                    model=protocol.ROTATION_STAGES.get(event.stage_type, f"ELL{event.stage_type}"),
+                    serial_number=event.serial_number,
+                    firmware=event.firmware,
+                )
+                answers.append(Answer(address=address, identity=identity))
+    return answers

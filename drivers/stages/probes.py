@@ -1,6 +1,5 @@
-"""Asks a port which rotation stages are behind it. Nothing moves, and no setting or error is touched."""
+"""How a family of stages is found on a port. Nothing moves, and no setting or error is touched."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
@@ -8,11 +7,6 @@ from typing import Protocol, TypeVar
 from drivers.errors import ProtocolError
 from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
-from drivers.stages import apt_protocol, elliptec_protocol, zaber_protocol
-
-_ELLX_ANSWER_S = 0.15  # an answer takes 36 ms on the line, a USB adapter adds 16 ms
-_ZABER_ANSWER_S = 0.2
-_APT_ANSWER_S = 0.3
 
 EventT = TypeVar("EventT", covariant=True)
 
@@ -34,62 +28,29 @@ class Answer:
 Clock = Callable[[], float]
 
 
-def ask_elliptec(port: BytePort, *, now_s: Clock = time.monotonic) -> list[Answer]:
-    """Return the Elliptec rotation stages on a line at 9600 bits/s, all sixteen addresses asked."""
-    answers = []
-    for address in "0123456789ABCDEF":
-        parser = elliptec_protocol.ReplyParser()
-        question = elliptec_protocol.identify(address)
-        events = _events(port, question, parser, wait_s=_ELLX_ANSWER_S, enough=1, now_s=now_s)
-        for event in events:
-            if isinstance(event, elliptec_protocol.Information) and event.address == address:
-                identity = DeviceIdentity(
-                    model=elliptec_protocol.ROTATION_STAGES.get(event.stage_type, f"ELL{event.stage_type}"),
-                    serial_number=event.serial_number,
-                    firmware=event.firmware,
-                )
-                answers.append(Answer(address=address, identity=identity))
-    return answers
+@dataclass(frozen=True, kw_only=True)
+class StageProbe:
+    """How a family is found; its module, which the entry point names, holds one as ``PROBE``.
+
+    Attributes
+    ----------
+    baud : int
+        Bit rate [1/s].
+    usb_ids : tuple of (int, int or None)
+        Vendor and product behind which hardly anything else can be; a product of None is any of the vendor's.
+    ask : callable
+        Returns the stages on an open line.
+    """
+
+    baud: int
+    usb_ids: tuple[tuple[int, int | None], ...]
+    ask: Callable[[BytePort], list[Answer]]
 
 
-def ask_zaber(port: BytePort, *, now_s: Clock = time.monotonic) -> list[Answer]:
-    """Return the Zaber devices on a line at 115200 bits/s; every device of a chain answers for itself."""
-    told: dict[int, dict[str, str]] = {}
-    for message_id, setting in enumerate(("deviceid", "system.serial", "version")):
-        question = zaber_protocol.command(f"get {setting}", device=0, axis=0, message_id=message_id)
-        parser = zaber_protocol.ReplyParser()
-        for event in _events(port, question, parser, wait_s=_ZABER_ANSWER_S, enough=None, now_s=now_s):
-            if isinstance(event, zaber_protocol.Reply) and event.accepted and event.message_id == message_id:
-                told.setdefault(event.device, {})[setting] = event.data
-    return [
-        Answer(
-            address=str(device),
-            identity=DeviceIdentity(
-                model=f"Zaber {found['deviceid']}", serial_number=found["system.serial"], firmware=found["version"]
-            ),
-        )
-        for device, found in sorted(told.items())
-        if len(found) == 3
-    ]
-
-
-def ask_apt(port: BytePort, *, now_s: Clock = time.monotonic) -> list[Answer]:
-    """Return the APT controller on a line at 115200 bits/s."""
-    question, parser = apt_protocol.identify(), apt_protocol.MessageParser()
-    return [
-        Answer(
-            address=None,
-            identity=DeviceIdentity(model=event.model, serial_number=str(event.serial_number), firmware=event.firmware),
-        )
-        for event in _events(port, question, parser, wait_s=_APT_ANSWER_S, enough=1, now_s=now_s)
-        if isinstance(event, apt_protocol.Information)
-    ]
-
-
-def _events(
+def events_after(
     port: BytePort, question: bytes, parser: _Parser[EventT], *, wait_s: float, enough: int | None, now_s: Clock
 ) -> list[EventT]:
-    """Return what is understood of the answers to a question, until enough came or the time is over."""
+    """Ask; return what is understood of the answers, until enough came or the time is over."""
     port.write(question)
     events: list[EventT] = []
     deadline_s = now_s() + wait_s

@@ -3,14 +3,20 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.errors import DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
-from drivers.serial_port import BytePort, open_serial_port
+from drivers.serial_port import BytePort
 from drivers.stages import zaber_protocol as protocol
 from drivers.stages.approach import approach, reachable_tolerance_deg
+from drivers.stages.probes import StageProbe
+from drivers.stages.stage_port import open_stage_on
 from drivers.stages.turning import require_finite, target_within_deg
-from drivers.stages.zaber_link import ZaberLink
+from drivers.stages.zaber_link import ZaberLink, ask_zaber
+
+# How `rigctl devices` finds one. A plain FT232R (0403:6001), which some cables have, is in thousands of other devices.
+PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x2939, None),), ask=ask_zaber)
 
 _POLL_S = 0.05
 _START_S = 2.0
@@ -109,7 +115,7 @@ class ZaberStage:
             tolerance_deg=self._tolerance_deg,
             name=self._link.name,
             now_s=self._link.now_s,
-            take_notes=self._link.take_notes,
+            take_notes=self._link.notes.take,
         )
 
     def position(self) -> StagePosition:
@@ -176,7 +182,7 @@ class ZaberStage:
                 meaning = protocol.FLAG_MEANINGS.get(flag, "a fault that is not in the manual")
                 raise self._link.fault(flag, meaning, advice="Check that nothing blocks it, then home it again")
             if flag not in protocol.NOT_HOMED:
-                self._link.note(f"the stage reports {protocol.in_words(flag)}")
+                self._link.notes.add(f"the stage reports {protocol.in_words(flag)}")
         return flags
 
     def _require_homed(self) -> None:
@@ -243,14 +249,8 @@ def open_zaber(
     NotConnectedError
         There is no such port, or it may not be opened, or another program holds it.
     """
-    link = open_serial_port(port, baud=protocol.BAUD)
-    try:
-        return connect_zaber(
-            link, address=address, tolerance_deg=tolerance_deg, steps_per_turn=steps_per_turn, now_s=now_s, sleep=sleep
-        )
-    except BaseException:
-        link.close()
-        raise
+    connect = partial(connect_zaber, address=address, tolerance_deg=tolerance_deg, steps_per_turn=steps_per_turn)
+    return open_stage_on(port, baud=protocol.BAUD, connect=partial(connect, now_s=now_s, sleep=sleep))
 
 
 def read_identity(link: ZaberLink) -> DeviceIdentity:

@@ -4,18 +4,21 @@ Each command has its message id and each reply its checksum, so that a late answ
 right one at once. Any command used here may be sent again: none of them moves by a distance.
 """
 
-from collections import deque
+import time
 from collections.abc import Callable
 
 from drivers.errors import DeviceError, DeviceFaultError, DeviceTimeoutError, ProtocolError
+from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
 from drivers.stages import zaber_protocol as protocol
+from drivers.stages.probes import Answer, events_after
+from drivers.stages.stage_port import Notes
 from drivers.stages.zaber_protocol import Reply
 
+_PROBE_ANSWER_S = 0.2
 _TRIES = 6
 _REPLY_TIMEOUT_S = 0.5  # the longest reply takes 7 ms on the line, a USB adapter adds 16 ms
 _AGAIN_PAUSE_S = 0.1
-_NOTES_KEPT = 20
 # A command that was damaged on its way may be refused for any of these, although it was good when it was sent.
 _WORTH_ANOTHER_TRY = frozenset({"AGAIN", "BADAXIS", "BADCOMMAND", "BADDATA", "BADMESSAGEID"})
 
@@ -31,6 +34,11 @@ class ZaberLink:
         1 to 99.
     now_s, sleep : callables
         A clock that never goes back [s], and a pause [s].
+
+    Attributes
+    ----------
+    notes : Notes
+        What was noticed: flags, repeated questions, late answers.
     """
 
     def __init__(
@@ -43,17 +51,7 @@ class ZaberLink:
         self.sleep = sleep
         self._parser = protocol.ReplyParser()
         self._next_id = 0
-        self._notes: deque[str] = deque(maxlen=_NOTES_KEPT)
-
-    def note(self, text: str) -> None:
-        """Keep a remark for whoever takes the notes."""
-        self._notes.append(text)
-
-    def take_notes(self) -> tuple[str, ...]:
-        """Return what was noticed since the last call: flags, repeated questions, late answers (newest 20)."""
-        notes = tuple(self._notes)
-        self._notes.clear()
-        return notes
+        self.notes = Notes()
 
     def close(self) -> None:
         """Release the port. May be called twice."""
@@ -102,7 +100,7 @@ class ZaberLink:
             try:
                 return self._exchange(words, axis=axis, unchecked=unchecked)
             except (ProtocolError, DeviceTimeoutError) as error:
-                self.note(f"tried again: {error}")
+                self.notes.add(f"tried again: {error}")
             except DeviceFaultError as error:
                 if error.code not in _WORTH_ANOTHER_TRY or error.code == refused != "AGAIN":
                     raise
@@ -156,3 +154,24 @@ class ZaberLink:
         while self._port.read_some(timeout_s=0.0) and self.now_s() < end_s:
             pass
         self._parser.reset()
+
+
+def ask_zaber(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
+    """Return the Zaber devices on a line at 115200 bits/s; every device of a chain answers for itself."""
+    told: dict[int, dict[str, str]] = {}
+    for message_id, setting in enumerate(("deviceid", "system.serial", "version")):
+        question = protocol.command(f"get {setting}", device=0, axis=0, message_id=message_id)
+        parser = protocol.ReplyParser()
+        for event in events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=None, now_s=now_s):
+            if isinstance(event, protocol.Reply) and event.accepted and event.message_id == message_id:
+                told.setdefault(event.device, {})[setting] = event.data
+    return [
+        Answer(
+            address=str(device),
+            identity=DeviceIdentity(
+                model=f"Zaber {found['deviceid']}", serial_number=found["system.serial"], firmware=found["version"]
+            ),
+        )
+        for device, found in sorted(told.items())
+        if len(found) == 3
+    ]

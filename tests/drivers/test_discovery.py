@@ -1,13 +1,20 @@
+import sys
 from functools import partial
+from importlib.metadata import EntryPoint
+from types import ModuleType
 
 import pytest
 
-from drivers.discovery import Found, find_stages
+from drivers import discovery
+from drivers.discovery import STAGES, Found, find_stages
 from drivers.errors import NotConnectedError
+from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
 from drivers.serial_ports import PortInfo
-from drivers.stages import probes
-from drivers.stages.probes import Answer
+from drivers.stages.apt_link import ask_apt
+from drivers.stages.elliptec_link import ask_elliptec
+from drivers.stages.probes import Answer, StageProbe
+from drivers.stages.zaber_link import ask_zaber
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.in_process_port import InProcessPort
@@ -31,10 +38,10 @@ def info(usb_id: tuple[int, int] | None, device: str = "/dev/ttyUSB0") -> PortIn
 @pytest.mark.parametrize(
     ("address", "ask", "expected"),
     [
-        ("sim:ellx", probes.ask_elliptec, ("0", "ELL14", "11401326", "18")),
-        ("sim:ellx?model=17", probes.ask_elliptec, ("0", "ELL17", "11401326", "18")),
-        ("sim:zaber", probes.ask_zaber, ("1", "Zaber 50931", "114821", "7.38")),
-        ("sim:apt?model=KDC101", probes.ask_apt, (None, "KDC101", "27000123", "3.1.2")),
+        ("sim:ellx", ask_elliptec, ("0", "ELL14", "11401326", "18")),
+        ("sim:ellx?model=17", ask_elliptec, ("0", "ELL17", "11401326", "18")),
+        ("sim:zaber", ask_zaber, ("1", "Zaber 50931", "114821", "7.38")),
+        ("sim:apt?model=KDC101", ask_apt, (None, "KDC101", "27000123", "3.1.2")),
     ],
 )
 def test_each_family_says_what_it_is_and_stays_as_it_was(
@@ -50,7 +57,7 @@ def test_each_family_says_what_it_is_and_stays_as_it_was(
 
 
 @pytest.mark.parametrize("address", ["sim:ellx", "sim:zaber", "sim:apt"])
-@pytest.mark.parametrize("ask", [probes.ask_elliptec, probes.ask_zaber, probes.ask_apt])
+@pytest.mark.parametrize("ask", [ask_elliptec, ask_zaber, ask_apt])
 def test_a_question_of_another_family_moves_nothing(address: str, ask: partial[list[Answer]]) -> None:
     bench = Bench(address)
     before_deg = bench.machine.true_angle_deg()
@@ -110,3 +117,19 @@ def test_a_silent_port_is_told() -> None:
     bench = Bench("sim:apt?silent=1")
     (found,) = find_stages([info((0x0403, 0xFAF0))], probe=False, open_port=lambda path, *, baud: bench.port())
     assert found.remark == "no stage answers"
+
+
+def test_stages_of_a_plug_in_are_found_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    identity = DeviceIdentity(model="plugged", serial_number="7", firmware="1")
+    module = ModuleType("plugged_in")
+    module.PROBE = StageProbe(  # type: ignore[attr-defined]
+        baud=4800, usb_ids=((0x1234, None),), ask=lambda port: [Answer(address=None, identity=identity)]
+    )
+    monkeypatch.setitem(sys.modules, "plugged_in", module)
+    entry = EntryPoint(name="plugged", value="plugged_in:open", group=STAGES)
+    monkeypatch.setattr(discovery, "entry_points", lambda group: [entry])
+    bench = Bench("sim:zaber")
+    (found,) = find_stages([info((0x1234, 5))], probe=False, open_port=lambda path, *, baud: bench.port())
+    assert found.driver == "plugged"
+    assert found.answer is not None
+    assert found.answer.identity == identity

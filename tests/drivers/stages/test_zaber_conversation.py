@@ -50,7 +50,7 @@ def test_a_late_answer_carries_another_id_and_is_not_taken() -> None:
         ]
     )
     assert link.ask("get pos").data == "222"
-    assert any("no answer" in note for note in link.take_notes())
+    assert any("no answer" in note for note in link.notes.take())
     assert port.finished
 
 
