@@ -7,8 +7,8 @@ import typer
 from rich.table import Table
 
 from rigctl.calibrations.content_file import write_content
+from rigctl.calibrations.registration.register_run import register_run
 from rigctl.calibrations.registration.registration_file import registration_json
-from rigctl.calibrations.registration.run_registration import register_run
 from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, results
 

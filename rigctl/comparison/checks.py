@@ -114,7 +114,7 @@ def _linear(measurement: Measurement) -> Check:
 
 def _registration(measurement: Measurement, found: Registration | str) -> Check:
     name = "registration"
-    if measurement.walk is not None:
+    if measurement.shifts is not None:
         return Check(name=name, verdict="sound", text="frames were moved by a registration that was given")
     if isinstance(found, str):
         return Check(name=name, verdict="not testable", text=found)

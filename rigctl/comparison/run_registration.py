@@ -31,7 +31,7 @@ def with_registration(
 
     Frames that were moved by a registration that was given are taken as registered.
     """
-    if isinstance(found, str) or measurement.walk is not None:
+    if isinstance(found, str) or measurement.shifts is not None:
         return budgets
     inside = inner_masks(regions, masks(regions, width=measurement.grid.width, height=measurement.grid.height))
     sizes = np.hypot(found.shift_pixels, found.std_error_pixels)

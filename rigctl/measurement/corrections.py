@@ -1,4 +1,4 @@
-"""What is done to a frame once its dark level is off: throughput, flat field, walk of the picture, in this order."""
+"""Corrections of a frame once its dark level is off: throughput, flat field, image registration, in this order."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.measurement.flat_division import FlatDivision
+from rigctl.measurement.image_registration import FrameShifts
 from rigctl.measurement.throughput import Throughput
-from rigctl.measurement.walk_back import WalkBack
 from rigctl.runs.run_folder import FrameRecord
 
 FloatArray = NDArray[np.float64]
@@ -20,7 +20,7 @@ class Corrections:
 
     throughput: Throughput | None = None
     flat: FlatDivision | None = None
-    walk: WalkBack | None = None
+    shifts: FrameShifts | None = None
 
     def corrected(self, signal: FloatArray, record: FrameRecord, channel: int) -> FloatArray:
         """Return the frame of a channel, dark level off, corrected."""
@@ -28,16 +28,16 @@ class Corrections:
             signal = signal / self.throughput.value[channel]
         if self.flat is not None:
             signal = self.flat.divided(signal, channel)
-        return signal if self.walk is None else self.walk.signal(record, signal)
+        return signal if self.shifts is None else self.shifts.signal(record, signal)
 
     def touched(self, bad: BoolArray, record: FrameRecord) -> BoolArray:
         """Return which pixels of the corrected frame have any part of a bad one."""
-        return bad if self.walk is None else self.walk.touched(record, bad)
+        return bad if self.shifts is None else self.shifts.touched(record, bad)
 
     def missing(self, record: FrameRecord, shape: tuple[int, int]) -> BoolArray:
         """Return which pixels of the corrected frame show nothing of the scene."""
         dead = np.zeros(shape, dtype=np.bool_) if self.flat is None else self.touched(self.flat.dead, record)
-        return dead if self.walk is None else dead | self.walk.beyond(shape)
+        return dead if self.shifts is None else dead | self.shifts.beyond(shape)
 
     def noise_factor(self, channels: int) -> FloatArray:
         """Return what all of it makes of the variance of temporal noise, by channel.
@@ -52,7 +52,7 @@ class Corrections:
             factor /= self.throughput.value
         if self.flat is not None:
             factor *= self.flat.variance_factor
-        return factor if self.walk is None else factor * self.walk.variance_factor
+        return factor if self.shifts is None else factor * self.shifts.variance_factor
 
     def relative_error(self, channels: int) -> FloatArray:
         """Return the standard error that it adds to the mean of each channel, relative and independent."""
@@ -61,7 +61,7 @@ class Corrections:
     @property
     def is_any(self) -> bool:
         """Whether anything is done."""
-        return any(part is not None for part in (self.throughput, self.flat, self.walk))
+        return any(part is not None for part in (self.throughput, self.flat, self.shifts))
 
 
 NOTHING = Corrections()

@@ -28,6 +28,8 @@ class FrameGrid:
     channel_names : tuple of str
         "dn_45" and so on, by the angle that was asked for, modulo 180 deg; a second frame at an angle within one
         cycle is "dn_45_2".
+    target_angles_deg : (N,) array
+        The angles that were asked for, modulo 180 deg; those of the readback where nobody asked [deg].
     polarizer_angles_rad : (N,) array
         By the stage's readback, the mean over the cycles [rad].
     exposures_s : (N,) array or None
@@ -38,6 +40,7 @@ class FrameGrid:
 
     records: tuple[tuple[FrameRecord, ...], ...]
     channel_names: tuple[str, ...]
+    target_angles_deg: FloatArray
     polarizer_angles_rad: FloatArray
     exposures_s: FloatArray | None
     left_out: tuple[str, ...]
@@ -106,6 +109,7 @@ def arrange(run: Run) -> FrameGrid:
     return FrameGrid(
         records=records,
         channel_names=tuple(ordered),
+        target_angles_deg=np.array([_target_deg(record) for record in records[0]]),
         polarizer_angles_rad=_mean_angles_rad(records),
         exposures_s=_exposures_s(run, records),
         left_out=tuple(f"cycle {cycle}: incomplete, {len(by_cycle[cycle])} of {len(names)}" for cycle in partial),

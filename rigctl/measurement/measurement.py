@@ -16,9 +16,9 @@ from rigctl.measurement.corrections import NOTHING, Corrections
 from rigctl.measurement.dark_level import DarkLevel, find_dark_level
 from rigctl.measurement.flat_division import FlatDivision, flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
+from rigctl.measurement.image_registration import FrameShifts, frame_shifts
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
 from rigctl.measurement.throughput import throughput_of
-from rigctl.measurement.walk_back import WalkBack, walk_back
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]
@@ -64,9 +64,9 @@ class Measurement:
     corrections: Corrections = NOTHING
 
     @property
-    def walk(self) -> WalkBack | None:
+    def shifts(self) -> FrameShifts | None:
         """How frames were moved to lie on one another; None where they were not."""
-        return self.corrections.walk
+        return self.corrections.shifts
 
     @property
     def flat(self) -> FlatDivision | None:
@@ -121,7 +121,7 @@ def measure(
     corrections = Corrections(
         throughput=None if polarizer is None else throughput_of(grid, polarizer),
         flat=None if flats is None else flat_division(grid, flats),
-        walk=None if registration is None else walk_back(run, grid, registration),
+        shifts=None if registration is None else frame_shifts(run, grid, registration),
     )
     frames = _Frames(run, grid, dark_level, corrections)
     pixels = {name: np.empty((grid.cycles, grid.angles, int(mask.sum()))) for name, mask in inside.items()}
@@ -192,11 +192,11 @@ class _Frames:
 
 
 def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
-    distinct = sorted({name.removeprefix("dn_").partition("_")[0] for name in grid.channel_names}, key=float)
+    distinct = np.unique(grid.target_angles_deg)
     if len(distinct) < _LEAST_ANGLES:
         raise DataError(
             f"{run.path}: its frames stand at {len(distinct)} angles that differ modulo 180 deg "
-            f"({', '.join(distinct)} deg); Stokes parameters need three"
+            f"({', '.join(f'{angle:g}' for angle in distinct)} deg); Stokes parameters need three"
         )
     try:
         return design(grid.polarizer_angles_rad, extinction_ratio)

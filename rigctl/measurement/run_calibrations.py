@@ -92,7 +92,7 @@ def correction_remarks(measurement: Measurement, regions: list[Region]) -> tuple
     return (
         *(() if done.throughput is None else (_of_throughput(done.throughput),)),
         *(() if done.flat is None else flat_remarks(done.flat, regions)),
-        *(() if done.walk is None else (_MOVED,)),
+        *(() if done.shifts is None else (_MOVED,)),
     )
 
 

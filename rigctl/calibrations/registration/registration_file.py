@@ -16,7 +16,7 @@ from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText, at
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
-from rigctl.calibrations.registration.run_registration import RunRegistration
+from rigctl.calibrations.registration.register_run import RunRegistration
 from rigctl.config import sha256_of
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import MANIFEST_FILE, Run

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.calibrations.registration.run_registration import register_run
+from rigctl.calibrations.registration.register_run import register_run
 from rigctl.imports.image_import import import_images
 from rigctl.imports.import_request import ImportRequest
 from rigctl.runs.run_folder import read_run

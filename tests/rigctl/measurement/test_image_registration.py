@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from rigctl.calibrations.registration.register_run import register_run
 from rigctl.calibrations.registration.registration_file import ImageRegistration, registration_json
-from rigctl.calibrations.registration.run_registration import register_run
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import Measurement, measure
@@ -115,9 +115,9 @@ def test_temporal_noise_is_predicted_with_what_moving_does_to_it(moved: Measurem
 
 
 def test_the_margin_that_not_every_frame_shows_is_missing(moved: Measurement) -> None:
-    assert moved.walk is not None
+    assert moved.shifts is not None
     # The walk is 1.2 * sin(67.5 deg) at most.
-    assert moved.walk.margin_pixels == 2
+    assert moved.shifts.margin_pixels == 2
     assert moved.missing[:2].all()
     assert moved.missing[:, -2:].all()
     assert not moved.missing[2:-2, 2:-2].any()

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.registration import moved_back
+from rigctl.calibrations.registration.register_run import angle_deg
 from rigctl.calibrations.registration.registration_file import ImageRegistration
-from rigctl.calibrations.registration.run_registration import angle_deg
 from rigctl.measurement.frame_grid import FrameGrid
 from rigctl.runs.run_folder import FrameRecord, Run
 
@@ -16,7 +16,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WalkBack:
+class FrameShifts:
     """Where frames lie against the first angle of the first cycle.
 
     Attributes
@@ -52,7 +52,7 @@ class WalkBack:
         return outside
 
 
-def walk_back(run: Run, grid: FrameGrid, registration: ImageRegistration) -> WalkBack:
+def frame_shifts(run: Run, grid: FrameGrid, registration: ImageRegistration) -> FrameShifts:
     """Return how the frames of a run are to be moved, by a registration.
 
     Raises
@@ -68,7 +68,7 @@ def walk_back(run: Run, grid: FrameGrid, registration: ImageRegistration) -> Wal
     }
     one_pixel = np.zeros((4, 4))
     factors = [[moved_back(one_pixel, shifts[record.sequence])[1] for record in cycle] for cycle in grid.records]
-    return WalkBack(
+    return FrameShifts(
         shifts_pixels=shifts,
         variance_factor=np.mean(factors, axis=0),
         margin_pixels=int(np.ceil(max(np.max(np.abs(shift)) for shift in shifts.values()))),
