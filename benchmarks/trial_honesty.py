@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from scipy.special import bdtrc
 
-from rigctl.calibrations.noise.calibrate_files import calibrate_run
 from rigctl.files.rig_file import load_rig
+from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 from rigctl.measurement.run_calibrations import CalibrationPaths
@@ -50,7 +50,7 @@ def one_seed(seed: int, perturbations: tuple[Perturbation, ...]) -> Outcome:
         copy_examples(out)
         rig = seeded(load_rig(out / "rig-sim.toml"), seed)
         take(rig, out, session="session-noise.toml", run=NOISE_RUN)
-        calibrate_run(out / NOISE_RUN, out / NOISE)
+        calibrate_noise(NoiseRequest(run=out / NOISE_RUN, out=out / NOISE))
         found = {}
         for what in (None, *perturbations):
             name = f"run-{what}"

@@ -3,6 +3,13 @@
 from enum import StrEnum
 from typing import Literal, get_args
 
+# What the camera looked at.
+FrameKind = Literal["scene", "dark", "flat"]
+FRAME_KINDS: tuple[FrameKind, ...] = get_args(FrameKind)
+
+# What a run can be exported as.
+ExportFormat = Literal["tiff", "hdf5", "zarr"]
+
 # What the counts of a prediction are scaled by: the scene file, a panel, or the run itself.
 ScaleKind = Literal["absolute", "panel", "free"]
 

@@ -2,16 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.cameras import bayer
+from drivers.cameras.raw_planes import PLANES, Plane
 from drivers.errors import LimitError, ProtocolError
 
-Plane = Literal["red", "green-1", "green-2", "blue", "green", "sum", "all"]
-PLANES: tuple[Plane, ...] = get_args(Plane)
 RAW_SUFFIXES = frozenset(
     (".dng", ".nef", ".cr2", ".cr3", ".arw", ".kdc", ".raf", ".orf", ".rw2", ".pef", ".srw", ".raw", ".3fr", ".iiq")
 )

@@ -22,8 +22,19 @@ def write_content(path: Path, content: Mapping[str, Any]) -> None:
     ConfigError
         The file cannot be written there.
     """
+    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file of a calibration: whole under its name, or not at all.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be written there.
+    """
     try:
-        write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
+        write_durably(path, data)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
 

@@ -6,15 +6,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from rigctl.calibrations.flat.flat_file import flat_facts, flat_npz
-from rigctl.calibrations.flat.run_flat import flat_of_run
-from rigctl.durable_file import write_durably
-from rigctl.errors import ConfigError
-from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, results, warn
-
-# A pattern of less is none.
-_LEAST_PATTERN = 1e-4
 
 
 def flat(
@@ -32,20 +24,16 @@ def flat(
 
     Example: rigctl calibrate flat runs/flats --out flat.npz
     """
-    folder = read_run(run)
-    found = flat_of_run(folder)
-    facts = flat_facts(found, folder, valid_days=valid_days)
-    try:
-        write_durably(out, flat_npz(found, facts))
-    except OSError as error:
-        raise ConfigError(f"{out}: cannot be written: {error.strerror}; its folder has to exist") from error
+    from rigctl.jobs.calibrate_flat import calibrate_flat
+
+    found = calibrate_flat(run, out, valid_days=valid_days)
     if as_json:
-        print_json(facts)
+        print_json(found.facts)
         return
     table = Table(box=None, pad_edge=False)
     for title in ("angle [deg]", "frames", "mean [DN]", "light over mean", "std error", "pattern [%]", "own noise [%]"):
         table.add_column(title, justify="right")
-    for row in facts["angles"]:
+    for row in found.facts["angles"]:
         table.add_row(
             f"{row['polarizer_angle_deg']:.1f}",
             str(row["frames"]),
@@ -56,11 +44,5 @@ def flat(
             f"{100.0 * row['noise_rms']:.3f}",
         )
     results().print(table)
-    worse = [row for row in facts["angles"] if row["noise_rms"] > row["pattern_rms"]]
-    if worse:
-        largest = max(row["noise_rms"] / max(row["pattern_rms"], _LEAST_PATTERN) for row in worse)
-        warn(
-            f"{len(worse)} of {len(facts['angles'])} flats have more noise of their own than pattern: dividing by them "
-            f"makes single pixels worse, and dust and vignetting alone better; take {largest**2:.0f} times as many "
-            f"frames or more, or brighter ones"
-        )
+    if found.doubt is not None:
+        warn(found.doubt)

@@ -6,11 +6,6 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from rigctl.calibrations.content_file import write_content
-from rigctl.calibrations.noise.noise_file import read_fitting_noise
-from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
-from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results, warn
 
 _SHOWN = 6
@@ -36,24 +31,16 @@ def radiometric(
 
     Example: rigctl calibrate radiometric runs/panels --panel white_panel --scene scene.toml --out radiometric.json
     """
-    # The model of light is loaded for this verb of `calibrate` only.
-    from rigctl.comparison.panel_response import panel_response
-    from rigctl.comparison.radiometric_json import radiometric_json
+    from rigctl.jobs.calibrate_radiometric import RadiometricRequest, calibrate_radiometric
 
-    scene_file, folder = load_scene(scene), read_run(run)
-    calibration, doubts = (None, ()) if noise is None else read_fitting_noise(noise, folder)
-    for doubt in doubts:
+    request = RadiometricRequest(run=run, panel=panel, scene=scene, out=out, noise=noise, valid_days=valid_days)
+    found = calibrate_radiometric(request)
+    for doubt in found.doubts:
         warn(doubt)
-    regions = [region for region in scene_file.regions if region.name == panel]
-    measurement = measure(folder, regions=list(regions), noise=calibration)
-    found = panel_response(measurement, scene=scene_file, panel=panel, noise=calibration)
-    files = {"scene": scene} | ({} if noise is None else {"noise": noise})
-    content = radiometric_json(found, measurement, files=files, valid_days=valid_days)
-    write_content(out, content)
     if as_json:
-        print_json(content)
+        print_json(found.content)
     else:
-        _print(content)
+        _print(found.content)
 
 
 def _print(content: dict[str, Any]) -> None:

@@ -6,10 +6,6 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from rigctl.calibrations.content_file import write_content
-from rigctl.calibrations.registration.register_run import register_run
-from rigctl.calibrations.registration.registration_file import registration_json
-from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, results
 
 
@@ -31,11 +27,10 @@ def registration(
 
     Example: rigctl calibrate registration runs/panels --out walk.json
     """
-    folder = read_run(run)
-    found = register_run(folder, cycle=cycle)
-    content = registration_json(found, folder, valid_days=valid_days)
-    if out is not None:
-        write_content(out, content)
+    from rigctl.jobs.calibrate_registration import calibrate_registration
+
+    calibrated = calibrate_registration(run, cycle=cycle, out=out, valid_days=valid_days)
+    content = calibrated.content
     if as_json:
         print_json(content)
         return
@@ -51,5 +46,5 @@ def registration(
         results().print(
             f"circle of {wander['radius_pixels']:.3f} pixel, residual {wander['residual_pixels']:.3f} pixel"
         )
-    if found.finding is not None:
-        results().print(found.finding)
+    if calibrated.found.finding is not None:
+        results().print(calibrated.found.finding)

@@ -1,16 +1,17 @@
 """``rigctl import``: make a run out of images that exist."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.cameras.raw_files import PLANES
+from drivers.cameras.raw_planes import PLANES
+from rigctl.choices import FRAME_KINDS
 from rigctl.commands.option_text import OptionTexts
-from rigctl.imports.image_import import Imported, import_images
-from rigctl.imports.import_request import ImportRequest
-from rigctl.runs.run_folder import FRAME_KINDS
 from rigctl.terminal import print_json, results
+
+if TYPE_CHECKING:
+    from rigctl.jobs.import_images import Imported
 
 _NO_VALUE = "none"
 
@@ -78,6 +79,9 @@ def command(
     rigctl import runs/sky a.dng b.dng c.dng --angles 0,60,-60 --plane green-1 --exposure-key EXPTIME
     --black-level-key BLACK --bit-depth 12
     """
+    from rigctl.imports.import_request import ImportRequest
+    from rigctl.jobs.import_images import import_images
+
     texts = OptionTexts()
     request = ImportRequest(
         run=run,
@@ -104,7 +108,7 @@ def command(
     _report(run, import_images(request), as_json=as_json)
 
 
-def _report(run: Path, imported: Imported, *, as_json: bool) -> None:
+def _report(run: Path, imported: "Imported", *, as_json: bool) -> None:
     if as_json:
         files = [record.file for record in imported.frames]
         print_json({"run": str(run), "frames": files, "remarks": list(imported.remarks)})

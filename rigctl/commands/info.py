@@ -3,14 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_summary import FrameGroup, RunSummary, summarize_run
 from rigctl.terminal import print_json, results
+
+if TYPE_CHECKING:
+    from rigctl.jobs.summarize_run import FrameGroup, RunSummary
 
 _UNKNOWN = "-"
 _COLUMNS = ("angle [deg]", "readback [deg]", "exposure [s]", "gain [dB]", "frames", "cycles", "saturated [%]")
@@ -29,6 +30,9 @@ def command(
 
     Example: rigctl info runs/2026-05-04
     """
+    from rigctl.jobs.summarize_run import summarize_run
+    from rigctl.runs.run_folder import read_run
+
     summary = summarize_run(read_run(run))
     if as_json:
         print_json(asdict(summary))
@@ -36,7 +40,7 @@ def command(
         _print(summary)
 
 
-def _print(summary: RunSummary) -> None:
+def _print(summary: "RunSummary") -> None:
     console = results()
     for title, text in _facts(summary):
         console.print(f"{title:<14}{text}", markup=False)
@@ -47,7 +51,7 @@ def _print(summary: RunSummary) -> None:
         console.print(f"event: {event} ({times} x)", markup=False)
 
 
-def _facts(summary: RunSummary) -> Iterable[tuple[str, str]]:
+def _facts(summary: "RunSummary") -> Iterable[tuple[str, str]]:
     yield "run", summary.run
     yield "origin", _ORIGINS.get(summary.origin, summary.origin)
     yield "made by", f"{summary.created_by}, {summary.created_utc}"
@@ -65,7 +69,7 @@ def _join(texts: Iterable[str]) -> str:
     return ", ".join(texts) or _UNKNOWN
 
 
-def _table(groups: Iterable[FrameGroup]) -> Table:
+def _table(groups: Iterable["FrameGroup"]) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column("kind")
     for title in _COLUMNS:
@@ -75,7 +79,7 @@ def _table(groups: Iterable[FrameGroup]) -> Table:
     return table
 
 
-def _cells(group: FrameGroup) -> Iterable[str]:
+def _cells(group: "FrameGroup") -> Iterable[str]:
     yield group.kind
     yield _number(group.polarizer_angle_target_deg)
     yield _span(group.polarizer_angle_deg, digits=3)

@@ -1,20 +1,14 @@
 """``rigctl stokes``: Stokes, DoLP and AoLP images of a run."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigctl.files.regions import load_regions
-from rigctl.measurement.region_texture import region_textures
-from rigctl.measurement.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
-from rigctl.measurement.temporal_noise import temporal_noise
-from rigctl.reports.stokes_files import write_stokes
-from rigctl.reports.tables.comparison_json import measurement_json
-from rigctl.reports.tables.quantity_tables import quantity_tables
-from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.runs.run_folder import read_run
 from rigctl.terminal import print_json, progress, results, warn
+
+if TYPE_CHECKING:
+    from rigctl.jobs.stokes import StokesOfRun
 
 
 def command(
@@ -39,26 +33,28 @@ def command(
 
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
     """
-    areas = [] if regions is None else load_regions(regions)
-    folder = read_run(run)
+    from rigctl.jobs.stokes import StokesRequest, stokes_of_run
+    from rigctl.measurement.run_calibrations import CalibrationPaths
+
     paths = CalibrationPaths(noise=noise, registration=register, flat=flat, polarizer=polarizer)
-    given = read_calibrations(paths, folder)
-    measurement = given.measure(folder, areas)
-    for remark in (*given.doubts, *correction_remarks(measurement, areas)):
+    found = stokes_of_run(StokesRequest(run=run, out=out, regions=regions, calibrations=paths))
+    for remark in found.remarks:
         warn(remark)
-    calibration = given.noise
-    content = measurement_json(
-        measurement, None if calibration is None else region_textures(measurement, temporal_noise(calibration))
-    )
-    names = write_stokes(measurement, areas, out, numbers=content)
     if as_json:
-        print_json(content)
-        return
-    for table in quantity_tables(content["regions"]):
+        print_json(found.content)
+    else:
+        _print(found, out)
+
+
+def _print(found: "StokesOfRun", out: Path) -> None:
+    from rigctl.reports.tables.quantity_tables import quantity_tables
+    from rigctl.reports.writers.terminal_table import terminal_table
+
+    for table in quantity_tables(found.content["regions"]):
         results().print(terminal_table(table))
-    for name, texture in content.get("texture", {}).items():
+    for name, texture in found.content.get("texture", {}).items():
         results().print(texture_line(name, texture), markup=False)
-    progress().print(f"{', '.join(names)} in {out}", markup=False)
+    progress().print(f"{', '.join(found.files)} in {out}", markup=False)
 
 
 def texture_line(name: str, texture: dict[str, Any]) -> str:

@@ -3,15 +3,17 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import track
 
 from rigctl.errors import RunFolderError
-from rigctl.runs.run_folder import FrameRecord
-from rigctl.runs.verification import Finding, Verification, verify_run
 from rigctl.terminal import print_json, progress, results
+
+if TYPE_CHECKING:
+    from rigctl.runs.run_folder import FrameRecord
+    from rigctl.runs.verification import Finding, Verification
 
 
 def command(
@@ -25,6 +27,8 @@ def command(
 
     Example: rigctl verify runs/2026-05-04
     """
+    from rigctl.runs.verification import verify_run
+
     verification = verify_run(run, watch=_with_progress)
     if as_json:
         print_json(asdict(verification))
@@ -34,11 +38,11 @@ def command(
         raise RunFolderError(f"{run}: {len(verification.bad)} bad of {verification.frames} frames and their files")
 
 
-def _with_progress(frames: Sequence[FrameRecord]) -> Iterable[FrameRecord]:
+def _with_progress(frames: Sequence["FrameRecord"]) -> Iterable["FrameRecord"]:
     return track(frames, description="verifying", console=progress(), transient=True)
 
 
-def _print(run: Path, verification: Verification) -> None:
+def _print(run: Path, verification: "Verification") -> None:
     console = results()
     state = "sound" if verification.ok else "BAD"
     console.print(f"{run}: {verification.frames} frames, {state}", markup=False)
@@ -46,6 +50,6 @@ def _print(run: Path, verification: Verification) -> None:
     _print_findings("left over", verification.leftovers)
 
 
-def _print_findings(title: str, findings: Sequence[Finding]) -> None:
+def _print_findings(title: str, findings: Sequence["Finding"]) -> None:
     for finding in findings:
         results().print(f"  {title}: {finding.file}: {finding.problem}", markup=False)

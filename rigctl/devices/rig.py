@@ -9,10 +9,10 @@ from typing import Literal
 
 from drivers.interfaces import Camera, DeviceIdentity, RotationStage
 from drivers.serial_ports import resolve_port
+from rigctl.choices import FrameKind
 from rigctl.devices.stages import SIMULATED, connect_stage, find_driver, require_serial
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
-from rigctl.runs.run_folder import FrameKind
 from rigctl.simulated.simulation import Simulation, simulate
 from rigctl.terminal import warn
 

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cameras.raw_files import RAW_SUFFIXES, Plane
+from drivers.cameras.raw_files import RAW_SUFFIXES
+from drivers.cameras.raw_planes import Plane
 from rigctl.errors import ConfigError, DataError
 from rigctl.imports.raw_image import RawSettings, raw_header, raw_picture, raw_settings
 from rigctl.imports.unfiltered_png import unfiltered_png

@@ -6,9 +6,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal
 
-from drivers.cameras.raw_files import Plane
+from drivers.cameras.raw_planes import Plane
+from rigctl.choices import FrameKind
 from rigctl.imports.image_file import FirstRow
-from rigctl.runs.run_folder import FrameKind
 
 Justified = Literal["left", "right"]
 

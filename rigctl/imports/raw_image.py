@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.cameras.raw_files import Plane, RawPicture, read_raw
+from drivers.cameras.raw_files import RawPicture, read_raw
+from drivers.cameras.raw_planes import Plane
 from drivers.errors import LimitError, ProtocolError
 from rigctl.errors import ConfigError, DataError
 

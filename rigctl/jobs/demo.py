@@ -5,12 +5,12 @@ from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from rigctl.calibrations.noise.calibrate_files import calibrate_run
 from rigctl.choices import Perturbation
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
+from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.session.take_session import take_session
@@ -56,7 +56,7 @@ def run_demo(
     say("taking dark and flat frames")
     take(rig, out, session="session-noise.toml", run=NOISE_RUN)
     say("calibrating the sensor's noise from them")
-    calibrate_run(out / NOISE_RUN, out / NOISE)
+    calibrate_noise(NoiseRequest(run=out / NOISE_RUN, out=out / NOISE))
     if perturbation is not None:
         say(f"changing the simulated rig: {perturbation}")
         rig = perturbed(rig, perturbation)

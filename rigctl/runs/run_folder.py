@@ -14,12 +14,13 @@ import hashlib
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
+from rigctl.choices import FrameKind
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, read_description
@@ -27,9 +28,6 @@ from rigctl.runs.session_record import SessionRecord, session_record
 
 MANIFEST_FILE = "manifest.jsonl"
 FRAMES_FOLDER = "frames"
-
-FrameKind = Literal["scene", "dark", "flat"]
-FRAME_KINDS: tuple[FrameKind, ...] = ("scene", "dark", "flat")
 
 
 @with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))

@@ -9,6 +9,12 @@ import pytest
 HEAVY = ("numpy", "scipy", "matplotlib", "astropy", "cv2")
 # Others follow as their commands import what they call when it is called.
 LIGHT = (
+    "stokes",
+    "import",
+    "export",
+    "info",
+    "verify",
+    "calibrate",
     "demo",
     "devices",
     "stage",

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from calibration.errors import CalibrationError, RefusedFramesError
@@ -13,8 +12,7 @@ from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
 from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from calibration.sensor.pattern_checks import pattern_flags
-from rigctl.calibrations.content_file import write_content
-from rigctl.calibrations.noise.noise_frames import FrameGroup, FrameSet, run_frames
+from rigctl.calibrations.noise.noise_frames import FrameGroup, FrameSet
 from rigctl.calibrations.noise.noise_json import noise_json, pattern_json
 from rigctl.errors import DataError
 
@@ -47,17 +45,6 @@ class FrameCalibration:
         return noise_json(self.noise, self.frames) | {
             "fixed_pattern": None if self.pattern is None else pattern_json(self.pattern)
         }
-
-
-def calibrate_run(run: Path, out: Path) -> None:
-    """Calibrate from the dark and flat frames of a run folder, and write the calibration file.
-
-    Raises
-    ------
-    DataError, CalibrationError
-        The frames are unfit; nothing is written.
-    """
-    write_content(out, calibrate_frames(run_frames(run)).as_json())
 
 
 def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -> FrameCalibration:

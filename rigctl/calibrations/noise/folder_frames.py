@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from calibration.errors import refused
 from calibration.sensor.frame_statistics import LevelKind
-from drivers.cameras.raw_files import RAW_SUFFIXES, Plane
+from drivers.cameras.raw_files import RAW_SUFFIXES
+from drivers.cameras.raw_planes import Plane
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, files_digest
 from rigctl.errors import ConfigError, DataError

@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 
 from calibration.sensor.frame_statistics import LevelKind
-from drivers.cameras.raw_files import Plane
+from drivers.cameras.raw_planes import Plane
 from rigctl.calibrations.noise.folder_frames import ListedImage, frame_set
 from rigctl.calibrations.noise.noise_frames import FrameSet, FrameSource
 from rigctl.config import sha256_of

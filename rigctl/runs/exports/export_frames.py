@@ -1,10 +1,9 @@
 """What every export of a run holds: frames in order, and per frame what is known of it, as plain values."""
 
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
-from rigctl.errors import ConfigError, RunFolderError
+from rigctl.errors import RunFolderError
 from rigctl.runs.run_folder import FrameRecord, Run
 
 Column = list[Any]
@@ -45,15 +44,3 @@ def common_shape(run: Run) -> tuple[int, int]:
     if len(shapes) != 1:
         raise RunFolderError(f"{run.path}: has frames of {len(shapes)} sizes; one file holds frames of one size")
     return next(iter(shapes))
-
-
-def require_new(out: Path) -> None:
-    """Refuse to write over something.
-
-    Raises
-    ------
-    ConfigError
-        There is something.
-    """
-    if out.exists():
-        raise ConfigError(f"--out: {out} is there already; name a file or folder that does not exist yet")

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from rigctl.choices import FrameKind
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import DarkSection, SessionFile, Take
-from rigctl.runs.run_folder import FrameKind
 from rigctl.utc_time import NS_PER_S
 
 # A FITS header of one frame and its line in the manifest [bytes].

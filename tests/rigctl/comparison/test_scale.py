@@ -14,11 +14,11 @@ from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
 from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.panel_response import panel_response
-from rigctl.comparison.radiometric_json import radiometric_json
 from rigctl.comparison.rows import Row
 from rigctl.comparison.scale import with_panel_scale
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.jobs.calibrate_radiometric import radiometric_json
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import measure
 from rigctl.prediction.scene_prediction import ScenePredictor

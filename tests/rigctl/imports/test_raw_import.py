@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.image_import import import_images
 from rigctl.imports.import_request import ImportRequest
+from rigctl.jobs.import_images import import_images
 from rigctl.runs.run_folder import read_run
 from tests.drivers.cameras.dng import write_dng
 

@@ -7,8 +7,8 @@ import pytest
 from model.processing.reconstruction import reconstruct
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.imports.image_import import import_images
 from rigctl.imports.import_request import ImportRequest
+from rigctl.jobs.import_images import import_images
 from rigctl.measurement.measurement import measure
 from rigctl.runs.run_folder import read_run
 from tests.rigctl.made_runs import at, make_run

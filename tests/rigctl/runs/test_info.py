@@ -3,8 +3,8 @@ import json
 import pytest
 
 from rigctl import cli
+from rigctl.jobs.summarize_run import summarize_run
 from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_summary import summarize_run
 from rigctl.runs.run_writer import RunWriter
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rigctl.calibrations.registration.register_run import register_run
-from rigctl.imports.image_import import import_images
 from rigctl.imports.import_request import ImportRequest
+from rigctl.jobs.import_images import import_images
 from rigctl.runs.run_folder import read_run
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")

@@ -1,20 +1,80 @@
-"""The content of a radiometric calibration, from what a panel gave."""
+"""Calibrating radiometrically: a run of a panel of known reflectance in; counts per unit of radiance out."""
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.made_for import made_for
+from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.calibrations.radiometric_file import SCHEMA_VERSION
-from rigctl.comparison.panel_response import PanelResponse
+from rigctl.comparison.panel_response import PanelResponse, panel_response
 from rigctl.config import sha256_of
-from rigctl.measurement.measurement import Measurement
-from rigctl.runs.run_folder import MANIFEST_FILE
+from rigctl.files.scene_file import load_scene
+from rigctl.measurement.measurement import Measurement, measure
+from rigctl.runs.run_folder import MANIFEST_FILE, read_run
 from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadiometricRequest:
+    """The run, its panel, and what is to be written.
+
+    Attributes
+    ----------
+    run : Path
+        Run folder with the panel in its pictures.
+    panel : str
+        Region of the scene file that is the panel.
+    scene : Path
+        Scene file: what the panel is made of, and the light.
+    out : Path
+        Calibration file.
+    noise : Path or None
+        Noise calibration of the camera.
+    valid_days : float or None
+        For how long the calibration holds.
+    """
+
+    run: Path
+    panel: str
+    scene: Path
+    out: Path
+    noise: Path | None = None
+    valid_days: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibratedResponse:
+    """A radiometric calibration, the content of its file, and what is doubtful about the noise calibration."""
+
+    found: PanelResponse
+    content: dict[str, Any]
+    doubts: tuple[str, ...]
+
+
+def calibrate_radiometric(request: RadiometricRequest) -> CalibratedResponse:
+    """Return the counts per unit of radiance by a panel, once their file is written.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        A file is wrong or cannot be written, or the run is unfit.
+    """
+    scene, run = load_scene(request.scene), read_run(request.run)
+    noise, doubts = (None, ()) if request.noise is None else read_fitting_noise(request.noise, run)
+    regions = [region for region in scene.regions if region.name == request.panel]
+    measurement = measure(run, regions=list(regions), noise=noise)
+    found = panel_response(measurement, scene=scene, panel=request.panel, noise=noise)
+    files = {"scene": request.scene} | ({} if request.noise is None else {"noise": request.noise})
+    content = radiometric_json(found, measurement, files=files, valid_days=request.valid_days)
+    write_content(request.out, content)
+    return CalibratedResponse(found=found, content=content, doubts=doubts)
 
 
 def radiometric_json(

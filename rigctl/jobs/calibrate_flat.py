@@ -1,0 +1,58 @@
+"""Calibrating flat fields: a run of even light in; the response of each pixel at each polarizer angle out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rigctl.calibrations.content_file import write_whole
+from rigctl.calibrations.flat.flat_file import flat_facts, flat_npz
+from rigctl.calibrations.flat.run_flat import RunFlat, flat_of_run
+from rigctl.runs.run_folder import read_run
+
+# A pattern of less is none.
+_LEAST_PATTERN = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibratedFlat:
+    """Flat fields, the facts that their file states, and a doubt about them in words where there is one."""
+
+    found: RunFlat
+    facts: dict[str, Any]
+    doubt: str | None
+
+
+def calibrate_flat(run: Path, out: Path, *, valid_days: float | None = None) -> CalibratedFlat:
+    """Return the flat fields of a run, once their file is written.
+
+    Parameters
+    ----------
+    run : Path
+        Run folder with flat frames at each angle, and darks.
+    out : Path
+        File to write.
+    valid_days : float or None
+        For how long they hold.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        The file cannot be written, or the frames are unfit.
+    """
+    folder = read_run(run)
+    found = flat_of_run(folder)
+    facts = flat_facts(found, folder, valid_days=valid_days)
+    write_whole(out, flat_npz(found, facts))
+    return CalibratedFlat(found=found, facts=facts, doubt=_doubt(found))
+
+
+def _doubt(found: RunFlat) -> str | None:
+    worse = [flat for flat in found.flats if flat.noise_rms > flat.pattern_rms]
+    if not worse:
+        return None
+    largest = max(flat.noise_rms / max(flat.pattern_rms, _LEAST_PATTERN) for flat in worse)
+    return (
+        f"{len(worse)} of {len(found.flats)} flats have more noise of their own than pattern: dividing by them "
+        f"makes single pixels worse, and dust and vignetting alone better; take {largest**2:.0f} times as many "
+        f"frames or more, or brighter ones"
+    )

@@ -1,0 +1,54 @@
+"""Exporting a run: run folder in; a file or folder that other programs read out."""
+
+import shutil
+from pathlib import Path
+
+from rigctl.choices import ExportFormat
+from rigctl.durable_file import PART_SUFFIX
+from rigctl.errors import ConfigError
+from rigctl.runs.exports.export_hdf5 import export_hdf5
+from rigctl.runs.exports.export_tiff import export_tiff
+from rigctl.runs.exports.export_zarr import export_zarr
+from rigctl.runs.run_folder import Run, read_run
+
+_WRITERS = {"tiff": export_tiff, "hdf5": export_hdf5, "zarr": export_zarr}
+
+
+def export_run(path: Path, *, to: ExportFormat, out: Path) -> Run:
+    """Return the run, once all of it stands in another format; every frame's checksum is verified on the way.
+
+    Parameters
+    ----------
+    path : Path
+        Run folder.
+    to : {"tiff", "hdf5", "zarr"}
+        TIFF files, one HDF5 file, or a Zarr folder.
+    out : Path
+        File or folder to make; whole, or not at all.
+
+    Raises
+    ------
+    ConfigError
+        There is something already, or the library that writes the format is not installed.
+    RunFolderError
+        A frame is damaged, or they differ in size where one array holds all.
+    """
+    if out.exists():
+        raise ConfigError(f"--out: {out} is there already; name a file or folder that does not exist yet")
+    run = read_run(path)
+    part = out.with_name(out.name + PART_SUFFIX)
+    _remove(part)
+    try:
+        _WRITERS[to](run, part)
+    except BaseException:
+        _remove(part)
+        raise
+    part.replace(out)
+    return run
+
+
+def _remove(part: Path) -> None:
+    if part.is_dir():
+        shutil.rmtree(part)
+    else:
+        part.unlink(missing_ok=True)
