@@ -15,7 +15,7 @@ from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.prediction.performance import performance_of
-from rigctl.reports.comparison_files import write_comparison
+from rigctl.reports.outputs.comparison_files import write_comparison
 from rigctl.runs.run_folder import MANIFEST_FILE, read_run
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.effect_plan import plan_effects

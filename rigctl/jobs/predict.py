@@ -18,7 +18,7 @@ from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.prediction.sweep import Sweep, sweep
-from rigctl.reports.sweep_files import write_sweep
+from rigctl.reports.outputs.sweep_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight

@@ -12,7 +12,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports.comparison_files import write_series
+from rigctl.reports.outputs.comparison_files import write_series
 from rigctl.runs.run_folder import read_run
 from rigctl.scene.scene_reading import sun_of_file
 

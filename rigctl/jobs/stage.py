@@ -74,7 +74,9 @@ def characterise_stage(request: CharacteriseRequest, *, progress: Progress) -> C
     if request.out is not None:
         write_durably(request.out, as_text(content))
     if request.plot is not None:
-        from rigctl.reports.characterisation_figure import characterisation_png  # half a second, for a plot only
+        from rigctl.reports.figures.characterisation_figure import (
+            characterisation_png,  # half a second, for a plot only
+        )
 
         write_durably(request.plot, characterisation_png(result))
     return CharacterisedStage(result=result, content=content)

@@ -11,7 +11,7 @@ from rigctl.files.regions import load_regions
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
-from rigctl.reports.stokes_files import write_stokes
+from rigctl.reports.outputs.stokes_files import write_stokes
 from rigctl.reports.tables.comparison_json import measurement_json
 from rigctl.runs.run_folder import read_run
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.reports.comparison_files import write_comparison
 from rigctl.reports.figures.budget_figure import _LOOKS
 from rigctl.reports.number_text import to_digits
+from rigctl.reports.outputs.comparison_files import write_comparison
 from rigctl.session.take_session import take_session
 from rigctl.simulated.perturbation import perturbed
 from tests.rigctl.example_files import small_rig, small_session

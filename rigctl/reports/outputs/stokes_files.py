@@ -1,6 +1,5 @@
 """Writes the Stokes parameters of a run: FITS for programs, pictures for people, JSON for the regions."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +7,12 @@ import numpy as np
 
 from model.processing.reconstruction import reconstruct
 from model.stokes import aolp_rad
-from rigctl.durable_file import write_durably
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.figures import comparison_figures
+from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.writers.fits_image import fits_image
+from rigctl.reports.writers.json_rows import json_file
 
 
 def write_stokes(
@@ -31,7 +31,6 @@ def write_stokes(
     numbers : dict
         What stokes.json is to hold.
     """
-    out.mkdir(parents=True, exist_ok=True)
     stokes = reconstruct(measurement.plan, measurement.channels)
     unit = measurement.grid.unit
     contents = {
@@ -46,8 +45,6 @@ def write_stokes(
         "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
         "pictures.png": comparison_figures.scene_pictures(measurement, regions),
         "aolp.png": comparison_figures.aolp_picture(measurement),
-        "stokes.json": (json.dumps(numbers, indent=2, allow_nan=False) + "\n").encode(),
+        "stokes.json": json_file(numbers),
     }
-    for name, data in contents.items():
-        write_durably(out / name, data)
-    return tuple(contents)
+    return write_folder(out, contents)

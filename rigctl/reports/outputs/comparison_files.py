@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from rigctl.comparison.compared_run import ComparedRun, ComparedSeries
-from rigctl.durable_file import write_durably
+from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.pages.comparison_page import comparison_report
 from rigctl.reports.pages.series_page import series_report
 from rigctl.reports.tables.comparison_json import compared_json, measurement_json, prediction_json
@@ -17,7 +17,6 @@ from rigctl.reports.writers.pdf_document import pdf
 
 def write_comparison(found: ComparedRun, out: Path) -> None:
     """Write comparison.json, comparison.csv, prediction.json, measurement.json, report.html and report.pdf."""
-    out.mkdir(parents=True, exist_ok=True)
     comparison, report = found.comparison, comparison_report(found)
     contents = {
         "prediction.json": json_file(
@@ -29,12 +28,11 @@ def write_comparison(found: ComparedRun, out: Path) -> None:
         "report.html": html(report).encode(),
         "report.pdf": pdf(report),
     }
-    _write(out, contents)
+    write_folder(out, contents)
 
 
 def write_series(series: ComparedSeries, out: Path) -> None:
     """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
-    out.mkdir(parents=True, exist_ok=True)
     for point, run in zip(series.points, series.runs, strict=True):
         write_comparison(run, out / point.name)
     report = series_report(series)
@@ -44,9 +42,4 @@ def write_series(series: ComparedSeries, out: Path) -> None:
         "series.html": html(report).encode(),
         "series.pdf": pdf(report),
     }
-    _write(out, contents)
-
-
-def _write(out: Path, contents: dict[str, bytes]) -> None:
-    for name, data in contents.items():
-        write_durably(out / name, data)
+    write_folder(out, contents)

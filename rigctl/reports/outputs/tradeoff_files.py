@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from rigctl.durable_file import write_durably
 from rigctl.prediction.accuracy_curves import Curves
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
 from rigctl.reports.figures.acquisition_figure import tradeoff_picture
 from rigctl.reports.figures.tradeoff_figure import curve_png
+from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.tables.acquisition_tables import tradeoff_csv, tradeoff_json
 from rigctl.reports.tables.tradeoff_tables import curve_json, curve_table
 from rigctl.reports.writers.csv_rows import csv_rows
@@ -15,15 +15,19 @@ from rigctl.reports.writers.json_rows import json_file
 
 def write_accuracy_tradeoff(curves: Curves, out: Path) -> None:
     """Write tradeoff.csv, tradeoff.json and tradeoff.png."""
-    out.mkdir(parents=True, exist_ok=True)
-    write_durably(out / "tradeoff.csv", csv_rows(curve_table(curves)))
-    write_durably(out / "tradeoff.json", json_file(curve_json(curves), indent=None))
-    write_durably(out / "tradeoff.png", curve_png(curves))
+    contents = {
+        "tradeoff.csv": csv_rows(curve_table(curves)),
+        "tradeoff.json": json_file(curve_json(curves), indent=None),
+        "tradeoff.png": curve_png(curves),
+    }
+    write_folder(out, contents)
 
 
 def write_acquisition_tradeoff(found: AcquisitionTradeoff, out: Path) -> None:
     """Write acquisition.csv, acquisition.json and acquisition.png."""
-    out.mkdir(parents=True, exist_ok=True)
-    write_durably(out / "acquisition.csv", tradeoff_csv(found))
-    write_durably(out / "acquisition.json", json_file(tradeoff_json(found), indent=None))
-    write_durably(out / "acquisition.png", tradeoff_picture(found))
+    contents = {
+        "acquisition.csv": tradeoff_csv(found),
+        "acquisition.json": json_file(tradeoff_json(found), indent=None),
+        "acquisition.png": tradeoff_picture(found),
+    }
+    write_folder(out, contents)

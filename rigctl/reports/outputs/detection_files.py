@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from rigctl.comparison.rx_detection import RxOnRun
-from rigctl.durable_file import write_durably
-from rigctl.reports.figures.rx_figures import roc_plot, statistic_picture
+from rigctl.reports.figures.detection_figures import roc_plot, statistic_picture
+from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.tables.detection_tables import detection_json, roc_table
 from rigctl.reports.writers.csv_rows import csv_rows
 from rigctl.reports.writers.fits_image import fits_image
@@ -13,8 +13,7 @@ from rigctl.reports.writers.json_rows import json_file
 
 def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) -> tuple[str, ...]:
     """Write rx.fits, rx.png, roc.csv, roc.png and detection.json into a folder; return their names."""
-    out.mkdir(parents=True, exist_ok=True)
-    files = {
+    contents = {
         "rx.fits": fits_image(found.statistic, unit="", what=f"RX statistic D against {background}; NaN: no meaning"),
         "rx.png": statistic_picture(found, background=background),
         # Lines end here as RFC 4180 has it.
@@ -22,6 +21,4 @@ def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) 
         "roc.png": roc_plot(found, background=background, target=target),
         "detection.json": json_file(detection_json(found, background=background, target=target)),
     }
-    for name, data in files.items():
-        write_durably(out / name, data)
-    return tuple(files)
+    return write_folder(out, contents)

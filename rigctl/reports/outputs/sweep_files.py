@@ -3,16 +3,18 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigctl.durable_file import write_durably
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.sweep_figure import sweep_png
+from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json
 from rigctl.reports.writers.json_rows import json_file
 
 
 def write_sweep(found: Sweep, out: Path, *, remarks: Sequence[str]) -> None:
     """Write sweep.csv, sweep.json and sweep.png."""
-    out.mkdir(parents=True, exist_ok=True)
-    write_durably(out / "sweep.csv", sweep_csv(found))
-    write_durably(out / "sweep.json", json_file(sweep_json(found) | {"remarks": list(remarks)}))
-    write_durably(out / "sweep.png", sweep_png(found))
+    contents = {
+        "sweep.csv": sweep_csv(found),
+        "sweep.json": json_file(sweep_json(found) | {"remarks": list(remarks)}),
+        "sweep.png": sweep_png(found),
+    }
+    write_folder(out, contents)

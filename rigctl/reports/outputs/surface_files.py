@@ -1,11 +1,11 @@
 """The files of a material."""
 
-import json
 from pathlib import Path
 
-from rigctl.durable_file import write_durably
 from rigctl.reports.figures import surface_figures
+from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.tables.surface_tables import surface_json
+from rigctl.reports.writers.json_rows import json_file
 from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
 
 
@@ -14,8 +14,6 @@ def write_surface(sheet: SurfaceSheet, maps: ReflectedMaps, out: Path) -> None:
     contents = {
         "surface.png": surface_figures.against_angle(sheet, maps),
         "hemisphere.png": surface_figures.hemisphere(sheet, maps),
-        "surface.json": (json.dumps(surface_json(sheet), indent=2, allow_nan=False) + "\n").encode(),
+        "surface.json": json_file(surface_json(sheet)),
     }
-    out.mkdir(parents=True, exist_ok=True)
-    for name, data in contents.items():
-        write_durably(out / name, data)
+    write_folder(out, contents)
