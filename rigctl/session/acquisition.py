@@ -14,7 +14,7 @@ from rigctl.runs.run_folder import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.captured_frame import CapturedFrame, record_of
 from rigctl.session.cycle_interlocks import SumRule, drift_violation
-from rigctl.session.frame_interlocks import Taken, frame_violations
+from rigctl.session.frame_interlocks import FrameAsTaken, frame_violations
 from rigctl.session.frame_store import FrameStore, WriterThread
 from rigctl.session.guard import Guard
 from rigctl.session.interlocks import InterlockViolation
@@ -137,60 +137,62 @@ class _Acquisition:
         """Take one frame until its interlocks are satisfied, and hand it on to be stored."""
         exposure_s = self._exposures.of(step)
         self._work.present(step.kind)
-        shot, remarks = self._satisfying_shot(step, exposure_s)
-        record = self._record(step, shot, remarks)
-        violations = self._guard.watched(self._cycle_violations(step, record, shot))
+        captured, remarks = self._satisfying_frame(step, exposure_s)
+        record = self._record(step, captured, remarks)
+        violations = self._guard.watched(self._cycle_violations(step, record, captured))
         record = replace(record, remarks=(*record.remarks, *(violation.message for violation in violations)))
         if self._last_counts is None:
-            self._surroundings.look_ahead(len(self._steps), frame_bytes=shot.frame.counts.nbytes + BYTES_BESIDE_PIXELS)
-        self._last_counts = shot.frame.counts
+            self._surroundings.look_ahead(
+                len(self._steps), frame_bytes=captured.frame.counts.nbytes + BYTES_BESIDE_PIXELS
+            )
+        self._last_counts = captured.frame.counts
         self._note_full_queue()
-        self._thread.put(record, shot.frame.counts)
+        self._thread.put(record, captured.frame.counts)
         for violation in violations:
             # Only now: the frame is as good as its cycle, and is not lost by a stop.
             self._guard.react(violation, cleared=lambda: False)
 
-    def _record(self, step: Step, shot: CapturedFrame, remarks: tuple[str, ...]) -> FrameRecord:
+    def _record(self, step: Step, captured: CapturedFrame, remarks: tuple[str, ...]) -> FrameRecord:
         sun = self._context.sun
         return record_of(
             step,
-            shot,
+            captured,
             rig=self._rig,
             rig_file=self._rig_file,
-            sun=None if sun is None else sun.at(self._utc.at_ns(shot.frame.start_monotonic_ns)),
+            sun=None if sun is None else sun.at(self._utc.at_ns(captured.frame.start_monotonic_ns)),
             site=None if sun is None else sun.site,
             camera_temperature_c=self._thermometer.temperature_c(),
             remarks=(*self._surroundings.remarks, *remarks),
         )
 
-    def _cycle_violations(self, step: Step, record: FrameRecord, shot: CapturedFrame) -> list[InterlockViolation]:
+    def _cycle_violations(self, step: Step, record: FrameRecord, captured: CapturedFrame) -> list[InterlockViolation]:
         """Tell whoever watches of a frame; return what is wrong with its cycle where it ends one."""
         seen = frame_summary(
             record,
-            self._context.regions.of(shot.frame.counts),
-            time_s=shot.frame.start_monotonic_ns / NS_PER_S,
-            saturated_fraction=shot.saturated_fraction,
+            self._context.regions.of(captured.frame.counts),
+            time_s=captured.frame.start_monotonic_ns / NS_PER_S,
+            saturated_fraction=captured.saturated_fraction,
         )
         drift = self._context.live.add(seen, ends_cycle=step.ends_cycle)
         found = (self._sum_rule.add(seen, ends_cycle=step.ends_cycle), drift_violation(drift, self._guard.locks))
         return [violation for violation in found if violation is not None]
 
-    def _satisfying_shot(self, step: Step, exposure_s: float) -> tuple[CapturedFrame, tuple[str, ...]]:
+    def _satisfying_frame(self, step: Step, exposure_s: float) -> tuple[CapturedFrame, tuple[str, ...]]:
         tries_left = self._guard.locks.retries
         while True:
-            shot = self._shot_or_none(step, exposure_s, tries_left)
-            if shot is not None:
-                violations = self._frame_violations(step, shot)
+            captured = self._captured_or_none(step, exposure_s, tries_left)
+            if captured is not None:
+                violations = self._frame_violations(step, captured)
                 again = [self._guard.wants_again(violation, step, tries_left=tries_left) for violation in violations]
                 if not any(again):
-                    return shot, tuple(violation.message for violation in violations)
+                    return captured, tuple(violation.message for violation in violations)
                 self._work.distrust()
             tries_left -= 1
 
-    def _shot_or_none(self, step: Step, exposure_s: float, tries_left: int) -> CapturedFrame | None:
+    def _captured_or_none(self, step: Step, exposure_s: float, tries_left: int) -> CapturedFrame | None:
         locks = self._guard.locks
         try:
-            return self._work.shoot(exposure_s=exposure_s, polarizer_angle_deg=step.polarizer_angle_deg)
+            return self._work.capture(exposure_s=exposure_s, polarizer_angle_deg=step.polarizer_angle_deg)
         except DeviceTimeoutError as error:
             self._guard.note(InterlockViolation(name="gone", message=str(error)), sequence=step.sequence)
             if locks.gone == "stop" or tries_left <= 0:
@@ -205,10 +207,10 @@ class _Acquisition:
             self._home()
         return None
 
-    def _frame_violations(self, step: Step, shot: CapturedFrame) -> tuple[InterlockViolation, ...]:
-        taken = Taken(
+    def _frame_violations(self, step: Step, captured: CapturedFrame) -> tuple[InterlockViolation, ...]:
+        taken = FrameAsTaken(
             kind=step.kind,
-            shot=shot,
+            captured=captured,
             tolerance_deg=self._rig_file.stage.tolerance_deg,
             last_counts=self._last_counts,
         )

@@ -43,7 +43,7 @@ class CapturedFrame:
 
 def record_of(
     step: Step,
-    shot: CapturedFrame,
+    captured: CapturedFrame,
     *,
     rig: Rig,
     rig_file: RigFile,
@@ -53,7 +53,7 @@ def record_of(
     remarks: tuple[str, ...],
 ) -> FrameRecord:
     """Return all that is known of a frame before it is stored."""
-    frame, move, polarizer = shot.frame, shot.move, rig_file.polarizer
+    frame, move, polarizer = captured.frame, captured.move, rig_file.polarizer
     return FrameRecord(
         kind=step.kind,
         sequence=step.sequence,

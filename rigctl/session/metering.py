@@ -151,7 +151,7 @@ class RoundExposures:
         return found.exposure_s
 
     def _bright_share(self, exposure_s: float, angle_deg: float | None) -> float:
-        frame = self._work.shoot(exposure_s=exposure_s, polarizer_angle_deg=angle_deg).frame
+        frame = self._work.capture(exposure_s=exposure_s, polarizer_angle_deg=angle_deg).frame
         self._next_camera_frame = frame.sequence + 1
         full_dn = float(2**frame.settings.bit_depth - 1)
         return bright_share(frame.counts, quantile=self._metering.quantile, full_dn=full_dn)

@@ -65,7 +65,7 @@ class ReconnectLoop:
     ) -> None:
         self._rig_file, self._steps, self._writer = rig_file, steps, writer
         self._context, self._opener = context, opener
-        self._gone_since_s: float | None = None
+        self._disconnected_since_s: float | None = None
         self._frames = 0
 
     def take(self, rig: Rig, devices: ExitStack, *, title: str) -> Outcome:
@@ -121,12 +121,12 @@ class ReconnectLoop:
         clock, locks = self._context.clock, self._context.interlocks
         now_s = clock.monotonic_ns() / NS_PER_S
         frames = len(read_run(self._writer.path).frames)
-        if self._gone_since_s is None or frames > self._frames:
-            self._gone_since_s, self._frames = now_s, frames
+        if self._disconnected_since_s is None or frames > self._frames:
+            self._disconnected_since_s, self._frames = now_s, frames
             self._writer.event("interlock", interlock="gone", action=locks.gone, message=str(error))
             if locks.gone == "hold":
                 self._writer.event("hold", reason="until the device is back")
-        is_too_long = locks.gone == "retry" and now_s - self._gone_since_s > locks.reconnect_s
+        is_too_long = locks.gone == "retry" and now_s - self._disconnected_since_s > locks.reconnect_s
         if locks.gone == "stop" or is_too_long:
             raise error
         if self._context.control.is_stop_asked():

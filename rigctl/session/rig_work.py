@@ -91,7 +91,7 @@ class RigWork:
         self._angle_asked_deg = None
         self._settings = None
 
-    def shoot(self, *, exposure_s: float, polarizer_angle_deg: float | None) -> CapturedFrame:
+    def capture(self, *, exposure_s: float, polarizer_angle_deg: float | None) -> CapturedFrame:
         """Return a frame at an exposure and an angle; None leaves the polarizer where it is.
 
         Raises

@@ -92,16 +92,16 @@ def plan_steps(session: SessionFile, round_times_ns: Sequence[int | None] = (Non
     round_times_ns : sequence of int or None
         When each round is due [ns since 1970 UTC]; None is at once.
     """
-    shots = [
-        (number, due_ns, shot)
+    frames = [
+        (number, due_ns, frame)
         for number, due_ns in enumerate(round_times_ns)
         for take in session.take
         if number % take.every_rounds == 0
-        for shot in _shots(take, _darks_of(session, number), first_cycle=number // take.every_rounds * take.cycles)
+        for frame in _frames_of(take, _darks_of(session, number), first_cycle=number // take.every_rounds * take.cycles)
     ]
     return tuple(
-        Step(sequence=sequence, round=number, due_ns=due_ns, **vars(shot))
-        for sequence, (number, due_ns, shot) in enumerate(shots)
+        Step(sequence=sequence, round=number, due_ns=due_ns, **vars(frame))
+        for sequence, (number, due_ns, frame) in enumerate(frames)
     )
 
 
@@ -110,19 +110,21 @@ def _darks_of(session: SessionFile, number: int) -> DarkSection | None:
     return None if darks is None or number % darks.every_rounds else darks
 
 
-def _shots(take: Take, darks: DarkSection | None, *, first_cycle: int) -> Iterator[_PlannedFrame]:
+def _frames_of(take: Take, darks: DarkSection | None, *, first_cycle: int) -> Iterator[_PlannedFrame]:
     for exposure_s in take.exposures_s:
         if take.order == "grouped":
-            yield from _dark_shots(take, darks, exposure_s, 0)
-            yield from _grouped_shots(take, exposure_s, first_cycle)
+            yield from _dark_frames(take, darks, exposure_s, 0)
+            yield from _grouped_frames(take, exposure_s, first_cycle)
         else:
             for cycle in range(take.cycles):
-                yield from _dark_shots(take, darks, exposure_s, cycle)
-                yield from _cycle_shots(take, exposure_s, first_cycle + cycle)
-        yield from _dark_shots(take, darks, exposure_s, 0)
+                yield from _dark_frames(take, darks, exposure_s, cycle)
+                yield from _cycle_frames(take, exposure_s, first_cycle + cycle)
+        yield from _dark_frames(take, darks, exposure_s, 0)
 
 
-def _dark_shots(take: Take, darks: DarkSection | None, exposure_s: float | None, cycle: int) -> Iterator[_PlannedFrame]:
+def _dark_frames(
+    take: Take, darks: DarkSection | None, exposure_s: float | None, cycle: int
+) -> Iterator[_PlannedFrame]:
     if darks is None or take.kind != "scene" or cycle % darks.every_cycles:
         return
     for factor in take.exposure_factors:
@@ -136,7 +138,7 @@ def _dark_shots(take: Take, darks: DarkSection | None, exposure_s: float | None,
             )
 
 
-def _cycle_shots(take: Take, exposure_s: float | None, cycle: int) -> Iterator[_PlannedFrame]:
+def _cycle_frames(take: Take, exposure_s: float | None, cycle: int) -> Iterator[_PlannedFrame]:
     angles = take.polarizer_angles_deg
     if take.order == "palindrome" and cycle % 2:
         angles = angles[::-1]
@@ -145,17 +147,17 @@ def _cycle_shots(take: Take, exposure_s: float | None, cycle: int) -> Iterator[_
     last = (len(angles) - 1, len(take.exposure_factors) - 1)
     for place, angle in enumerate(angles):
         for k, factor in enumerate(take.exposure_factors):
-            yield _shot(take, cycle, angle, exposure_s, factor, ends_cycle=(place, k) == last)
+            yield _planned(take, cycle, angle, exposure_s, factor, ends_cycle=(place, k) == last)
 
 
-def _grouped_shots(take: Take, exposure_s: float | None, first_cycle: int) -> Iterator[_PlannedFrame]:
+def _grouped_frames(take: Take, exposure_s: float | None, first_cycle: int) -> Iterator[_PlannedFrame]:
     for angle in take.polarizer_angles_deg:
         for cycle in range(take.cycles):
             for factor in take.exposure_factors:
-                yield _shot(take, first_cycle + cycle, angle, exposure_s, factor, ends_cycle=False)
+                yield _planned(take, first_cycle + cycle, angle, exposure_s, factor, ends_cycle=False)
 
 
-def _shot(
+def _planned(
     take: Take, cycle: int, angle: float | None, exposure_s: float | None, factor: float, *, ends_cycle: bool
 ) -> _PlannedFrame:
     return _PlannedFrame(
