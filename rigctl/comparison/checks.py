@@ -11,12 +11,16 @@ from calibration.polarimeter.registration import Registration
 from model.moments import Moments
 from model.prediction.quantity_table import angle_of
 from model.processing.bayesian_update import chi_square_tail
-from model.processing.redundancy import block_means, linear_response, pair_sum_excess, residual_chi_square
+from model.processing.diagnosis.causes import SHARED as RESPONSES
+from model.processing.diagnosis.region_residual import region_residual
+from model.processing.diagnosis.rounding import rounding_offsets
+from model.processing.redundancy import pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
 from rigctl.comparison.run_prediction import frame_order
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement, signal_of_cycle
+from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["sound", "flagged", "refused", "not testable"]
@@ -25,10 +29,11 @@ Verdict = Literal["sound", "flagged", "refused", "not testable"]
 _PAIRS_REFUSED, _PAIRS_FLAGGED = 0.08, 0.01
 # Blur and edges that lie a tenth of a pixel apart feign up to this much in a scene with structure.
 _CURVATURE_FLAGGED = 0.02
+_CURVATURE_REFUSED = 0.1
+_CLIPPED_FLAGGED = 0.05
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
-_BLOCK_PIXELS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,20 +48,27 @@ class Check:
         "sound", "flagged", "refused" or "not testable".
     text : str
         What was found, and what is allowed.
+    region : str or None
+        That it is of; None where it is of the whole run.
     """
 
     name: str
     verdict: Verdict
     text: str
+    region: str | None = None
 
 
-def run_checks(measurement: Measurement, registration: Registration | str) -> tuple[Check, ...]:
+def run_checks(
+    measurement: Measurement, registration: Registration | str, diagnosis: RunDiagnosis | None = None
+) -> tuple[Check, ...]:
     """Return every check of a run, with how its pictures lie on one another, or why that cannot be told."""
+    found = diagnose_run(measurement) if diagnosis is None else diagnosis
     return (
         *_pair_sums(measurement),
-        _linear(measurement),
+        _linear(found),
         _registration(measurement, registration),
         _drift(measurement),
+        *_usable(measurement),
     )
 
 
@@ -79,37 +91,62 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
         yield Check(name="pair sums", verdict="not testable", text=text)
         return
     for name, region in measurement.regions.items():
-        moments = region.channels_mean
-        if not moments.mean.mean() > 0.0:
+        if not region.channels_mean.mean.mean() > 0.0:
             continue
-        excess, error = pair_sum_excess(measurement.plan, moments.mean, moments.cov)
+        found = region_residual(measurement.plan, measurement.channels, region.inside)
+        excess, error = pair_sum_excess(measurement.plan, found.means, found.cov + _rounding(measurement))
         verdict: Verdict = "sound"
         if excess > max(_PAIRS_FLAGGED, _SIGMAS * error):
             verdict = "refused" if excess > _PAIRS_REFUSED else "flagged"
         yield Check(
             name=f"pair sums of {name}",
             verdict=verdict,
+            region=name,
             text=f"pairs of orthogonal angles, each of which holds all of the light, differ by {excess:.2%} +- "
             f"{error:.2%}; flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above "
-            f"{_PAIRS_REFUSED:.0%}: light that changed, unequal exposures or throughput, a dark level that is wrong, "
-            "or an angle that is" + _residual(measurement, moments),
+            f"{_PAIRS_REFUSED:.0%}: light that changed, unequal exposures or throughput, a dark level or a response "
+            "that is wrong, or an angle that is"
+            + _residual(measurement, Moments(mean=found.means, cov=found.cov + _rounding(measurement))),
         )
 
 
-def _linear(measurement: Measurement) -> Check:
+def _rounding(measurement: Measurement) -> FloatArray:
+    """Return the covariance of the means of frames by rounding, which is that of every region."""
     usable = ~(measurement.saturated | measurement.missing)
-    found = linear_response(measurement.plan, block_means(measurement.channels, usable, side=_BLOCK_PIXELS))
-    if found is None:
-        text = "needs four angles or more, and light that is polarized in more than one way"
-        return Check(name="linear response", verdict="not testable", text=text)
-    off = abs(found.curvature) > max(_CURVATURE_FLAGGED, _SIGMAS * found.std_error)
+    step = float(measurement.grid.to_unit.max())
+    return np.diag(np.square(rounding_offsets(measurement.channels, usable, step=step)))
+
+
+def _linear(found: RunDiagnosis) -> Check:
+    name = "linear response"
+    terms = [term for term in found.terms if term.name in RESPONSES]
+    best = next((term for term in terms if term.named), next((term for term in terms if term.testable), None))
+    if best is None or best.value is None or best.std_error is None:
+        text = found.reason or next((term.reason for term in terms), "needs four angles or more")
+        return Check(name=name, verdict="not testable", text=text)
+    verdict: Verdict = "sound"
+    if best.named and abs(best.value) > _CURVATURE_FLAGGED:
+        verdict = "refused" if abs(best.value) > _CURVATURE_REFUSED else "flagged"
+    meant = "off a line at the mean light" if best.name == RESPONSES[0] else "off 1 in its exponent"
     return Check(
-        name="linear response",
-        verdict="flagged" if off else "sound",
-        text=f"the residual goes with the square of the light as a response that is {found.curvature:+.2%} +- "
-        f"{found.std_error:.2%} off a line at the mean light; flagged above {_CURVATURE_FLAGGED:.0%} and {_SIGMAS:g} "
-        "standard errors: gamma, tone mapping, saturation, or a dark level that is wrong",
+        name=name,
+        verdict=verdict,
+        text=f"what the angles leave over goes with the light as a response that is {best.value:+.2%} +- "
+        f"{best.std_error:.2%} {meant}; flagged above {_CURVATURE_FLAGGED:.0%} where it is told from other faults, "
+        f"refused above {_CURVATURE_REFUSED:.0%}: gamma, tone mapping, saturation, or a dark level that is wrong",
     )
+
+
+def _usable(measurement: Measurement) -> Iterable[Check]:
+    """Flag pictures of which clipping takes part."""
+    share = float(measurement.saturated.mean())
+    if share > _CLIPPED_FLAGGED:
+        yield Check(
+            name="clipped pixels",
+            verdict="flagged",
+            text=f"{share:.1%} of the pixels are clipped in one frame or more, and left out; flagged above "
+            f"{_CLIPPED_FLAGGED:.0%}: expose for less",
+        )
 
 
 def _registration(measurement: Measurement, found: Registration | str) -> Check:
@@ -121,14 +158,16 @@ def _registration(measurement: Measurement, found: Registration | str) -> Check:
     sizes = np.linalg.norm(found.shift_pixels, axis=1)
     errors = np.linalg.norm(found.std_error_pixels, axis=1)
     worst = int(np.argmax(sizes))
-    off = sizes[worst] > max(_SHIFT_FLAGGED_PIXELS, _SIGMAS * errors[worst])
-    angle = angle_of(measurement.grid.channel_names[worst])
+    off = [k for k in range(len(sizes)) if sizes[k] > max(_SHIFT_FLAGGED_PIXELS, _SIGMAS * errors[k])]
+    lies = [
+        f"at {angle_of(measurement.grid.channel_names[k])} deg lies {sizes[k]:.2f} +- {errors[k]:.2f} pixel"
+        for k in (off or [worst])
+    ]
     return Check(
         name=name,
         verdict="flagged" if off else "sound",
-        text=f"the picture at {angle} deg lies {sizes[worst]:.2f} +- {errors[worst]:.2f} pixel from the first; flagged "
-        f"above {_SHIFT_FLAGGED_PIXELS:g} pixel: edges show polarization that is not there (rigctl calibrate "
-        "registration, then --register)",
+        text=f"the picture {', '.join(lies)} from the first; flagged above {_SHIFT_FLAGGED_PIXELS:g} pixel: edges show "
+        "polarization that is not there (rigctl calibrate registration, then --register)",
     )
 
 

@@ -61,6 +61,7 @@ class MeasuredRegion:
     stokes_pixels: FloatArray
     stokes_pixels_mean: FloatArray
     first_half: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
     quantities: MeasuredQuantities
 
 
@@ -128,6 +129,7 @@ def measure_region(
         channel_pixels_mean=mean,
         stokes_pixels=stokes_pixels,
         stokes_pixels_mean=np.asarray(plan.inverse @ mean),
+        inside=inside,
         first_half=np.sum(np.nonzero(inside), axis=0) % 2 == 0,
         quantities=quantities,
     )

@@ -1,0 +1,214 @@
+"""What a run says of its own faults: the one diagnosis that stokes, compare and summary show."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.processing.diagnosis.causes import PER_FRAME
+from model.processing.diagnosis.consequences import consequence
+from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
+from model.processing.reconstruction import Design, design
+from rigctl.measurement.measurement import Measurement, signal_of_cycle
+
+FloatArray = NDArray[np.float64]
+
+# Half turns are looked at frame by frame as long as there are no more frames than this.
+_MOST_FRAMES = 16
+_DEG_PER_RAD = float(np.degrees(1.0))
+UNSEEN = (
+    "a dark level, a gain or a turn that all frames have in common is light that could have been: nothing in a run of "
+    "equal exposures shows it"
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FaultTerm:
+    """What a run says of one fault, in the units of a report.
+
+    Attributes
+    ----------
+    name : str
+        Such as "throughput".
+    angle_deg : float or None
+        Of the frame; None where it is of several.
+    value, std_error : float or None
+        Its size; None where it is not testable.
+    unit : str
+        "share", "deg", "DN", "pixel", ...
+    testable : bool
+        Whether the run determines it.
+    reason : str
+        Why not.
+    confused_with : tuple of str
+        Faults that would do the same to this run.
+    dolp_shift, aolp_shift_deg : float or None
+        What it does to the polarization of the region (or of the whole picture) that it moves most.
+    named : bool
+        Whether it is one of the causes that explain the run best.
+    by_region : dict
+        Region to (shift of DoLP, shift of AoLP in degrees).
+    """
+
+    name: str
+    angle_deg: float | None
+    value: float | None
+    std_error: float | None
+    unit: str
+    testable: bool
+    reason: str
+    confused_with: tuple[str, ...]
+    dolp_shift: float | None
+    aolp_shift_deg: float | None
+    named: bool
+    by_region: dict[str, tuple[float | None, float | None]]
+
+    @property
+    def title(self) -> str:
+        """Name and angle."""
+        return _title(self.name, self.angle_deg)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunDiagnosis:
+    """What a run says of itself.
+
+    Attributes
+    ----------
+    terms : tuple of FaultTerm
+        Those named first, the strongest at the front.
+    reason : str
+        Why nothing is testable; empty otherwise.
+    angles_deg : tuple of float
+        Of the frames that were looked at.
+    found : Diagnosis
+        As the model has it.
+    """
+
+    terms: tuple[FaultTerm, ...]
+    reason: str
+    angles_deg: tuple[float, ...]
+    found: Diagnosis
+
+    @property
+    def named(self) -> tuple[FaultTerm, ...]:
+        """The causes that explain the run best."""
+        return tuple(term for term in self.terms if term.named)
+
+    @property
+    def first(self) -> FaultTerm | None:
+        """The strongest of them."""
+        return self.named[0] if self.named else None
+
+    def term(self, name: str) -> FaultTerm | None:
+        """Return the first term of a name."""
+        return next((term for term in self.terms if term.name == name), None)
+
+
+def diagnose_run(measurement: Measurement) -> RunDiagnosis:
+    """Return what the redundancy of a run's angles says of its faults."""
+    plan, pictures, angles_rad, times = _frames(measurement)
+    usable = ~(measurement.saturated | measurement.missing)
+    step = float(measurement.grid.to_unit.max())
+    found = diagnose(plan, pictures, usable, angles_rad=angles_rad, times=times, step=step)
+    angles_deg = tuple(float(angle) for angle in np.degrees(angles_rad).round(6) % 360.0)
+    means = dict(_means(measurement, pictures, usable))
+    return RunDiagnosis(
+        terms=tuple(_term(term, found, plan, angles_deg, means) for term in found.terms),
+        reason=found.reason,
+        angles_deg=angles_deg,
+        found=found,
+    )
+
+
+def term_text(term: FaultTerm) -> str:
+    """Return a fault in a line: its size, what it moves, and what it cannot be told from."""
+    if term.value is None or term.std_error is None:
+        return f"{term.title}: not testable, {term.reason}"
+    size = f"{term.title}: {_number(term.value, term.unit)} +- {_number(term.std_error, term.unit).lstrip('+')}"
+    moves = "" if term.dolp_shift is None else f"; moves DoLP by {term.dolp_shift:+.4f}"
+    if term.aolp_shift_deg is not None:
+        moves += f", AoLP by {term.aolp_shift_deg:+.2f} deg"
+    others = f"; not to be told from {', '.join(term.confused_with)}" if term.confused_with else ""
+    return size + moves + others
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{100.0 * value:+.2f} %" if unit.startswith("share") else f"{value:+.3g} {unit}"
+
+
+def _frames(measurement: Measurement) -> tuple[Design, FloatArray, FloatArray, list[float]]:
+    """Return design, pictures, angles over the whole turn and times; half turns one by one, other repeats as means."""
+    grid = measurement.grid
+    whole = np.array([[record.polarizer_angle_deg or 0.0 for record in cycle] for cycle in grid.records])
+    sequence = [[float(record.sequence) for record in cycle] for cycle in grid.records]
+    half_turns = np.any(np.abs((whole - whole[0] + 90.0) % 360.0 - 90.0) > 90.0)
+    if not half_turns or whole.size > _MOST_FRAMES:
+        times = np.argsort(np.argsort(sequence[0])).astype(np.float64).tolist()
+        return measurement.plan, measurement.channels, np.radians(whole[0] % 360.0), times
+    pictures = np.concatenate([signal_of_cycle(measurement, cycle) for cycle in range(grid.cycles)])
+    angles_rad = np.radians(whole.ravel() % 360.0)
+    times = np.argsort(np.argsort(np.ravel(sequence))).astype(np.float64).tolist()
+    return design(angles_rad, measurement.extinction_ratio), pictures, angles_rad, times
+
+
+def _means(
+    measurement: Measurement, pictures: FloatArray, usable: NDArray[np.bool_]
+) -> Iterable[tuple[str, FloatArray]]:
+    """Give the mean behind each frame, of every region, or of the whole picture where there are none."""
+    repeats = len(pictures) // measurement.grid.angles
+    for name, region in measurement.regions.items():
+        yield name, np.tile(region.channels_mean.mean, repeats)
+    if not measurement.regions and usable.any():
+        yield "picture", pictures[:, usable].mean(axis=1)
+
+
+def _term(
+    term: Term, found: Diagnosis, plan: Design, angles_deg: tuple[float, ...], means: dict[str, FloatArray]
+) -> FaultTerm:
+    is_turn = term.unit == "rad"
+    factor = _DEG_PER_RAD if is_turn else 1.0
+    shifts = {name: _moved(term, found, plan, mean) for name, mean in means.items()} if term.is_testable else {}
+    return FaultTerm(
+        name=term.name,
+        angle_deg=None if term.frame is None else angles_deg[term.frame],
+        value=None if term.value is None else term.value * factor,
+        std_error=None if term.std_error is None else term.std_error * factor,
+        unit="deg" if is_turn else term.unit,
+        testable=term.is_testable,
+        reason=term.reason,
+        confused_with=tuple(
+            _title(name, None if frame is None else angles_deg[frame]) for name, frame in term.confused_with
+        ),
+        dolp_shift=_largest(shift for shift, _ in shifts.values()),
+        aolp_shift_deg=_largest(shift for _, shift in shifts.values()),
+        named=term.is_named,
+        by_region=shifts,
+    )
+
+
+def _moved(term: Term, found: Diagnosis, plan: Design, means: FloatArray) -> tuple[float | None, float | None]:
+    if not means.mean() > 0.0 or not np.all(np.isfinite(term.parameters)):
+        return None, None
+    moved = consequence(plan.system, means, term.parameters, light=found.light)
+    aolp = moved.aolp_shift_rad
+    return moved.dolp_shift, None if aolp is None else aolp * _DEG_PER_RAD
+
+
+def _largest(shifts: Iterable[float | None]) -> float | None:
+    return max((shift for shift in shifts if shift is not None), key=abs, default=None)
+
+
+def _title(name: str, angle_deg: float | None) -> str:
+    return name if angle_deg is None else f"{name} at {angle_deg:g} deg"
+
+
+def found_throughput(diagnosis: RunDiagnosis) -> FloatArray:
+    """Return the throughput of each frame as the named causes make it, shape (N,)."""
+    frames = len(diagnosis.angles_deg)
+    total = np.zeros(frames)
+    for term in diagnosis.found.terms:
+        if term.is_named:
+            total += term.parameters[: len(PER_FRAME) * frames].reshape(len(PER_FRAME), frames)[0]
+    return np.asarray(1.0 + total)
