@@ -18,7 +18,7 @@ from scipy.special import bdtr
 
 from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
 from rigctl.comparison.comparison import compare_with_scene
-from rigctl.comparison.explanation import Explanation
+from rigctl.comparison.input_attribution import InputAttribution
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure
 
@@ -33,7 +33,7 @@ _CHANCE = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a seed gave: z of each row, the verdict, and what an explanation put first."""
+    """What a seed gave: z of each row, the verdict, and what an attribution put first."""
 
     agrees: bool
     z: dict[tuple[str, str, str], float]
@@ -54,29 +54,29 @@ def one_seed(seed: int, moved: str | None) -> Outcome:
         scene = load_scene(path)
         run = take_run(Path(folder) / "run", drawn_truth(draws, moved=moved, by_std=MOVED_STD), draws)
         found = compare_with_scene(measure(run, regions=list(scene.regions)), scene=scene, noise=None, alpha=ALPHA)
-    explanation = found.explanation
-    if explanation is None or explanation.best is None:
+    attribution = found.attribution
+    if attribution is None or attribution.best is None:
         raise RuntimeError("a scene with uncertain inputs has to have an explanation")
     return Outcome(
         agrees=found.agrees,
         z={(row.region, row.quantity, row.statistic): row.z for row in found.rows if row.z is not None},
-        first=explanation.best.name,
-        can_be_told=_can_be_told(explanation, moved),
-        is_first=explanation.best.name == moved,
-        is_named=_is_named(explanation, moved),
+        first=attribution.best.name,
+        can_be_told=_can_be_told(attribution, moved),
+        is_first=attribution.best.name == moved,
+        is_named=_is_named(attribution, moved),
     )
 
 
-def _can_be_told(explanation: Explanation, name: str | None) -> bool:
-    return any(move.name == name and not move.indistinguishable_from for move in explanation.moves)
+def _can_be_told(attribution: InputAttribution, name: str | None) -> bool:
+    return any(move.name == name and not move.indistinguishable_from for move in attribution.moves)
 
 
-def _is_named(explanation: Explanation, name: str | None) -> bool:
+def _is_named(attribution: InputAttribution, name: str | None) -> bool:
     """Whether the input is first, or is said to be indistinguishable from the first, or not to be seen."""
-    best = explanation.moves[0]
-    own = next((move for move in explanation.moves if move.name == name), None)
+    best = attribution.moves[0]
+    own = next((move for move in attribution.moves if move.name == name), None)
     if own is None:
-        return name in explanation.unseen
+        return name in attribution.unseen
     return own is best or best.name in own.indistinguishable_from or name in best.indistinguishable_from
 
 

@@ -130,6 +130,6 @@ def show(compared: "ComparedRun", out: Path) -> None:
         console.print(terminal_table(row_table(off[:_SHOWN])))
         for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
             console.print(f"points to {cause}: {advice}", markup=False)
-        if comparison.explanation is not None:
-            console.print(f"what would explain it: {comparison.explanation.remark}", markup=False)
+        if comparison.attribution is not None:
+            console.print(f"what would explain it: {comparison.attribution.remark}", markup=False)
     console.print(f"report: {out / 'report.html'}, {out / 'report.pdf'}", markup=False)

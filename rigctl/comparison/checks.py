@@ -1,4 +1,4 @@
-"""What a run says of itself before any model: pair sums, linear response, registration, drift, residual of the fit."""
+"""Checks of a run by itself, before any model: pair sums, linear response, registration, drift, residual of the fit."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.registration import Registration
+from calibration.errors import CalibrationError
+from calibration.polarimeter.registration import Registration, register
 from model.moments import Moments
 from model.prediction.quantity_table import angle_of
 from model.processing.bayesian_update import chi_square_tail
@@ -56,6 +57,14 @@ class Check:
     verdict: Verdict
     text: str
     region: str | None = None
+
+
+def registration_of(measurement: Measurement) -> Registration | str:
+    """Return the shifts of a run's pictures against the first, or why they cannot be told."""
+    try:
+        return register(measurement.channels)
+    except CalibrationError as error:
+        return str(error)
 
 
 def run_checks(

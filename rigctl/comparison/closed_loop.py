@@ -12,10 +12,9 @@ from model.processing.distribution_check import check_dolp_distribution
 from model.processing.sample_moments import Sample, deviation
 from model.sensor.channels import ChannelMoments
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.comparison.channel_shares import measured_with_ratios, with_ratios
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose
-from rigctl.comparison.rows import Row, decide, pair, scored
+from rigctl.comparison.rows import Row, decide, measured_with_ratios, pair, scored, with_ratios
 from rigctl.comparison.uncertainty_budget import run_budget
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
@@ -40,7 +39,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         A noise calibration: it predicts the temporal deviations. Without it only the law of
         DoLP is tested.
     alpha : float
-        Chance of any false disagreement.
+        Family-wise error rate: chance of any false disagreement.
 
     Raises
     ------

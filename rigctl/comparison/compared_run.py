@@ -31,14 +31,14 @@ def used_file(path: Path) -> UsedFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """What a comparison was made from.
+    """Files and settings that a comparison was made from.
 
     Attributes
     ----------
     files : dict
         What it is ("scene", "noise", "manifest") to the file.
     alpha : float
-        Chance of any false disagreement.
+        Family-wise error rate: chance of any false disagreement.
     scale : {"absolute", "panel", "free"}
         What the counts of a prediction were scaled by.
     """
@@ -98,7 +98,7 @@ class ComparedSeries:
     drifts, trends
         Over all of them.
     alpha : float
-        Chance of any false disagreement over all runs.
+        Family-wise error rate: chance of any false disagreement over all runs.
     scene : UsedFile
         The scene file of all.
     """

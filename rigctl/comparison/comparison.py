@@ -12,12 +12,11 @@ from model.scene.field_light import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.choices import ScaleKind
-from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
-from rigctl.comparison.explanation import Explanation, explain_rows
+from rigctl.comparison.input_attribution import InputAttribution, attribute_residuals
 from rigctl.comparison.remarks import model_warnings, not_tested, overruled
-from rigctl.comparison.rows import Row, decide, pair, scored
+from rigctl.comparison.rows import Row, decide, measured_with_ratios, pair, scored
 from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.scale import Scale, scale_inputs
 from rigctl.comparison.trends import Trend, trends_of
@@ -40,7 +39,7 @@ class Comparison:
     kind : str
         "scene": predicted from a scene file. "closed loop": predicted from the run's own means and texture.
     alpha : float
-        Chance that any row is called a disagreement where all agree.
+        Family-wise error rate: chance that any row is called a disagreement where all agree.
     rows : tuple of Row
         All of them.
     diagnosis : Diagnosis
@@ -57,7 +56,7 @@ class Comparison:
         The inputs that have an uncertainty; None without a scene.
     propagation : Propagation or None
         What their uncertainty does to the rows.
-    explanation : Explanation or None
+    attribution : InputAttribution or None
         What would explain the residuals; None where no input has an uncertainty.
     trends : tuple of Trend
         Whether the order of numbers is as predicted, whatever their scale. Empty without a scene.
@@ -79,7 +78,7 @@ class Comparison:
     scale: Scale | None = None
     inputs: Inputs | None = None
     propagation: Propagation | None = None
-    explanation: Explanation | None = None
+    attribution: InputAttribution | None = None
     trends: tuple[Trend, ...] = ()
     budgets: tuple[RegionBudget, ...] = ()
     checks: tuple[Check, ...] = ()
@@ -121,7 +120,7 @@ def compare_with_scene(
     noise : NoiseParameters or None
         A noise calibration.
     alpha : float
-        Chance of any false disagreement.
+        Family-wise error rate: chance of any false disagreement.
     scale : {"absolute", "panel", "free"}
         What the counts are scaled by: the scene file, a radiometric calibration, or the run itself.
     radiometric : RadiometricResponse or None
@@ -163,7 +162,7 @@ def compare_with_scene(
         scale=scaled_by,
         inputs=uncertain,
         propagation=propagation,
-        explanation=explain_rows(decided, propagation=propagation, inputs=uncertain, measurement=measurement),
+        attribution=attribute_residuals(decided, propagation=propagation, inputs=uncertain, measurement=measurement),
         trends=trends_of(decided, propagation.cov, measurement),
         budgets=scene_budget(
             predictions, measurement, inputs=inputs, rows=decided, propagation=propagation, uncertain=uncertain

@@ -1,4 +1,4 @@
-"""What is to be said beside the rows of a comparison: overruled, assumed, curved, not tested."""
+"""Remarks beside the rows of a comparison: overruled, assumed, not tested."""
 
 from collections.abc import Iterable, Mapping
 

@@ -1,14 +1,17 @@
 """The rows of a comparison: one number by the model and by the frames, how far apart, and whether that is too far."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.prediction.prediction import Quantities
-from model.prediction.quantity_table import difference
+from model.moments import Moments
+from model.prediction.prediction import Quantities, RegionPrediction
+from model.prediction.quantity_table import difference, is_counts, ratio_name
 from model.processing.agreement import holm_rejections, two_sided_p_value
-from rigctl.measurement.region_numbers import MeasuredQuantities
+from model.processing.sample_moments import Sample
+from model.processing.stokes_ratios import channel_ratios
+from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
 from rigctl.prediction.propagated_inputs import NumberKey
 
 
@@ -91,3 +94,28 @@ def decide(rows: tuple[Row, ...], *, alpha: float) -> tuple[Row, ...]:
     rejected = holm_rejections(two_sided_p_value([rows[k].z or 0.0 for k in tests]), alpha=alpha)
     verdicts = dict(zip(tests, rejected.tolist(), strict=True))
     return tuple(replace(row, agrees=not verdicts[k]) if k in verdicts else row for k, row in enumerate(rows))
+
+
+def with_ratios(predictions: Mapping[str, RegionPrediction]) -> dict[str, RegionPrediction]:
+    """Return predictions with a ratio for each channel beside its counts; none where there is no light."""
+    return {name: _with_ratios(prediction) for name, prediction in predictions.items()}
+
+
+def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
+    """Return what a region measured, with a ratio for each channel; none where there is no light."""
+    moments = region.channels_mean
+    names = [name for name in region.quantities if is_counts(name)]
+    if not moments.mean.mean() > 0.0:
+        return region.quantities
+    samples = (Sample(value=float(v), std_error=float(e)) for v, e in zip(*channel_ratios(moments), strict=True))
+    return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
+
+
+def _with_ratios(prediction: RegionPrediction) -> RegionPrediction:
+    mean = prediction.channels.mean_dn
+    if not mean.mean() > 0.0:
+        return prediction
+    names = [name for name in prediction.quantities if is_counts(name)]
+    ratios = channel_ratios(Moments(mean=mean, cov=np.zeros((mean.size, mean.size))))[0]
+    found = {ratio_name(name): {"mean": float(ratio)} for name, ratio in zip(names, ratios, strict=True)}
+    return replace(prediction, quantities=prediction.quantities | found)

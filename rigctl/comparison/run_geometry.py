@@ -87,7 +87,7 @@ def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> Sc
 
 
 def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[FrameRecord, ...]) -> tuple[float, float]:
-    """How well the scene file knows the sun's angles, or the run its site; of both the larger."""
+    """Return the standard uncertainty of the sun's angles, by scene file or by the run's site; of both the larger."""
     sun = sun_of_file(scene)
     numbers = () if sun is None else (sun.zenith_deg, sun.azimuth_deg)
     stds = [0.0 if number is None else number.std for number in numbers] or [0.0, 0.0]

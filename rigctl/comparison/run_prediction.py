@@ -1,4 +1,4 @@
-"""What a scene file predicts for a run: its numbers at the run's angles, cycles, exposure, sun and rig."""
+"""Prediction of a run from a scene file: at the run's own angles, cycles, exposure, sun and rig."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from model.prediction.rig_errors import predict_with_errors
 from model.scene.field_light import FieldLight
 from model.scene.scenario import Readout
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.comparison.channel_shares import with_ratios
+from rigctl.comparison.rows import with_ratios
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile

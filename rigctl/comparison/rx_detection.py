@@ -24,7 +24,7 @@ _POINTS = 200
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RxOnRun:
-    """What the detector does on one cycle of a run.
+    """RX detection of a target on one cycle of a run.
 
     Attributes
     ----------

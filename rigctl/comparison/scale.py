@@ -1,4 +1,4 @@
-"""What the counts of a prediction are scaled by: by the scene file, by a panel, or by the run itself."""
+"""Scale of the counts of a prediction: by the scene file, by a panel, or by the run itself."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ _F_NUMBER_STEP = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """What the counts of a prediction were scaled by.
+    """Scale of the counts of a prediction.
 
     Attributes
     ----------

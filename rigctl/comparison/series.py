@@ -46,7 +46,7 @@ class SeriesPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesDrift:
-    """How the residual of a quantity of a region drifts."""
+    """Drift of the residual of a quantity of a region."""
 
     region: str
     quantity: str

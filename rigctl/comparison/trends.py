@@ -1,4 +1,4 @@
-"""Whether the model predicts the trend: the order of numbers over angles, regions or runs, whatever their scale."""
+"""Trends: the order of numbers over angles, regions or runs by the model and by the frames, whatever their scale."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.polarimeter.registration import Registration
 from model.prediction.prediction import RegionPrediction
-from model.prediction.uncertainty_budget import budget, noise_causes
+from model.prediction.uncertainty_budget import budget, noise_causes, shift_cause
 from model.processing.input_propagation import Propagation
 from model.sensor.channels import ChannelMoments
 from rigctl.comparison.rows import Row
+from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 from rigctl.prediction.propagated_inputs import NumberKey
@@ -86,6 +88,25 @@ def run_budget(
     return tuple(found)
 
 
+def with_registration(
+    budgets: tuple[RegionBudget, ...],
+    measurement: Measurement,
+    *,
+    regions: list[Region],
+    found: Registration | str,
+    means: dict[str, NDArray[np.float64]],
+) -> tuple[RegionBudget, ...]:
+    """Return budgets with what misregistration does to each region; as they are where that cannot be told.
+
+    Frames that were moved by a registration that was given are taken as registered.
+    """
+    if isinstance(found, str) or measurement.shifts is not None:
+        return budgets
+    inside = inner_masks(regions, masks(regions, width=measurement.grid.width, height=measurement.grid.height))
+    sizes = np.hypot(found.shift_pixels, found.std_error_pixels)
+    return tuple(_registered(one, measurement, inside[one.region], sizes, means[one.region]) for one in budgets)
+
+
 def _run_causes(
     channels: ChannelMoments, region: MeasuredRegion, measurement: Measurement, gain_dn_per_e: float | None
 ) -> dict[str, FloatArray]:
@@ -139,3 +160,19 @@ def _kind(name: str) -> str:
     if name == DRIFT:
         return "drift"
     return "inputs"
+
+
+def _registered(
+    found: RegionBudget,
+    measurement: Measurement,
+    inside: NDArray[np.bool_],
+    sizes: NDArray[np.float64],
+    mean_dn: NDArray[np.float64],
+) -> RegionBudget:
+    if not found.parts:
+        return found
+    causes = {"registration": shift_cause(measurement.channels, inside, shift_pixels=sizes)}
+    own = budget(mean_dn, causes, plan=measurement.plan)
+    return RegionBudget(
+        region=found.region, parts={quantity: parts | own[quantity] for quantity, parts in found.parts.items()}
+    )

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rigctl.choices import ScaleKind
-from rigctl.comparison.checks import require_sound, run_checks
+from rigctl.comparison.checks import registration_of, require_sound, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
 from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.comparison.run_registration import registration_of, with_registration
+from rigctl.comparison.uncertainty_budget import with_registration
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
@@ -27,7 +27,7 @@ _EFFECTS_TOLERANCE = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest:
-    """What a run, or several, are to be compared with.
+    """Scene, regions and calibrations that a run, or several, are compared with.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class CompareRequest:
     calibrations : CalibrationPaths
         Files of calibrations.
     alpha : float
-        Chance of any false disagreement, in (0, 1).
+        Family-wise error rate: chance of any false disagreement, in (0, 1).
     scale : {"absolute", "panel", "free"}
         What the counts of a prediction are scaled by.
     """

@@ -40,7 +40,7 @@ class DetectRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Detection:
-    """What the RX detector does with two regions of a run.
+    """RX detection of one region of a run on another.
 
     Attributes
     ----------

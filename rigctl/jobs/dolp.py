@@ -1,4 +1,4 @@
-"""What noise does to the degree of polarization: [MK14] Fig. 5 exactly, and estimators of the true DoLP."""
+"""Noise in the degree of polarization: [MK14] Fig. 5 exactly, and estimators of the true DoLP."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -55,7 +55,7 @@ class PredictRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictedScene:
-    """What the model says of a scene.
+    """Prediction of a scene.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class PredictedScene:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictedToTolerance:
-    """What the model says of a scene to a stated numerical error, and the effects that it took for that."""
+    """Prediction of a scene to a stated numerical error, and the effects that it took for that."""
 
     found: AccuratePrediction
     effects: EffectPlan
@@ -91,7 +91,7 @@ class PredictedToTolerance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SweptScene:
-    """What the model says of a scene through a range of one of its numbers."""
+    """Predictions of a scene through a range of one of its numbers."""
 
     found: Sweep
     remarks: tuple[str, ...]

@@ -21,7 +21,7 @@ from rigctl.runs.run_folder import read_run
 
 @dataclass(frozen=True, kw_only=True)
 class DrawRequest:
-    """How regions are to be drawn.
+    """A request to draw regions.
 
     Attributes
     ----------

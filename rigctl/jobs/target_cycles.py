@@ -1,4 +1,4 @@
-"""How many cycles a session takes to bring the error of DoLP in a scene down to a target."""
+"""Cycles that a session takes to bring the error of DoLP in a scene down to a target."""
 
 from math import pi
 

@@ -60,7 +60,7 @@ class CurvePoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves:
-    """What accuracy costs for a scene.
+    """Curves of error against time for a scene.
 
     Attributes
     ----------

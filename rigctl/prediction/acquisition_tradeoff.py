@@ -1,4 +1,4 @@
-"""What sessions of a scene give for their time, and the shortest that reaches what is wanted."""
+"""Sessions of a scene, what each gives for its time, and the shortest that reaches what is wanted."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ _CURVE_CYCLES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRequest:
-    """What is asked of the sessions.
+    """A question to the sessions of a scene.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class TradeoffRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePoint:
-    """What a session gives.
+    """A session and what it gives.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What predictions are worth for finding things: the law of each region's DoLP, and RX detection between regions."""
+"""Performance of predictions: the distribution of each region's DoLP, and RX detection between regions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

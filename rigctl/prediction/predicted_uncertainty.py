@@ -1,4 +1,4 @@
-"""What the uncertain inputs of a scene file make of the numbers that are predicted from it, without a run."""
+"""Standard uncertainties that the inputs of a scene file give the numbers predicted from it, without a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the uncertainty of the inputs does to predicted numbers."""
+"""Propagation of the uncertainty of the inputs to predicted numbers."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What the model says of a scene file without a run: predictions, and where the light of each region comes from."""
+"""Prediction of a scene file without a run, and where the light of each region comes from."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -44,7 +44,7 @@ class SceneGeometry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScenePrediction:
-    """What the model says of a scene.
+    """Predictions of a scene.
 
     Attributes
     ----------

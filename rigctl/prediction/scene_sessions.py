@@ -40,7 +40,7 @@ class SceneSessions:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is assumed of scene and sensor."""
+        """Assumptions on scene and sensor."""
         return self._scene.remarks
 
     def scheme(self, session: Session) -> Scheme:

@@ -19,7 +19,7 @@ MOST_STEPS = 10_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sweep:
-    """What the model says at each value of one number.
+    """Predictions at each value of one number.
 
     Attributes
     ----------

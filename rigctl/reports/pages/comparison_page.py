@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison
-from rigctl.comparison.explanation import Explanation
+from rigctl.comparison.input_attribution import InputAttribution
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.prediction.performance import Performance
@@ -15,10 +15,10 @@ from rigctl.reports.pages.light_section import light_section
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
 from rigctl.reports.table import Table, text_columns
 from rigctl.reports.tables import comparison_tables
+from rigctl.reports.tables.attribution_tables import fitted_table, move_table
 from rigctl.reports.tables.calibration_table import parameter_table
 from rigctl.reports.tables.comparison_json import STATISTICS
 from rigctl.reports.tables.effects_tables import taken_table
-from rigctl.reports.tables.explanation_tables import fitted_table, move_table
 from rigctl.reports.tables.performance_tables import detection_table, strength_table
 from rigctl.reports.tables.provenance_json import provenance_json
 from rigctl.reports.tables.row_table import mixed_row_table, row_table
@@ -43,7 +43,7 @@ def comparison_report(found: ComparedRun) -> Report:
         verdict=Verdict(good=comparison.agrees, text=verdict(comparison), reasons=tuple(_reasons(comparison))),
         sections=[
             *_first(comparison, measurement),
-            *_explained(comparison.explanation),
+            *_attributed(comparison.attribution),
             *_figures(comparison, measurement, found.regions),
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
@@ -75,8 +75,8 @@ def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
     yield "", rule
     for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
         yield f"Points to {cause}:", advice
-    if comparison.explanation is not None and not comparison.agrees:
-        yield "What would explain it:", comparison.explanation.remark + "."
+    if comparison.attribution is not None and not comparison.agrees:
+        yield "What would explain it:", comparison.attribution.remark + "."
     for check in comparison.flags:
         yield f"Flagged: {check.name}:", check.text
 
@@ -97,30 +97,30 @@ def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section
         yield Section(title="Trends", blocks=(comparison_tables.trend_table(comparison.trends), note))
 
 
-def _explained(explanation: Explanation | None) -> Iterable[Section]:
-    if explanation is None:
+def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
+    if attribution is None:
         return
     all_of_it = (
-        f"chi-square of the residuals {explanation.chi_square:.1f} with {explanation.degrees_of_freedom} degrees of "
-        f"freedom, p = {explanation.p_value:.2g}, in the errors of measurement and inputs together"
+        f"chi-square of the residuals {attribution.chi_square:.1f} with {attribution.degrees_of_freedom} degrees of "
+        f"freedom, p = {attribution.p_value:.2g}, in the errors of measurement and inputs together"
     )
     method = Paragraph(
-        text=f"{explanation.remark[:1].upper()}{explanation.remark[1:]} ({all_of_it}). For each input alone: how far "
+        text=f"{attribution.remark[:1].upper()}{attribution.remark[1:]} ({all_of_it}). For each input alone: how far "
         "it would have to move, in its own standard uncertainties, to remove what it can of the residuals; the score, "
         "standard normal where nothing is wrong; the chance of what is left; the share of its stated variance that "
         "these data resolve; and the inputs that they cannot tell from it were it off by five standard uncertainties."
     )
     blocks: tuple[Block, ...] = (method,)
-    if explanation.moves:
-        blocks += (move_table(explanation),)
-    if explanation.unseen:
-        blocks += (Paragraph(text="The data say nothing of: " + ", ".join(explanation.unseen) + "."),)
+    if attribution.moves:
+        blocks += (move_table(attribution),)
+    if attribution.unseen:
+        blocks += (Paragraph(text="The data say nothing of: " + ", ".join(attribution.unseen) + "."),)
     yield Section(title="What would explain the residuals", blocks=blocks)
     fitted = Paragraph(
         text="FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
         "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
     )
-    yield Section(title="Inputs fitted to this run", blocks=(fitted, fitted_table(explanation)), folded=True)
+    yield Section(title="Inputs fitted to this run", blocks=(fitted, fitted_table(attribution)), folded=True)
 
 
 def _figures(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Iterable[Section]:

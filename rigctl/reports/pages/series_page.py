@@ -59,7 +59,7 @@ def _why(point: SeriesPoint) -> str:
     text = (
         f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.diagnosis.points_to) or 'no cause'}"
     )
-    return text if comparison.explanation is None else f"{text}; {comparison.explanation.remark}"
+    return text if comparison.attribution is None else f"{text}; {comparison.attribution.remark}"
 
 
 def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:

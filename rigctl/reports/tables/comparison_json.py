@@ -11,9 +11,8 @@ from typing import Any
 from model.prediction.performance import PairDetection, PolarizationStrength
 from model.prediction.prediction import RegionPrediction
 from model.processing.texture import Texture
-from rigctl.comparison.channel_shares import measured_with_ratios
 from rigctl.comparison.compared_run import ComparedRun
-from rigctl.comparison.rows import Row
+from rigctl.comparison.rows import Row, measured_with_ratios
 from rigctl.comparison.trends import Trend
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
@@ -123,7 +122,7 @@ def compared_json(found: ComparedRun) -> dict[str, Any]:
         "regions": _rows_by_name(comparison.rows),
         "rows": json_rows(row_table(comparison.rows)),
         "pixels": {name: _pixels(region) for name, region in measurement.regions.items()},
-        "explanation": None if comparison.explanation is None else asdict(comparison.explanation),
+        "explanation": None if comparison.attribution is None else asdict(comparison.attribution),
         "trends": [_trend(found) for found in comparison.trends],
         "budget": {found.region: found.parts for found in comparison.budgets},
         "checks": [asdict(check) for check in comparison.checks],

@@ -116,7 +116,7 @@ def _point_json(point: SeriesPoint) -> dict[str, Any]:
         "agrees": comparison.agrees,
         "disagreements": len(comparison.disagreements),
         "points_to": list(comparison.diagnosis.points_to),
-        "explanation": None if comparison.explanation is None else comparison.explanation.remark,
+        "explanation": None if comparison.attribution is None else comparison.attribution.remark,
         "means": {
             region: {
                 quantity: json_rows(row_table([row]))[0]

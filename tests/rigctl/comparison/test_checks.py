@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.cli import EXIT_DATA, main
-from rigctl.comparison.checks import Check, require_sound, run_checks
-from rigctl.comparison.run_registration import registration_of
+from rigctl.comparison.checks import Check, registration_of, require_sound, run_checks
 from rigctl.errors import DataError
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import measure

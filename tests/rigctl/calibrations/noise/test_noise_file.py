@@ -1,6 +1,8 @@
 """The file of a noise calibration: written whole, read back as it was, refused when it is wrong."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import cache
@@ -187,3 +189,9 @@ def test_it_is_too_old_after_a_year(tmp_path: Path) -> None:
     young, old = (MadeFor(taken_utc=f"{day}T00:00:00.000000000Z") for day in ("2024-11-13", "2024-11-15"))
     assert require_noise_fits(noise, young) == ()
     assert "holds for 365" in require_noise_fits(noise, old)[0]
+
+
+def test_reading_a_calibration_does_not_import_an_optimizer():
+    program = "import sys, rigctl.calibrations.noise.noise_file; print('scipy.optimize' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

@@ -1,4 +1,4 @@
-"""What would explain a disagreement: which inputs, how far each, and which of them the data cannot tell apart."""
+"""Attribution of residuals to inputs: which, how far each, and which of them the data cannot tell apart."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from model.processing import bayesian_update
 from model.processing.bayesian_update import chi_square_tail
 from model.processing.input_propagation import Propagation
-from rigctl.comparison.evidence import gather_evidence
+from rigctl.comparison.attribution_evidence import gather_evidence
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.measurement.measurement import Measurement
 from rigctl.scene.scene_inputs import Inputs
@@ -76,15 +76,15 @@ class FittedInput:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explanation:
-    """What would explain the residuals of a comparison.
+class InputAttribution:
+    """Residuals of a comparison, attributed to inputs.
 
     Attributes
     ----------
     chi_square, degrees_of_freedom, p_value
         Of the residuals, in the errors of measurement and inputs together.
     moves : tuple of InputMove
-        The most likely explanation first. Empty where no input has an uncertainty.
+        The input that explains most first. Empty where no input has an uncertainty.
     fitted : tuple of FittedInput
         All inputs updated at once, each held by its stated uncertainty.
     unseen : tuple of str
@@ -103,13 +103,13 @@ class Explanation:
 
     @property
     def best(self) -> InputMove | None:
-        """The most likely explanation."""
+        """The input that explains most."""
         return self.moves[0] if self.moves else None
 
 
-def explain_rows(
+def attribute_residuals(
     rows: Sequence[Row], *, propagation: Propagation, inputs: Inputs, measurement: Measurement
-) -> Explanation | None:
+) -> InputAttribution | None:
     """Return what would explain the residuals of rows; None where no input has an uncertainty.
 
     Parameters
@@ -138,7 +138,7 @@ def explain_rows(
     )
     moves = tuple(_move(found, inputs, std, k) for k in found.order if found.seen[k] >= _LEAST_SEEN)
     seen = {move.name for move in moves}
-    return Explanation(
+    return InputAttribution(
         chi_square=found.chi_square,
         degrees_of_freedom=found.degrees_of_freedom,
         p_value=found.p_value,

@@ -1,4 +1,4 @@
-"""The rows that an explanation is sought from, and the covariance of their measurement."""
+"""The rows that an attribution is sought from, and the covariance of their measurement."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Evidence:
 
 
 def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
-    """Return the rows that an explanation is sought from.
+    """Return the rows that an attribution is sought from.
 
     Notes
     -----

@@ -25,37 +25,37 @@ def test_inputs_drawn_from_what_is_stated_agree_and_have_standard_normal_scores(
     seeds = 4
     found = [compared(tmp_path, seed=seed) for seed in range(seeds)]
     assert all(comparison.agrees for comparison in found)
-    # The scores of the explanation are standard normal each; of 4 x 20 of them, which go together a little, the mean
+    # The scores of the attribution are standard normal each; of 4 x 20 of them, which go together a little, the mean
     # square stays within five standard errors of 1: 5 sqrt(2 / 80) = 0.8.
-    explanations = [comparison.explanation for comparison in found]
-    scores = [move.score for one in explanations if one is not None for move in one.moves]
+    attributions = [comparison.attribution for comparison in found]
+    scores = [move.score for one in attributions if one is not None for move in one.moves]
     assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.8)
 
 
 # Of these the chance to be outranked is below 5 % by their own estimate; eight standard uncertainties leave 1e-4.
 @pytest.mark.parametrize("name", ["errors.illumination_drift", "noise.prnu", "regions.black.stokes_radiance.1"])
 def test_an_input_that_is_off_is_named_first(tmp_path: Path, name: str) -> None:
-    explanation = compared(tmp_path, seed=3, moved=name, by_std=8.0).explanation
-    assert explanation is not None
-    assert explanation.moves[0].name == name
+    attribution = compared(tmp_path, seed=3, moved=name, by_std=8.0).attribution
+    assert attribution is not None
+    assert attribution.moves[0].name == name
     # A normal draw of its own, resolved to a few hundredths, stands on the eight: five of them.
-    assert explanation.moves[0].move_std == pytest.approx(8.0, abs=5.0)
-    assert explanation.moves[0].removes
+    assert attribution.moves[0].move_std == pytest.approx(8.0, abs=5.0)
+    assert attribution.moves[0].removes
 
 
 def test_inputs_that_act_alike_are_said_to_be_indistinguishable(tmp_path: Path) -> None:
-    explanation = compared(tmp_path, seed=5, moved="sensor.quantum_efficiency", by_std=8.0).explanation
-    assert explanation is not None
-    first = explanation.moves[0]
+    attribution = compared(tmp_path, seed=5, moved="sensor.quantum_efficiency", by_std=8.0).attribution
+    assert attribution is not None
+    first = attribution.moves[0]
     assert first.name == "sensor.quantum_efficiency"
     assert {"sensor.optics_transmittance", "rig.exposure_ratio"} <= set(first.indistinguishable_from)
-    assert "cannot tell it from" in explanation.remark
+    assert "cannot tell it from" in attribution.remark
 
 
 def test_the_joint_update_is_marked_as_fitted_and_narrows_what_the_data_see(tmp_path: Path) -> None:
-    explanation = compared(tmp_path, seed=6).explanation
-    assert explanation is not None
-    fitted = {one.name: one for one in explanation.fitted}
+    attribution = compared(tmp_path, seed=6).attribution
+    assert attribution is not None
+    fitted = {one.name: one for one in attribution.fitted}
     assert fitted["errors.illumination_drift"].std < 0.2 * STATED["errors.illumination_drift"].std
     assert fitted["sensor.extinction_ratio"].std == pytest.approx(STATED["sensor.extinction_ratio"].std, rel=0.02)
 
@@ -65,7 +65,7 @@ def test_without_uncertain_inputs_nothing_is_explained_and_that_is_said(tmp_path
     for number in STATED.values():
         plain = plain.replace(f"{{ value = {number.value!r}, std = {number.std!r} }}", repr(number.value))
     found = compared(tmp_path, seed=1, text=plain)
-    assert found.explanation is None
+    assert found.attribution is None
     assert any("none has an uncertainty" in text for text in found.not_tested)
 
 
@@ -109,8 +109,8 @@ def test_light_that_is_off_by_half_of_itself_is_named_first_beside_a_well_known_
     truth = {name: number.value for name, number in STATED.items()} | {"regions.black.stokes_radiance.0": 3.5}
     run = take_run(tmp_path / "run", truth, np.random.default_rng(5))
     found = compare_with_scene(measure(run, regions=list(scene.regions)), scene=scene, noise=None, alpha=1e-3)
-    assert found.explanation is not None
-    best = found.explanation.best
+    assert found.attribution is not None
+    best = found.attribution.best
     assert best is not None
     assert best.name == "regions.black.stokes_radiance.0"
     assert best.move_std == pytest.approx(-5.0, abs=0.1)

@@ -1,6 +1,6 @@
 """What would explain the residuals of a comparison, as tables."""
 
-from rigctl.comparison.explanation import Explanation, FittedInput, InputMove
+from rigctl.comparison.input_attribution import FittedInput, InputAttribution, InputMove
 from rigctl.reports.number_text import to_digits
 from rigctl.reports.table import NOTHING, Column, Table
 
@@ -9,8 +9,8 @@ _NAMED = 4
 _SHOWN_MOVES = 12
 
 
-def move_table(explanation: Explanation) -> Table[InputMove]:
-    """Return the inputs as explanations, the likeliest first."""
+def move_table(attribution: InputAttribution) -> Table[InputMove]:
+    """Return the inputs as attributions, the likeliest first."""
     columns: tuple[Column[InputMove], ...] = (
         Column(title="input", text=lambda move: move.name, left=True),
         Column(title="stated", text=lambda move: f"{to_digits(move.value, move.std)} ± {move.std:.2g}"),
@@ -21,10 +21,10 @@ def move_table(explanation: Explanation) -> Table[InputMove]:
         Column(title="seen by the data", text=lambda move: f"{move.seen:.0%}"),
         Column(title="cannot be told from", text=_confused, left=True, wide=True),
     )
-    return Table(columns=columns, rows=explanation.moves[:_SHOWN_MOVES])
+    return Table(columns=columns, rows=attribution.moves[:_SHOWN_MOVES])
 
 
-def fitted_table(explanation: Explanation) -> Table[FittedInput]:
+def fitted_table(attribution: InputAttribution) -> Table[FittedInput]:
     """Return all inputs after the joint update."""
     columns: tuple[Column[FittedInput], ...] = (
         Column(title="input", text=lambda found: found.name, left=True),
@@ -32,7 +32,7 @@ def fitted_table(explanation: Explanation) -> Table[FittedInput]:
         Column(title="its std", text=lambda found: f"{found.std:.2g}"),
         Column(title="moved by [stated std]", text=lambda found: f"{found.moved_std:+.2f}"),
     )
-    return Table(columns=columns, rows=explanation.fitted)
+    return Table(columns=columns, rows=attribution.fitted)
 
 
 def _chance(move: InputMove) -> str:
