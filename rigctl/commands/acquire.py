@@ -6,10 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.commands.time_option import time_option
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import progress, results, warn
 
 if TYPE_CHECKING:
     from rigctl.jobs.acquire import PreparedSession
+    from rigctl.session.planning.session_steps import Step
     from rigctl.session.reconnect_loop import Outcome
 
 _SECONDS_A_MINUTE = 60
@@ -82,18 +85,24 @@ def say_outcome(outcome: "Outcome", run: Path) -> None:
 
 
 def _print_steps(prepared: "PreparedSession") -> None:
-    from rich.table import Table
-
     steps, need = prepared.steps, prepared.need
-    table = Table(box=None, pad_edge=False)
-    for title in ("step", "kind", "cycle", "polarizer [deg]", "exposure [ms]"):
-        table.add_column(title, justify="left" if title == "kind" else "right")
-    for step in steps:
-        angle = "" if step.polarizer_angle_deg is None else f"{step.polarizer_angle_deg:g}"
-        exposure = "metered" if step.exposure_s is None else f"{step.exposure_s * 1000:g}"
-        table.add_row(str(step.sequence), step.kind, str(step.cycle), angle, exposure)
+    columns: tuple[Column[Step], ...] = (
+        Column(title="step", text=lambda step: str(step.sequence)),
+        Column(title="kind", text=lambda step: step.kind, left=True),
+        Column(title="cycle", text=lambda step: str(step.cycle)),
+        Column(title="polarizer [deg]", text=_angle),
+        Column(title="exposure [ms]", text=_exposure),
+    )
     console = results()
-    console.print(table)
+    console.print(terminal_table(Table(columns=columns, rows=tuple(steps))))
     disk = "not known before the camera is opened" if need.disk_bytes is None else f"{need.disk_bytes / 1e6:.0f} MB"
     minutes, seconds = divmod(round(need.duration_s), _SECONDS_A_MINUTE)
     console.print(f"{len(steps)} frames, about {minutes} min {seconds} s, disk {disk}", markup=False)
+
+
+def _angle(step: "Step") -> str:
+    return "" if step.polarizer_angle_deg is None else f"{step.polarizer_angle_deg:g}"
+
+
+def _exposure(step: "Step") -> str:
+    return "metered" if step.exposure_s is None else f"{step.exposure_s * 1000:g}"

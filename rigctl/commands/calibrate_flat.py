@@ -1,12 +1,23 @@
 """``rigctl calibrate flat``: the response of each pixel behind the polarizer at each of its angles."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, results, warn
+
+_COLUMNS: tuple[Column[dict[str, Any]], ...] = (
+    Column(title="angle [deg]", text=lambda row: f"{row['polarizer_angle_deg']:.1f}"),
+    Column(title="frames", text=lambda row: str(row["frames"])),
+    Column(title="mean [DN]", text=lambda row: f"{row['mean_dn']:.1f}"),
+    Column(title="light over mean", text=lambda row: f"{row['throughput']['value']:.5f}"),
+    Column(title="std error", text=lambda row: f"{row['throughput']['std_error']:.2g}"),
+    Column(title="pattern [%]", text=lambda row: f"{100.0 * row['pattern_rms']:.3f}"),
+    Column(title="own noise [%]", text=lambda row: f"{100.0 * row['noise_rms']:.3f}"),
+)
 
 
 def flat(
@@ -30,19 +41,6 @@ def flat(
     if as_json:
         print_json(found.facts)
         return
-    table = Table(box=None, pad_edge=False)
-    for title in ("angle [deg]", "frames", "mean [DN]", "light over mean", "std error", "pattern [%]", "own noise [%]"):
-        table.add_column(title, justify="right")
-    for row in found.facts["angles"]:
-        table.add_row(
-            f"{row['polarizer_angle_deg']:.1f}",
-            str(row["frames"]),
-            f"{row['mean_dn']:.1f}",
-            f"{row['throughput']['value']:.5f}",
-            f"{row['throughput']['std_error']:.2g}",
-            f"{100.0 * row['pattern_rms']:.3f}",
-            f"{100.0 * row['noise_rms']:.3f}",
-        )
-    results().print(table)
+    results().print(terminal_table(Table(columns=_COLUMNS, rows=tuple(found.facts["angles"]))))
     if found.doubt is not None:
         warn(found.doubt)

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
+from rigctl.reports.table import Table, text_columns
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results, warn
 
 _SHOWN = 6
@@ -45,19 +46,21 @@ def radiometric(
 
 def _print(content: dict[str, Any]) -> None:
     console = results()
-    table = Table(box=None, pad_edge=False)
-    for title in ("angle [deg]", "DN per W m-2 sr-1", "std error"):
-        table.add_column(title, justify="right")
-    for channel in content["channels"]:
-        response = channel["response_dn_per_radiance"]
-        angle = f"{channel['polarizer_angle_deg']:.2f}"
-        table.add_row(angle, f"{response['value']:.5g}", f"{response['std_error']:.2g}")
-    response, ratio = content["response_dn_per_radiance"], content["over_scene_file"]
-    table.add_row("all", f"{response['value']:.5g}", f"{response['std_error']:.2g}")
-    console.print(table)
+    rows = [
+        (f"{channel['polarizer_angle_deg']:.2f}", *_response(channel["response_dn_per_radiance"]))
+        for channel in content["channels"]
+    ]
+    rows.append(("all", *_response(content["response_dn_per_radiance"])))
+    columns = text_columns("angle [deg]", "DN per W m-2 sr-1", "std error", left=())
+    console.print(terminal_table(Table(columns=columns, rows=tuple(rows))))
+    ratio = content["over_scene_file"]
     console.print(f"{ratio['value']:.4g} +- {ratio['std_error']:.2g} times what the scene file says of the sensor")
     shares = [(name, part) for name, part in content["variance_shares"].items() if part >= _LEAST_SHARE]
     if shares:
         console.print("variance: " + ", ".join(f"{part:.0%} {name}" for name, part in shares[:_SHOWN]))
     for remark in content["remarks"]:
         progress().print(remark)
+
+
+def _response(response: dict[str, float]) -> tuple[str, str]:
+    return f"{response['value']:.5g}", f"{response['std_error']:.2g}"

@@ -1,12 +1,20 @@
 """``rigctl calibrate registration``: how far the picture walks while the polarizer turns."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, results
+
+_COLUMNS: tuple[Column[dict[str, Any]], ...] = (
+    Column(title="angle [deg]", text=lambda row: f"{row['angle_deg']:.2f}"),
+    Column(title="right [pixel]", text=lambda row: _shift(row, 0)),
+    Column(title="down [pixel]", text=lambda row: _shift(row, 1)),
+    Column(title="std errors [pixel]", text=lambda row: _errors(row)),
+)
 
 
 def registration(
@@ -34,13 +42,7 @@ def registration(
     if as_json:
         print_json(content)
         return
-    table = Table(box=None, pad_edge=False)
-    for title in ("angle [deg]", "right [pixel]", "down [pixel]", "std errors [pixel]"):
-        table.add_column(title, justify="right")
-    for row in content["angles"]:
-        (x, y), (x_error, y_error) = row["shift_pixels"], row["std_error_pixels"]
-        table.add_row(f"{row['angle_deg']:.2f}", f"{x:+.3f}", f"{y:+.3f}", f"{x_error:.3f}, {y_error:.3f}")
-    results().print(table)
+    results().print(terminal_table(Table(columns=_COLUMNS, rows=tuple(content["angles"]))))
     wander = content["wander"]
     if wander is not None:
         results().print(
@@ -48,3 +50,12 @@ def registration(
         )
     if calibrated.found.finding is not None:
         results().print(calibrated.found.finding)
+
+
+def _shift(row: dict[str, Any], axis: int) -> str:
+    return f"{row['shift_pixels'][axis]:+.3f}"
+
+
+def _errors(row: dict[str, Any]) -> str:
+    x_error, y_error = row["std_error_pixels"]
+    return f"{x_error:.3f}, {y_error:.3f}"

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, results
 
 if TYPE_CHECKING:
     from rigctl.jobs.summarize_run import FrameGroup, RunSummary
 
 _UNKNOWN = "-"
-_COLUMNS = ("angle [deg]", "readback [deg]", "exposure [s]", "gain [dB]", "frames", "cycles", "saturated [%]")
 _ORIGINS = {
     "simulated": "simulated devices",
     "device": "real devices",
@@ -44,7 +44,7 @@ def _print(summary: "RunSummary") -> None:
     console = results()
     for title, text in _facts(summary):
         console.print(f"{title:<14}{text}", markup=False)
-    console.print(_table(summary.groups))
+    console.print(terminal_table(Table(columns=_columns(), rows=tuple(summary.groups))))
     for remark, frames in summary.remarks.items():
         console.print(f"note: {remark} ({frames} frames)", markup=False)
     for event, times in summary.events.items():
@@ -69,26 +69,22 @@ def _join(texts: Iterable[str]) -> str:
     return ", ".join(texts) or _UNKNOWN
 
 
-def _table(groups: Iterable["FrameGroup"]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("kind")
-    for title in _COLUMNS:
-        table.add_column(title, justify="right")
-    for group in groups:
-        table.add_row(*_cells(group))
-    return table
+def _columns() -> tuple[Column["FrameGroup"], ...]:
+    return (
+        Column(title="kind", text=lambda group: group.kind, left=True),
+        Column(title="angle [deg]", text=lambda group: _number(group.polarizer_angle_target_deg)),
+        Column(title="readback [deg]", text=lambda group: _span(group.polarizer_angle_deg, digits=3)),
+        Column(title="exposure [s]", text=lambda group: _number(group.exposure_s)),
+        Column(title="gain [dB]", text=lambda group: _number(group.gain_db)),
+        Column(title="frames", text=lambda group: str(group.frames)),
+        Column(title="cycles", text=lambda group: str(group.cycles)),
+        Column(title="saturated [%]", text=_saturated),
+    )
 
 
-def _cells(group: "FrameGroup") -> Iterable[str]:
-    yield group.kind
-    yield _number(group.polarizer_angle_target_deg)
-    yield _span(group.polarizer_angle_deg, digits=3)
-    yield _number(group.exposure_s)
-    yield _number(group.gain_db)
-    yield str(group.frames)
-    yield str(group.cycles)
+def _saturated(group: "FrameGroup") -> str:
     low, high = group.saturated_fraction
-    yield _span((100.0 * low, 100.0 * high), digits=2)
+    return _span((100.0 * low, 100.0 * high), digits=2)
 
 
 def _number(value: float | None) -> str:

@@ -1,13 +1,15 @@
 """``rigctl plan``: what a session will take, and what it can give."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from rigctl.commands.time_option import time_option
 from rigctl.errors import ConfigError
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 _MOST_STEPS = 100
@@ -67,9 +69,11 @@ def _print(content: dict[str, Any], *, all_steps: bool) -> None:
     console = results()
     sun = [column for column in _SUN_COLUMNS if column in content["steps"][0]]
     if len(content["rounds"]) > 1:
-        console.print(_table(content["rounds"], ("round", "utc", *sun)))
+        console.print(terminal_table(_table(content["rounds"], ("round", "utc", *sun))))
     steps = content["steps"] if all_steps else content["steps"][:_MOST_STEPS]
-    console.print(_table(steps, ("sequence", "round", "utc", *sun, "kind", "cycle", "angle_deg", "exposure_ms")))
+    console.print(
+        terminal_table(_table(steps, ("sequence", "round", "utc", *sun, "kind", "cycle", "angle_deg", "exposure_ms")))
+    )
     if len(steps) < len(content["steps"]):
         console.print(f"... and {len(content['steps']) - len(steps)} more; --all prints them", markup=False)
     for row in content.get("predictions", []):
@@ -80,16 +84,13 @@ def _print(content: dict[str, Any], *, all_steps: bool) -> None:
 _SUN_COLUMNS = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
 
 
-def _table(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for column in columns:
-        table.add_column(column, justify="right")
-    for row in rows:
-        table.add_row(*(_cell(row.get(column)) for column in columns))
-    return table
+def _table(rows: list[dict[str, Any]], names: tuple[str, ...]) -> Table[dict[str, Any]]:
+    columns = tuple(Column[dict[str, Any]](title=name, text=partial(_cell, name=name)) for name in names)
+    return Table(columns=columns, rows=tuple(rows))
 
 
-def _cell(value: object) -> str:
+def _cell(row: dict[str, Any], name: str) -> str:
+    value = row.get(name)
     if value is None:
         return "-"
     if isinstance(value, float):

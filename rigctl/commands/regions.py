@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.choices import Dictionary
+from rigctl.reports.table import Table, text_columns
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
@@ -88,12 +90,14 @@ def find(
     if as_json:
         print_json({"regions": [dict(zip(names, row, strict=True)) for row in rows]})
         return
-    from rich.table import Table
-
-    table = Table("region", "by markers", "moved by [pixel]", "std error [pixel]", "border left out [pixel]")
-    for name, markers, shift, error, edge in rows:
-        table.add_row(name, ", ".join(map(str, markers)), f"{shift:.2f}", f"{error:.2f}", str(edge))
-    results().print(table)
+    columns = text_columns(
+        "region", "by markers", "moved by [pixel]", "std error [pixel]", "border left out [pixel]", left=(0, 1, 2, 3, 4)
+    )
+    texts = tuple(
+        (name, ", ".join(map(str, markers)), f"{shift:.2f}", f"{error:.2f}", str(edge))
+        for name, markers, shift, error, edge in rows
+    )
+    results().print(terminal_table(Table(columns=columns, rows=texts)))
 
 
 def _tell(path: Path, file: "RegionsFile") -> None:

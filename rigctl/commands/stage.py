@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
-    from rigctl.devices.characterise import Characterisation
+    from rigctl.devices.characterise import Characterisation, Side
     from rigctl.jobs.stage import CharacterisedStage, CharacteriseRequest
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
-
-_COLUMNS = ("angle [deg]", "from below [deg]", "from above [deg]", "backlash [deg]", "at rest after [s]")
 
 
 @app.callback()
@@ -74,22 +74,28 @@ def _measured(request: "CharacteriseRequest") -> "CharacterisedStage":
         return characterise_stage(request, progress=advance)
 
 
+def _angle_table(result: "Characterisation") -> Table[float]:
+    columns: tuple[Column[float], ...] = (
+        Column(title="angle [deg]", text=lambda angle_deg: f"{angle_deg:.3f}"),
+        Column(title="from below [deg]", text=lambda angle_deg: _mean_error(result, angle_deg, "forward")),
+        Column(title="from above [deg]", text=lambda angle_deg: _mean_error(result, angle_deg, "backward")),
+        Column(title="backlash [deg]", text=lambda angle_deg: f"{result.backlash_at_deg(angle_deg):+.4f}"),
+        Column(title="at rest after [s]", text=lambda angle_deg: f"{_settle_s(result, angle_deg):.2f}"),
+    )
+    return Table(columns=columns, rows=tuple(result.angles_deg))
+
+
+def _mean_error(result: "Characterisation", angle_deg: float, side: "Side") -> str:
+    return f"{result.errors_deg(angle_deg, side).mean():+.4f}"
+
+
+def _settle_s(result: "Characterisation", angle_deg: float) -> float:
+    return max(visit.settle_s for visit in result.visits if visit.angle_deg == angle_deg)
+
+
 def _print(result: "Characterisation") -> None:
-    from rich.table import Table
-
-    from rigctl.devices.characterise import SIDES
-
     console = results()
-    table = Table(box=None, pad_edge=False)
-    for title in _COLUMNS:
-        table.add_column(title, justify="right")
-    for angle_deg in result.angles_deg:
-        chosen = [visit for visit in result.visits if visit.angle_deg == angle_deg]
-        below, above = (result.errors_deg(angle_deg, side).mean() for side in SIDES)
-        settle_s = max(visit.settle_s for visit in chosen)
-        numbers = (f"{below:+.4f}", f"{above:+.4f}", f"{result.backlash_at_deg(angle_deg):+.4f}")
-        table.add_row(f"{angle_deg:.3f}", *numbers, f"{settle_s:.2f}")
-    console.print(table)
+    console.print(terminal_table(_angle_table(result)))
     identity = result.identity
     console.print(f"stage           {identity.model} {identity.serial_number}", markup=False)
     console.print(f"largest error   {result.largest_error_deg:.4f} deg", markup=False)
