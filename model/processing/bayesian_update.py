@@ -19,7 +19,7 @@ _ALIKE = 0.999
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Explanation:
+class InputUpdate:
     """Update of k inputs, of each alone and of all together, by n residuals.
 
     Attributes
@@ -73,9 +73,9 @@ class Explanation:
         return tuple(sorted(int(others[k]) for k, rest in zip(falling, left, strict=True) if rest > _CONFUSION))
 
 
-def explain(
+def update_inputs(
     residual: ArrayLike, *, measurement_cov: ArrayLike, effects: ArrayLike, input_correlation: ArrayLike
-) -> Explanation:
+) -> InputUpdate:
     """Return how far each input would have to move to explain residuals, and an update of all of them.
 
     Parameters
@@ -91,7 +91,7 @@ def explain(
 
     Returns
     -------
-    Explanation
+    InputUpdate
         Inputs in the order of their scores; of those that act alike, the one that has to move least is first.
 
     Raises
@@ -126,7 +126,7 @@ def explain(
     spread = along.T @ inverse @ along
     move = np.where(blind, 0.0, score / size)
     alike = np.where(blind[:, None] | blind[None, :], np.eye(blind.size), spread / np.outer(size, size))
-    return Explanation(
+    return InputUpdate(
         chi_square=chi_square,
         degrees_of_freedom=rank,
         score=score,

@@ -130,7 +130,7 @@ def attribute_residuals(
     std = np.sqrt(np.diag(inputs.cov))
     of_prediction, of_measurement = _straightened(chosen)
     residual = np.array([off_prediction(row, row.measured) for row in chosen])
-    found = bayesian_update.explain(
+    found = bayesian_update.update_inputs(
         0.5 * (of_prediction + of_measurement) * residual,
         measurement_cov=evidence.cov * np.outer(of_measurement, of_measurement),
         effects=propagation.effects[evidence.places] * of_prediction[:, None],
@@ -161,7 +161,7 @@ def _straightened(rows: Sequence[Row]) -> tuple[FloatArray, FloatArray]:
     return np.where(bent, 2.0 * predicted, 1.0), np.where(bent, 2.0 * measured, 1.0)
 
 
-def _move(found: bayesian_update.Explanation, inputs: Inputs, std: FloatArray, k: int) -> InputMove:
+def _move(found: bayesian_update.InputUpdate, inputs: Inputs, std: FloatArray, k: int) -> InputMove:
     left = chi_square_tail(float(found.chi_square_left[k]), found.degrees_of_freedom - 1)
     return InputMove(
         name=inputs.names[k],
@@ -177,7 +177,7 @@ def _move(found: bayesian_update.Explanation, inputs: Inputs, std: FloatArray, k
     )
 
 
-def _fitted(found: bayesian_update.Explanation, inputs: Inputs, std: FloatArray) -> Iterable[FittedInput]:
+def _fitted(found: bayesian_update.InputUpdate, inputs: Inputs, std: FloatArray) -> Iterable[FittedInput]:
     for k, name in enumerate(inputs.names):
         yield FittedInput(
             name=name,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.processing.bayesian_update import MOVED, confusion, explain
+from model.processing.bayesian_update import MOVED, confusion, update_inputs
 
 RNG = np.random.default_rng(12)
 # Eight results, three inputs: the first acts alone, the second and third act alike on all.
@@ -11,7 +11,7 @@ NOISE = 0.01 * np.eye(8)
 
 def _explain(residual, effects=EFFECTS, noise=NOISE, correlation=None):
     correlation = np.eye(effects.shape[1]) if correlation is None else correlation
-    return explain(residual, measurement_cov=noise, effects=effects, input_correlation=correlation)
+    return update_inputs(residual, measurement_cov=noise, effects=effects, input_correlation=correlation)
 
 
 def test_the_joint_update_is_that_of_the_normal_equations():

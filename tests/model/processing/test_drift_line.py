@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from model.processing.drift_line import drift_line
-from model.processing.redundancy import block_means
 
 
 def test_the_slope_is_that_of_weighted_least_squares():
@@ -19,12 +18,3 @@ def test_the_slope_is_that_of_weighted_least_squares():
 def test_what_has_no_slope_is_refused(x, s):
     with pytest.raises(ValueError, match="three numbers or more"):
         drift_line(x, np.zeros(len(x)), s)
-
-
-def test_block_means_leave_out_blocks_with_an_unusable_pixel():
-    pictures = np.arange(2 * 4 * 5, dtype=float).reshape(2, 4, 5)
-    usable = np.ones((4, 5), dtype=bool)
-    usable[0, 3] = False
-    found = block_means(pictures, usable, side=2)
-    # Four blocks of 2 x 2; the fifth column does not fill one, the second block has an unusable pixel.
-    np.testing.assert_allclose(found[0], [pictures[0, :2, :2].mean(), pictures[0, 2:, :2].mean(), 15.0])

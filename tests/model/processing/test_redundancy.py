@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from model.processing.reconstruction import design
-from model.processing.redundancy import linear_response, pair_sum_excess
+from model.processing.redundancy import pair_sum_excess
 
 PLAN = design(np.deg2rad([0.0, 45.0, 90.0, 135.0]), np.inf)
 RNG = np.random.default_rng(5)
@@ -40,30 +40,3 @@ def test_three_angles_have_no_excess_to_speak_of():
 def test_no_light_is_refused():
     with pytest.raises(ValueError, match="above 0"):
         pair_sum_excess(PLAN, [0.0, 0.0, 0.0, 0.0], np.eye(4))
-
-
-@pytest.mark.parametrize("angles_deg", [(0, 45, 90, 135), (0, 30, 60, 90, 120, 150)])
-def test_a_compressing_response_is_found_with_its_size(angles_deg):
-    plan = design(np.deg2rad(angles_deg), np.inf)
-    channels = _lights(plan=plan)
-    mean = channels.mean()
-    found = linear_response(plan, channels * (1.0 - 0.05 * channels / mean))
-    # The fit to the compressed counts sees the light smaller by up to some 10 %.
-    assert found.curvature == pytest.approx(-0.05, rel=0.35)
-    assert found.curvature < -5 * found.std_error
-
-
-def test_a_linear_response_with_noise_and_unequal_transmittance_is_not_flagged():
-    channels = _lights() * np.array([[1.0], [0.98], [1.0], [0.98]])
-    found = linear_response(PLAN, channels + RNG.normal(size=channels.shape))
-    assert abs(found.curvature) < 4 * found.std_error
-
-
-def test_unpolarised_light_cannot_tell():
-    channels = PLAN.system @ np.array([RNG.uniform(100, 900, 200), np.zeros(200), np.zeros(200)])
-    assert linear_response(PLAN, channels) is None
-
-
-def test_without_redundancy_nothing_can_be_told():
-    plan = design(np.deg2rad([0.0, 60.0, 120.0]), np.inf)
-    assert linear_response(plan, _lights(plan=plan)) is None
