@@ -16,7 +16,7 @@ STAGES = "rigctl.stages"
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What was found on a port.
+    """Result of looking at a port.
 
     Attributes
     ----------

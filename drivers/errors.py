@@ -1,4 +1,4 @@
-"""What can go wrong with a device.
+"""Failures of devices.
 
 Every message names the device, what was sent, what came back and what to try.
 """

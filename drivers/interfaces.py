@@ -1,4 +1,4 @@
-"""What the application asks of a rotation stage and of a camera, and the records that they hand back.
+"""Interfaces of a rotation stage and of a camera, and the records that they hand back.
 
 Real and simulated devices keep the same promises; the suites in ``tests/contracts`` hold them to these.
 """
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceIdentity:
-    """Which device this is. It goes into every frame; a configured serial number is checked against it."""
+    """Identity of a device. It goes into every frame; a configured serial number is checked against it."""
 
     model: str
     serial_number: str
@@ -21,7 +21,7 @@ class DeviceIdentity:
 
 @dataclass(frozen=True, kw_only=True)
 class StagePosition:
-    """Where a stage is by its own encoder: the mechanical angle, and the counts it was computed from."""
+    """Position of a stage by its own encoder: the mechanical angle, and the counts it was computed from."""
 
     angle_deg: float
     counts: int
@@ -54,7 +54,7 @@ class Move:
 
 @dataclass(frozen=True, kw_only=True)
 class StageStatus:
-    """What a stage is doing, in its own words.
+    """State of a stage, in its own words.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class StageStatus:
 
 
 Way = Literal["short", "forward", "backward"]
-"""Which way round: the shorter one, or always towards larger or smaller angles (to take up backlash)."""
+"""Way round: the shorter one, or always towards larger or smaller angles (to take up backlash)."""
 
 
 class RotationStage(Protocol):
@@ -123,7 +123,7 @@ class RotationStage(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class CameraSettings:
-    """What a camera is set to, as read back from it.
+    """Settings of a camera, as read back from it.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ class Camera(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class FrameTally:
-    """What became of the pictures that a camera sent, counted since it was opened.
+    """Fate of the pictures that a camera sent, counted since it was opened.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class FrameTally:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFacts:
-    """What is known of how a camera's counts come about, beside its settings.
+    """Facts on how a camera's counts come about, beside its settings.
 
     Attributes
     ----------
@@ -261,7 +261,7 @@ class CameraWithFacts(Protocol):
 
 @runtime_checkable
 class ReportingCamera(Protocol):
-    """What our own cameras tell beside pictures. A plug-in's camera need not: then a run has nothing of it."""
+    """A camera that tells more than pictures, as our own do. A plug-in's need not: then a run has nothing of it."""
 
     def tally(self) -> FrameTally:
         """Return what became of the pictures so far; of a camera that is gone too."""

@@ -19,7 +19,7 @@ _NO_MODEM_LINES = (errno.ENOTTY, errno.EINVAL)
 
 
 class BytePort(Protocol):
-    """What a device driver needs of a link. A read that waits, waits on the link's own time."""
+    """A link as device drivers need it. A read that waits, waits on the link's own time."""
 
     @property
     def name(self) -> str:

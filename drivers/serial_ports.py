@@ -1,4 +1,4 @@
-"""Which serial ports there are, and which of a port's names will still be its own after a restart."""
+"""Serial ports of this machine, and the name of each that will still be its own after a restart."""
 
 import re
 from collections.abc import Callable

@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What simulated devices share, so that they live at the same time."""
+    """Clock that simulated devices share, so that they live at the same time."""
 
     def now_s(self) -> float:
         """Return the simulated time [s]; it never goes back."""

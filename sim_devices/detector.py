@@ -112,7 +112,7 @@ class Detector:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedPattern:
-    """How the pixels of one camera differ, the same in every frame; None where they do not.
+    """Differences of the pixels of one camera, the same in every frame; None where they do not.
 
     Attributes
     ----------

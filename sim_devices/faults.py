@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class LineNoise:
-    """How often a byte meets each kind of damage.
+    """Probability that a byte meets each kind of damage.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which random numbers are for what: no two uses of a seed share a stream."""
+"""Random streams by their use: no two uses of a seed share a stream."""
 
 from enum import IntEnum
 

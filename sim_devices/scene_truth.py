@@ -19,7 +19,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
-    """What light comes from a kind of surface, and how it differs from pixel to pixel.
+    """Light from a kind of surface, and how it differs from pixel to pixel.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Rectangle:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Region:
-    """Where a surface is: a rectangle, or a mask of shape (H, W) that is True on it."""
+    """Place of a surface: a rectangle, or a mask of shape (H, W) that is True on it."""
 
     surface: Surface
     where: Rectangle | NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""What a simulated rig truly did, frame by frame: its own record, which no driver and no session has a hand in."""
+"""Log of what a simulated rig truly did, frame by frame, in which no driver and no session has a hand."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What a simulated camera looks at: a scene, a polarizer on a stage, or something held in front of both."""
+"""World before a simulated camera: a scene, a polarizer on a stage, or something held in front of both."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ class World:
 
     @property
     def subject(self) -> Subject:
-        """What is in front of the camera."""
+        """Subject in front of the camera."""
         return self._subject
 
     def axis_deg(self) -> float:

@@ -17,7 +17,7 @@ _MISSING = (
 
 
 class AravisError(Exception):
-    """What libaravis says of a call that failed.
+    """Words of libaravis on a call that failed.
 
     Attributes
     ----------

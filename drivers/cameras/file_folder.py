@@ -29,7 +29,7 @@ _Looks = dict[Path, tuple[int, int]]
 
 @dataclass(frozen=True, kw_only=True)
 class FolderOptions:
-    """What an address ``FOLDER?key=value`` says.
+    """Content of an address ``FOLDER?key=value``.
 
     Attributes
     ----------

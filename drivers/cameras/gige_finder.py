@@ -1,4 +1,4 @@
-"""Which GigE Vision cameras there are."""
+"""Finds GigE Vision cameras."""
 
 from collections.abc import Iterator
 

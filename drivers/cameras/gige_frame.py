@@ -19,7 +19,7 @@ _LARGEST_SHORT_ID = 65535
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """When a picture was asked for.
+    """Moment at which a picture was asked for.
 
     Attributes
     ----------

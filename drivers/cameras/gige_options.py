@@ -1,4 +1,4 @@
-"""How a GigE Vision camera is to be used, as its address says."""
+"""Options of a GigE Vision camera, as its address gives them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Trigger = Literal["software", "free"]
 
 @dataclass(frozen=True, kw_only=True)
 class GigeOptions:
-    """What an address says. None: the camera's largest picture, its best format, its own black level.
+    """Content of an address. None: the camera's largest picture, its best format, its own black level.
 
     Attributes
     ----------

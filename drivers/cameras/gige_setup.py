@@ -28,7 +28,7 @@ _CONTROL_PORT = 3956
 
 @dataclass(frozen=True, kw_only=True)
 class GigeSetup:
-    """What a camera is set up to.
+    """Settings of a camera that is set up.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ class Packing:
 
 @dataclass(frozen=True, kw_only=True)
 class PixelFormat:
-    """How a camera puts its samples into bytes.
+    """Layout of a camera's samples in bytes.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where a camera is and how it is to be used, in one text: ``PLACE?key=value&key=value``."""
+"""Place of a camera and options for its use, in one text: ``PLACE?key=value&key=value``."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Which video devices there are, and in which format they are best read."""
+"""Finds video devices, and the format in which each is best read."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path

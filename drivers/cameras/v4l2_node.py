@@ -13,7 +13,7 @@ from drivers.errors import DeviceError, LimitError, NotConnectedError, ProtocolE
 
 
 class VideoNode(Protocol):
-    """What the driver needs of the system."""
+    """Calls to the system that the driver needs."""
 
     @property
     def path(self) -> str:

@@ -1,4 +1,4 @@
-"""How a video device is to be used, as its address says."""
+"""Options of a video device, as its address gives them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from drivers.errors import LimitError
 
 @dataclass(frozen=True, kw_only=True)
 class V4l2Options:
-    """What an address ``/dev/video0?key=value`` says.
+    """Content of an address ``/dev/video0?key=value``.
 
     Attributes
     ----------

@@ -6,7 +6,7 @@ _u8, _u32, _i32, _i64, _u64 = ctypes.c_uint8, ctypes.c_uint32, ctypes.c_int32, c
 
 
 class Capability(ctypes.Structure):
-    """What a device is."""
+    """Answer of a device on what it is."""
 
     _fields_ = (
         ("driver", ctypes.c_char * 16),
@@ -63,7 +63,7 @@ class FormatDescription(ctypes.Structure):
 
 
 class RequestBuffers(ctypes.Structure):
-    """How many buffers are wanted, and then how many there are."""
+    """Number of buffers that are wanted, and then of those that there are."""
 
     _fields_ = (
         ("count", _u32),
@@ -110,7 +110,7 @@ class Control(ctypes.Structure):
 
 
 class QueryControl(ctypes.Structure):
-    """What a control is and may be."""
+    """Range and kind of a control."""
 
     _fields_ = (
         ("id", _u32),

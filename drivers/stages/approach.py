@@ -1,4 +1,4 @@
-"""How a stage gets to an angle: it turns, reads back, and corrects itself until that is near enough."""
+"""Brings a stage to an angle: it turns, reads back, and corrects itself until that is near enough."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Which Thorlabs rotation stages with an APT controller are known, and how they count.
+"""Known Thorlabs rotation stages with an APT controller, and how they count.
 
 Sources: Thorlabs, "APT Host-Controller Communications Protocol", issue 25, section on scaling; parameters of the K10CR1
 as its maker's program sets them.
@@ -14,7 +14,7 @@ _T_S = 2048.0 / 6e6  # sampling interval of a K-Cube DC servo
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityParameters:
-    """What moves run at, in the controller's units."""
+    """Speed and acceleration of moves, in the controller's units."""
 
     lowest: int
     acceleration: int
@@ -23,7 +23,7 @@ class VelocityParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class HomeParameters:
-    """How the reference mark is searched, in the controller's units; direction 2 and switch 1 are "reverse"."""
+    """Search of the reference mark, in the controller's units; direction 2 and switch 1 are "reverse"."""
 
     direction: int
     switch: int

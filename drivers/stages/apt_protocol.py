@@ -41,7 +41,7 @@ _FAULT_BITS = sum(FAULT_MEANINGS)
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """What a controller says of itself; `stage_id` is 0 where a stage is built in."""
+    """Answer of a controller on what it is; `stage_id` is 0 where a stage is built in."""
 
     serial_number: int
     model: str
@@ -51,19 +51,19 @@ class Information:
 
 @dataclass(frozen=True, kw_only=True)
 class Status:
-    """Where the stage is by its own count, and its status bits."""
+    """Position of the stage by its own count, and its status bits."""
 
     counts: int
     bits: int
 
     @property
     def moving(self) -> bool:
-        """Whether it turns."""
+        """True while it turns."""
         return bool(self.bits & (MOVING | HOMING))
 
     @property
     def homed(self) -> bool:
-        """Whether it has found its reference mark since its power-up."""
+        """True once it has found its reference mark since its power-up."""
         return bool(self.bits & HOMED)
 
     @property
@@ -74,7 +74,7 @@ class Status:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelState:
-    """Whether the motor is switched on."""
+    """State of the motor: switched on or not."""
 
     enabled: bool
 
@@ -216,7 +216,7 @@ class MessageParser:
 
     @property
     def unread(self) -> int:
-        """How many bytes have come in that make no whole message yet."""
+        """Number of bytes that have come in and make no whole message yet."""
         return len(self._unread)
 
     def reset(self) -> None:

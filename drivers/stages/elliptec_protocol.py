@@ -49,7 +49,7 @@ _LONGEST_UNREAD = 1024  # bytes; the longest reply has 35
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """What a stage says of itself (``IN``).
+    """Answer of a stage on what it is (``IN``).
 
     Attributes
     ----------

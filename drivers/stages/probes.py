@@ -1,4 +1,4 @@
-"""How a family of stages is found on a port. Nothing moves, and no setting or error is touched."""
+"""Finds stages of a family on a port. Nothing moves, and no setting or error is touched."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True, kw_only=True)
 class StageProbe:
-    """How a family is found; its module, which the entry point names, holds one as ``PROBE``.
+    """Means of finding a family; its module, which the entry point names, holds one as ``PROBE``.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What all families of stages on serial ports share: how they are opened, and the remarks that their lines make."""
+"""Shared by all families of stages on serial ports: opening, and the remarks that their lines make."""
 
 from collections import deque
 from collections.abc import Callable

@@ -28,7 +28,7 @@ _TURN_RANGE = (1 << 12, 1 << 28)  # microsteps a turn; 0.09 to 0.0000013 degrees
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How microsteps and angles of a stage hang together, as read from it.
+    """Relation of microsteps and angles of a stage, as read from it.
 
     Attributes
     ----------

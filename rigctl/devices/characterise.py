@@ -50,7 +50,7 @@ class Visit:
 
 @dataclass(frozen=True, kw_only=True)
 class Characterisation:
-    """What was measured of a stage.
+    """Measured properties of a stage.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Characterisation:
 
     @property
     def backlash_deg(self) -> float:
-        """How much further the stage ends when it comes from larger angles, averaged over the angles."""
+        """Distance by which the stage ends further when it comes from larger angles, averaged over the angles."""
         return float(np.mean([self.backlash_at_deg(angle) for angle in self.angles_deg]))
 
     @property
@@ -97,7 +97,7 @@ class Characterisation:
 
     @property
     def is_settled(self) -> bool:
-        """Whether every visit was seen to rest in the first half of its watch."""
+        """True where every visit was seen to rest in the first half of its watch."""
         return self.settle_s <= _SETTLED_BEFORE * self.watch_s
 
     @property

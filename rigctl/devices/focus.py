@@ -1,4 +1,4 @@
-"""What a person sees while focusing: a picture stretched for the eye, and a number that says how sharp it is."""
+"""Help for focusing: a picture stretched for the eye, and a number for its sharpness."""
 
 from dataclasses import dataclass
 

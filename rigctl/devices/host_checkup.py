@@ -1,4 +1,4 @@
-"""Whether this machine is fit for a session: network buffers, disk, clock."""
+"""Check-up of this machine: network buffers, disk, clock."""
 
 import ctypes
 import os
@@ -19,7 +19,7 @@ _MAX_ERROR_PLACE, _STATUS_PLACE, _TIMEX_BYTES = 24, 40, 208  # in struct timex o
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What was looked at, what was found, and what to change.
+    """One line of a check-up: what was looked at, what was found, and what to change.
 
     Attributes
     ----------

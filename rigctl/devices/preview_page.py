@@ -50,7 +50,7 @@ class PreviewPage:
 
     @property
     def address(self) -> str:
-        """What to type into the browser."""
+        """Address to type into the browser."""
         host, port = self._server.server_address[:2]
         return f"http://{host!s}:{port}/"
 

@@ -1,4 +1,4 @@
-"""Whether the devices of a rig are fit for a session: how fast they answer, and what is lost on the way."""
+"""Check-up of the devices of a rig: how fast they answer, and what is lost on the way."""
 
 import statistics
 import time

@@ -28,7 +28,7 @@ from rigctl.utc_time import utc_text
 
 @dataclass(frozen=True, kw_only=True)
 class AcquireRequest:
-    """What is to be taken.
+    """A session that is to be taken.
 
     Attributes
     ----------

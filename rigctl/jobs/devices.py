@@ -22,7 +22,7 @@ class FoundCamera:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundDevices:
-    """What there is; `cameras` is None where none was looked for."""
+    """Ports with their stages, and cameras; `cameras` is None where none was looked for."""
 
     ports: tuple[Found, ...]
     cameras: tuple[FoundCamera, ...] | None

@@ -19,7 +19,7 @@ _USUAL_PERIOD_S = 1.0 / 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class DoctorRequest:
-    """What is looked at.
+    """Files and folder that are looked at.
 
     Attributes
     ----------

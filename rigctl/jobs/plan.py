@@ -25,7 +25,7 @@ _MS_PER_S = 1000.0
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
-    """What is planned.
+    """A session that is to be planned.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class RoundPrediction:
-    """What a region gives in a round at an exposure.
+    """Prediction of a region in a round at an exposure.
 
     Attributes
     ----------

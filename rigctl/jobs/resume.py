@@ -11,7 +11,7 @@ from rigctl.session.reconnect_loop import Outcome
 
 @dataclass(frozen=True, kw_only=True)
 class Resumed:
-    """What came of it: the process that was told to go on, or how the rest of the session went."""
+    """Result: the process that was told to go on, or how the rest of the session went."""
 
     process: int | None = None
     outcome: Outcome | None = None

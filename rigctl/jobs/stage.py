@@ -20,7 +20,7 @@ _TOLERANCE_DEG = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class CharacteriseRequest:
-    """What is to be measured.
+    """A measurement of a stage.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class CharacteriseRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class CharacterisedStage:
-    """What was measured, and the content of its file."""
+    """A measured stage, and the content of its file."""
 
     result: Characterisation
     content: dict[str, Any]

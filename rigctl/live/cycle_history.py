@@ -20,7 +20,7 @@ Means = Mapping[int, Mapping[str, PixelMean]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleLook:
-    """What a cycle shows.
+    """Numbers of one cycle.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a whole cycle of angles shows: the sum rule, and the DoLP of regions with the deviation that noise predicts."""
+"""Numbers of a whole cycle of angles: the sum rule, and DoLP of regions with the deviation that noise predicts."""
 
 import math
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class RegionPolarization:
-    """How polarized the light of a region is.
+    """Polarization of the light of a region.
 
     Attributes
     ----------

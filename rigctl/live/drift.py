@@ -1,4 +1,4 @@
-"""How fast the light changes: the same angle looked at twice."""
+"""Drift of the light: the same angle looked at twice."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -58,9 +58,9 @@ def drift_of(
     Drift or None
         None where no angle was looked at twice, or there is no light.
 
-    References
-    ----------
-    definition: sum of the changes of all angles over the sum of their means; polarization cancels, since each angle is
+    Notes
+    -----
+    The sum of the changes of all angles over the sum of their means; polarization cancels, since each angle is
     compared with itself.
     """
     pairs = list(_pairs(frames, frames)) or list(_pairs(before, frames))

@@ -1,4 +1,4 @@
-"""What a frame shows, in a few numbers."""
+"""A frame in a few numbers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ _MOST_SATURATED = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSummary:
-    """What a frame shows.
+    """A frame in a few numbers.
 
     Attributes
     ----------

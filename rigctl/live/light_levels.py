@@ -11,7 +11,7 @@ DarkSource = Literal["dark frames", "calibration", "not known: DoLP reads too lo
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """How much light a mean stands for.
+    """Level of light that a mean stands for.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a noise calibration says of the mean of many pixels: for the sum rule, and for whoever watches."""
+"""Noise of the mean of many pixels, by a noise calibration: for the sum rule, and for whoever watches."""
 
 from dataclasses import asdict, dataclass
 

@@ -1,4 +1,4 @@
-"""How a session went, from its run folder: events, mean counts of every frame, cycles, and some frames to look at."""
+"""History of a session from its run folder: events, mean counts of every frame, cycles, and some frames to look at."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Thumbnail:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionHistory:
-    """How a session went.
+    """History of a session.
 
     Attributes
     ----------

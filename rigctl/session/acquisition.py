@@ -85,7 +85,7 @@ def acquire(
 
 
 class _Acquisition:
-    """What is to be remembered from one step to the next."""
+    """Memory from one step to the next."""
 
     def __init__(
         self,

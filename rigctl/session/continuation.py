@@ -1,4 +1,4 @@
-"""What is left of a session: the steps that have no frame yet, and what the earlier part has settled."""
+"""Rest of a session: the steps that have no frame yet, and what the earlier part has settled."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ _ANGLE_TOLERANCE_DEG = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Continuation:
-    """What is left of a session.
+    """Rest of a session.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Continuation:
 
 
 def continuation(run: Run, steps: tuple[Step, ...]) -> Continuation:
-    """Return what is left of a session.
+    """Return the rest of a session.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What somebody asks of a running session, by signal or by command: hold, go on, stop. Always between frames."""
+"""Requests to a running session, by signal or by command: hold, go on, stop. Always between frames."""
 
 import os
 import signal

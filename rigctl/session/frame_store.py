@@ -59,12 +59,12 @@ class WriterThread:
 
     @property
     def is_full(self) -> bool:
-        """Whether the next frame has to wait for the disk."""
+        """True where the next frame has to wait for the disk."""
         return self._queue.full()
 
     @property
     def waiting(self) -> int:
-        """How many frames wait for the disk."""
+        """Frames that wait for the disk."""
         return self._queue.qsize()
 
     def put(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:

@@ -1,4 +1,4 @@
-"""Does about an interlock what the session file says: take again, hold, stop, or note."""
+"""Acts on interlock violations as the session file says: take again, hold, stop, or note."""
 
 from collections.abc import Callable, Iterable
 

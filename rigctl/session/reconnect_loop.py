@@ -26,7 +26,7 @@ Opener = Callable[[], AbstractContextManager[Rig]]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How a session went.
+    """End of a session.
 
     Attributes
     ----------

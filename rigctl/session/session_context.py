@@ -1,4 +1,4 @@
-"""How a session is conducted: its clocks, what is watched, who may interrupt it, where the sun is."""
+"""Context of a session beside its steps: clocks, interlocks, who may interrupt it, where the sun is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ _S_PER_MIN = 60.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionContext:
-    """What a session needs to know besides its steps.
+    """Context of a session beside its steps.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""When a session stands still: until a round is due, while somebody or an interlock holds it, or for good."""
+"""Waits of a session: until a round is due, while somebody or an interlock holds it, or for good."""
 
 from collections.abc import Callable
 
@@ -89,7 +89,7 @@ class Timing:
 
     @property
     def missed(self) -> int:
-        """How many rounds were left out."""
+        """Number of rounds that were left out."""
         return len(self._missed)
 
     def is_time_for(self, step: Step) -> bool:

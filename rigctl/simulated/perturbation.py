@@ -1,4 +1,4 @@
-"""What the demo changes in its simulated rig between calibration and run, to show that the report finds it."""
+"""Changes of the demo's simulated rig between calibration and run, to show that the report finds them."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""How a simulated GigE camera misbehaves: at which of its pictures, counted from its power-up."""
+"""Faults of a simulated GigE camera: at which of its pictures, counted from its power-up."""
 
 import threading
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class GigeFaults:
-    """What goes wrong. A number of a picture is counted from the camera's power-up, from 1; None: never.
+    """Faults. A number of a picture is counted from the camera's power-up, from 1; None: never.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the simulated GigE camera says that it can do: the library's own list, and more in the same memory."""
+"""Features of the simulated GigE camera: the library's own list, and more in the same memory."""
 
 import re
 

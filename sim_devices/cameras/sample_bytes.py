@@ -1,4 +1,4 @@
-"""How a simulated GigE camera puts its samples into bytes, written from the standard."""
+"""Samples of a simulated GigE camera in bytes, written from the standard."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What an effect of the rendering is, and what it is told of the frame that it acts on."""
+"""Effects of the rendering, and what each is told of the frame that it acts on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How a simulated stage is written as an address: a scheme, then ``?`` and ``key=value`` pairs joined by ``&``."""
+"""Address of a simulated stage: a scheme, then ``?`` and ``key=value`` pairs joined by ``&``."""
 
 import math
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""What a simulated Thorlabs APT stage is like, and how that is written as an address: ``sim:apt?model=K10CR2``."""
+"""Options of a simulated Thorlabs APT stage, and their form as an address: ``sim:apt?model=K10CR2``."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a simulated APT controller with its stage answers, from a reading of Thorlabs' protocol document (issue 25)."""
+"""Answers of a simulated APT controller with its stage, from a reading of Thorlabs' protocol document (issue 25)."""
 
 import struct
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a host can set in a simulated APT controller, and read back. All is kept as the bytes that came."""
+"""Parameters that a host can set in a simulated APT controller, and read back. All is kept as the bytes that came."""
 
 import struct
 

@@ -1,4 +1,4 @@
-"""How an APT controller finds messages in the bytes that reach it."""
+"""Finds messages in the bytes that reach an APT controller."""
 
 import struct
 from dataclasses import dataclass

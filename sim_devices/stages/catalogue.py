@@ -1,4 +1,4 @@
-"""Which simulated stages there are, by the address that describes them."""
+"""Simulated stages by the address that describes them."""
 
 from collections.abc import Callable
 from functools import partial

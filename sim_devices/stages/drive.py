@@ -15,7 +15,7 @@ Outcome = Literal["arrives", "stalls", "is turned by hand", "fails"]
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """When a move ends [s], and how."""
+    """End of a move: its time [s], and how it ends."""
 
     time_s: float
     outcome: Outcome

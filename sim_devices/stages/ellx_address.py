@@ -1,4 +1,4 @@
-"""What a simulated Elliptec stage is like, and how that is written as an address: ``sim:ellx?stall=3&busy=1``."""
+"""Options of a simulated Elliptec stage, and their form as an address: ``sim:ellx?stall=3&busy=1``."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a simulated Elliptec stage answers, from a reading of the ELLx protocol manual (Issue 10, October 2025)."""
+"""Answers of a simulated Elliptec stage, from a reading of the ELLx protocol manual (Issue 10, October 2025)."""
 
 import string
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How an Elliptec stage finds commands in the bytes that reach it."""
+"""Finds commands in the bytes that reach an Elliptec stage."""
 
 from dataclasses import dataclass
 

@@ -24,7 +24,7 @@ class InProcessPort:
 
     @property
     def name(self) -> str:
-        """What messages call this port."""
+        """Name of this port in messages."""
         return "simulated line"
 
     def read_some(self, *, timeout_s: float) -> bytes:

@@ -1,4 +1,4 @@
-"""What a simulated device on a serial line shows to whatever carries its bytes."""
+"""Interface of a simulated device to whatever carries its bytes."""
 
 from typing import Protocol
 

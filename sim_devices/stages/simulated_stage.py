@@ -13,7 +13,7 @@ from sim_devices.stages.line import Line
 from sim_devices.stages.stage_options import LineOptions, MotionOptions
 
 Reply = tuple[float, bytes]
-"""When it is sent [s], and what."""
+"""Time of sending [s], and bytes."""
 
 
 class Language(Protocol):
@@ -21,7 +21,7 @@ class Language(Protocol):
 
     @property
     def heard(self) -> int:
-        """How many commands have come in whole."""
+        """Number of commands that have come in whole."""
 
     def receive(self, time_s: float, data: bytes) -> list[Reply]:
         """Return the replies up to a time [s] at which these bytes arrive."""
@@ -34,15 +34,15 @@ class Language(Protocol):
 
 
 class Options(Protocol):
-    """What the options of every family hold."""
+    """Options of every family."""
 
     @property
     def motion(self) -> MotionOptions:
-        """How it turns, and what goes wrong with that."""
+        """Motion, and what goes wrong with it."""
 
     @property
     def line(self) -> LineOptions:
-        """What happens to the bytes."""
+        """Line, and what happens to its bytes."""
 
     @property
     def seed(self) -> int:

@@ -1,4 +1,4 @@
-"""What simulated stages of every family have in common: how they turn, what their line does, and what goes wrong."""
+"""Options that simulated stages of every family share: how they turn, what their line does, and what goes wrong."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a simulated Zaber rotation stage is like, and how that is written as an address: ``sim:zaber?stall=3``."""
+"""Options of a simulated Zaber rotation stage, and their form as an address: ``sim:zaber?stall=3``."""
 
 from dataclasses import dataclass
 

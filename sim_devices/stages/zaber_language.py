@@ -1,4 +1,4 @@
-"""What a simulated Zaber stage answers, from a reading of Zaber's ASCII protocol manual (firmware 6 and 7)."""
+"""Answers of a simulated Zaber stage, from a reading of Zaber's ASCII protocol manual (firmware 6 and 7)."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""How a Zaber device finds commands in the bytes that reach it."""
+"""Finds commands in the bytes that reach a Zaber device."""
 
 import re
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a session asks of the disk: how much in all, and how often a frame where it is fastest."""
+"""Demand of a session on the disk: bytes in all, and the period of frames where it is fastest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _FAST_CAMERA_S = 0.007
 
 @dataclass(frozen=True, kw_only=True)
 class DiskDemand:
-    """What is asked of the disk.
+    """Demand on the disk.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an order of angles costs: unpolarized light that changes looks polarized, and too few axes tell nothing."""
+"""Cost of an order of angles: unpolarized light that changes looks polarized, and too few axes tell nothing."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ def false_dolp(steps: Sequence[Step]) -> float | None:
     steps : sequence of Step
         Those of one round, or of one cycle: frames of an angle are averaged, as processing does.
 
-    References
-    ----------
-    definition: the reconstruction of intensities (1 + drift * mean time of an angle) / 2.
+    Notes
+    -----
+    The reconstruction of intensities (1 + drift * mean time of an angle) / 2.
     """
     times: dict[float, list[float]] = defaultdict(list)
     for step, time_ns in zip(steps, step_times_ns(steps, start_ns=0), strict=True):

@@ -1,4 +1,4 @@
-"""When the rounds of a session begin."""
+"""Times at which the rounds of a session begin."""
 
 from collections.abc import Iterator
 

@@ -58,7 +58,7 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """What a session needs, estimated.
+    """Time and disk of a session, estimated.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ _CROSSING_TOLERANCE_NS = NS_PER_S // 10
 
 @dataclass(frozen=True, kw_only=True)
 class SunAngles:
-    """Where the sun stands: azimuth clockwise from north in [0, 360), elevation without refraction [deg]."""
+    """Direction of the sun: azimuth clockwise from north in [0, 360), elevation without refraction [deg]."""
 
     azimuth_deg: float
     elevation_deg: float
