@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity
 from rigctl import cli
-from rigctl.commands import devices
+from rigctl.jobs import devices
 
 
 def find_one():
