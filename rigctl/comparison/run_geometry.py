@@ -92,7 +92,7 @@ def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[Fram
     numbers = () if sun is None else (sun.zenith_deg, sun.azimuth_deg)
     stds = [0.0 if number is None else number.std for number in numbers] or [0.0, 0.0]
     time = frames[0].start_utc
-    if site is not None and site.std and time is not None:
+    if site is not None and site.is_uncertain and time is not None:
         by_site = np.sqrt(np.diag(sun_covariance_deg2(site, datetime.fromisoformat(time))))
         stds = np.maximum(stds, by_site).tolist()
     return stds[0], stds[1]
@@ -113,7 +113,7 @@ def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, flo
     if frame.sun_azimuth_deg is not None and frame.sun_elevation_deg is not None:
         zenith_rad, azimuth_rad = math.radians(90.0 - frame.sun_elevation_deg), math.radians(frame.sun_azimuth_deg)
     elif frame.start_utc is not None and site is not None:
-        found = sun_position(datetime.fromisoformat(frame.start_utc), **site.place)
+        found = sun_position(datetime.fromisoformat(frame.start_utc), site.place)
         zenith_rad, azimuth_rad = found.zenith_rad, found.azimuth_rad
     else:
         return None

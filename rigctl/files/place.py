@@ -1,5 +1,6 @@
 """Where things stand: the site on the Earth, and the camera as the target sees it. Rig and scene files share them."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
@@ -13,6 +14,15 @@ def _zenith(number: Uncertain) -> Uncertain:
     if not 0.0 <= number.value < 90.0:
         raise ValueError(f"is {number.value:g}, must lie in [0, 90)")
     return number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A place on the Earth, or how far one may be from it; north and east are positive."""
+
+    latitude_deg: float
+    longitude_deg: float
+    elevation_m: float
 
 
 class SiteSection(Section):
@@ -34,23 +44,21 @@ class SiteSection(Section):
         return with_std_apart(given, "latitude_deg", "longitude_deg", "elevation_m")
 
     @property
-    def place(self) -> dict[str, float]:
-        """The place alone, as `rigctl.scene.skies.sun_position.sun_position` takes it."""
-        return {
-            "latitude_deg": self.latitude_deg,
-            "longitude_deg": self.longitude_deg,
-            "elevation_m": self.elevation_m,
-        }
+    def place(self) -> Place:
+        """The place alone."""
+        return Place(latitude_deg=self.latitude_deg, longitude_deg=self.longitude_deg, elevation_m=self.elevation_m)
 
     @property
-    def std(self) -> dict[str, float]:
-        """The standard uncertainties of the place that are above 0, by the names that `place` has."""
-        stated = {
-            "latitude_deg": self.latitude_std_deg,
-            "longitude_deg": self.longitude_std_deg,
-            "elevation_m": self.elevation_std_m,
-        }
-        return {name: std for name, std in stated.items() if std > 0.0}
+    def std(self) -> Place:
+        """The standard uncertainties of the place."""
+        return Place(
+            latitude_deg=self.latitude_std_deg, longitude_deg=self.longitude_std_deg, elevation_m=self.elevation_std_m
+        )
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether any of its numbers has a standard uncertainty."""
+        return self.std != Place(latitude_deg=0.0, longitude_deg=0.0, elevation_m=0.0)
 
 
 class GeometrySection(Section):

@@ -10,9 +10,10 @@ from model.accuracy.evaluation.settings import Settings, settings_of_fidelity
 from model.atmosphere.aerosol.angstrom import angstrom_law
 from model.atmosphere.aerosol.choice import AerosolChoice
 from model.atmosphere.lighting.fidelity import Fidelity
+from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.profile import AtmosphereState
 from model.scene.field_of_view import FieldPart, part_of_picture, whole_field
-from model.scene.lit_scene import LitRegion
+from model.scene.lit_scene import Air, LitRegion
 from model.scene.view import View
 from model.surface.materials import Material, properties
 from model.surface.pbrdf import Surface
@@ -23,8 +24,8 @@ from rigctl.files.light_sections import AtmosphereSection, FieldSection
 from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneRegion
 from rigctl.scene.scene_reading import band_points
 from rigctl.scene.scene_record import Scene, SceneRegionRecord
-from rigctl.scene.skies.alternative_air import AlternativeAir
-from rigctl.scene.skies.sky_request import SkyRequest
+from rigctl.scene.skies.sky_table import read_sky_table
+from rigctl.scene.skies.solar_band import response_band
 
 # South: the sun's azimuth where the scene file states phi alone, and nothing depends on it.
 _ANY_AZIMUTH_DEG = 180.0
@@ -38,30 +39,41 @@ def wavelength_m(scene: Scene) -> float:
     return scene.sensor.wavelength_nm.value * 1e-9
 
 
-def sky_request(scene: Scene) -> SkyRequest:
-    """Return what the sky of a scene depends on.
+def air_of(scene: Scene) -> Air:
+    """Return what the light of sun and sky depends on.
 
     Raises
     ------
     ConfigError
-        The scene file lacks [sun], [atmosphere], or the sensor's band.
+        The scene file lacks [sun], [atmosphere], or the sensor's band; or the table of a sky cannot be read, or is of
+        another sun.
     """
-    air, sun = scene.atmosphere, scene.sun
-    if air is None or sun is None or not scene.sensor.has_band:
+    given, sun = scene.atmosphere, scene.sun
+    if given is None or sun is None or not scene.sensor.has_band:
         raise ConfigError(f"scene {scene.name}: needs [sun], [atmosphere] and the sensor's band to compute a sky")
-    return SkyRequest(
-        sun_zenith_rad=radians(sun.zenith_deg),
-        distance_factor=sun.distance_factor.value,
-        response=band_points(scene.sensor, scene.name),
-        tier=air.tier,
-        aerosol=air.aerosol,
-        state=None if air.tier is Fidelity.TABLE else _state(air, lower=air.lower, upper=air.upper),
-        alternative=_alternative(air),
-        ground_albedo=air.ground_albedo.value,
-        wavelengths=air.wavelengths,
-        dolp_max=air.dolp_max.value,
-        table=air.table,
+    nm, response = np.array(band_points(scene.sensor, scene.name)).T
+    zenith_rad = radians(sun.zenith_deg)
+    air = Air(
+        sun_zenith_rad=zenith_rad,
+        band=response_band(wavelength_nm=nm, response=response, distance_factor=sun.distance_factor.value),
+        fidelity=given.tier,
+        aerosol=given.aerosol,
+        state=state_of(given),
+        ground_albedo=given.ground_albedo.value,
+        dolp_max=given.dolp_max.value,
+        table=_table(given, zenith_rad),
     )
+    other = given.alternative
+    if other is None:
+        return air
+    state = _state(given, lower=other.lower or given.lower, upper=other.upper or given.upper)
+    alternative = replace(air, aerosol=other.aerosol or given.aerosol, state=state)
+    return replace(air, alternative=alternative, share=other.share.value)
+
+
+def state_of(air: AtmosphereSection) -> AtmosphereState | None:
+    """Return the state of the air; None for a table of somebody's own."""
+    return None if air.tier is Fidelity.TABLE else _state(air, lower=air.lower, upper=air.upper)
 
 
 def camera_view(scene: Scene) -> View:
@@ -192,15 +204,12 @@ def _texture_covariance(region: SceneRegionRecord) -> NDArray[np.float64]:
     return found
 
 
-def _alternative(air: AtmosphereSection) -> AlternativeAir | None:
-    other = air.alternative
-    if other is None:
+def _table(air: AtmosphereSection, sun_zenith_rad: float) -> Lighting | None:
+    if air.tier is not Fidelity.TABLE:
         return None
-    return AlternativeAir(
-        aerosol=other.aerosol or air.aerosol,
-        state=_state(air, lower=other.lower or air.lower, upper=other.upper or air.upper),
-        share=other.share.value,
-    )
+    if air.table is None:
+        raise ConfigError("atmosphere: tier 'table' needs table = \"FILE.npz\"")
+    return read_sky_table(air.table, sun_zenith_rad=sun_zenith_rad)
 
 
 def _state(air: AtmosphereSection, *, lower: AerosolChoice, upper: AerosolChoice) -> AtmosphereState:

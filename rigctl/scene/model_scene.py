@@ -14,17 +14,16 @@ from rigctl.errors import ConfigError
 from rigctl.files.scene_file import NoiseSection
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.model_records import (
+    air_of,
     camera_view,
     lit_region,
     radians,
     settings_of,
-    sky_request,
     sun_azimuth_rad,
     wavelength_m,
 )
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_record import Scene
-from rigctl.scene.skies.sky_request import air_of
 
 
 def build_scenario(
@@ -82,7 +81,7 @@ def lit_scene(scene: Scene, *, sensor: Sensor, readout: Readout, source: Source 
     try:
         lit = scene.has_materials
         return LitScene(
-            air=air_of(sky_request(scene)) if lit else None,
+            air=air_of(scene) if lit else None,
             view=camera_view(scene) if lit else None,
             sun_azimuth_rad=sun_azimuth_rad(scene),
             regions=tuple(lit_region(scene, region) for region in scene.regions),

@@ -106,7 +106,6 @@ SCENE_ROWS = (
     _row("errors.polarizer_angle_std_deg", "deg", "scatter of the polarizer's angle from frame to frame"),
     _row("errors.misregistration_px", "pixels", "shift of the picture from frame to frame, along each axis"),
     _row("errors.texture_correlation_px", "pixels", "distance at which the texture's correlation is 0.61"),
-    _row(DRIFT, "", "change of the light through a cycle over its mean", least=-1.0, most=1.0),
     _row("errors.surround_albedo", "", "albedo of the near surroundings", most=1.0),
 )
 
@@ -154,6 +153,7 @@ MATERIAL_ROWS = (
 RIG_ROWS = (
     _row(OFFSET, "deg", "what would have to be added to every recorded angle of the polarizer", -inf),
     _row(EXPOSURE_RATIO, "", "true exposure over the recorded one"),
+    _row(DRIFT, "", "change of the light through a cycle over its mean", least=-1.0, most=1.0),
 )
 _ANGLE_ROW = _row(ANGLE, "deg", "what one angle of the polarizer is off on its own", -inf)
 # Its uncertainty is that of rig.exposure_ratio.

@@ -14,10 +14,9 @@ from rigctl.choices import Engine
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.scene.effect_choice import acting_effects
-from rigctl.scene.model_records import camera_view, lit_region, settings_of, sky_request, sun_azimuth_rad
+from rigctl.scene.model_records import air_of, camera_view, lit_region, settings_of, state_of, sun_azimuth_rad
 from rigctl.scene.scene_record import Scene, SceneRegionRecord
 from rigctl.scene.skies.engine import require_engine
-from rigctl.scene.skies.sky_request import SkyRequest, air_of
 from rigctl.scene.skies.sky_store import SkyStore, user_cache_folder
 
 _REFERENCE_M = 550e-9
@@ -58,7 +57,7 @@ class SceneLight:
         """
         try:
             return self._lights.illumination(
-                air_of(sky_request(scene)),
+                air_of(scene),
                 settings_of(scene),
                 sun_azimuth_rad=sun_azimuth_rad(scene),
                 parts=acting_parts(acting_effects(scene)),
@@ -78,7 +77,7 @@ class SceneLight:
             return self._lights.region(
                 lit_region(scene, region),
                 settings_of(scene),
-                air=air_of(sky_request(scene)),
+                air=air_of(scene),
                 view=camera_view(scene),
                 sun_azimuth_rad=sun_azimuth_rad(scene),
                 parts=acting_parts(acting_effects(scene)),
@@ -91,15 +90,16 @@ class SceneLight:
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
         by_engine = () if self._engine == "own" else (_BY_SASKTRAN2,)
-        return (*_of_atmosphere(scene.atmosphere, sky_request(scene)), *by_engine, *self._solved.remarks)
+        return (*_of_atmosphere(scene.atmosphere), *by_engine, *self._solved.remarks)
 
 
-def _of_atmosphere(air: AtmosphereSection, request: SkyRequest) -> Iterable[str]:
+def _of_atmosphere(air: AtmosphereSection) -> Iterable[str]:
     facts = FIDELITY_LEVELS[air.tier]
-    if request.state is None:
+    state = state_of(air)
+    if state is None:
         yield f"atmosphere: tier table ({facts.accuracy}), from {air.table}; its optical depth is the table's own"
         return
-    at_550 = column(request.state, wavelength_m=_REFERENCE_M)
+    at_550 = column(state, wavelength_m=_REFERENCE_M)
     yield (
         f"atmosphere: optical depth at 550 nm {at_550.depth:.3f}, of it aerosol {at_550.tau_aerosol:.3f} and molecules "
         f"{at_550.tau_rayleigh:.3f}; tier {air.tier} ({facts.accuracy})"

@@ -86,8 +86,7 @@ def band_points(sensor: SensorSection, scene_name: str) -> tuple[tuple[float, fl
 
 def sun_covariance_deg2(site: SiteSection, time: datetime) -> FloatArray:
     """Return the covariance of zenith and azimuth of the sun by what is not known of the site, shape (2, 2) [deg^2]."""
-    effects = [np.rad2deg(sun_moved_by_place(time, site.place, name, by=std)) for name, std in site.std.items()]
-    moved = np.array(effects).reshape(-1, 2)
+    moved = np.rad2deg(sun_moved_by_place(time, site.place, site.std))
     return np.asarray(moved.T @ moved)
 
 
@@ -169,7 +168,7 @@ def _sun(file: SceneFile) -> tuple[Sun | None, tuple[JointErrors, ...]]:
 def _sun_of_time(file: SceneFile, time: datetime) -> tuple[Sun, tuple[JointErrors, ...]]:
     if file.site is None:
         raise ConfigError(f"scene {file.name}: sun.time also needs [site]")
-    position, covariance = sun_position(time, **file.site.place), sun_covariance_deg2(file.site, time)
+    position, covariance = sun_position(time, file.site.place), sun_covariance_deg2(file.site, time)
     zenith_std, azimuth_std = np.sqrt(np.diag(covariance)).tolist()
     sun = Sun(
         zenith_deg=Uncertain(value=math.degrees(position.zenith_rad), std=zenith_std),
@@ -177,7 +176,7 @@ def _sun_of_time(file: SceneFile, time: datetime) -> tuple[Sun, tuple[JointError
         distance_factor=Uncertain(value=position.distance_factor),
     )
     joint = JointErrors(keys=(SUN_ZENITH, SUN_AZIMUTH), covariance=covariance)
-    return sun, (joint,) if file.site.std else ()
+    return sun, (joint,) if file.site.is_uncertain else ()
 
 
 def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:

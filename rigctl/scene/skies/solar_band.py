@@ -14,19 +14,6 @@ NM_PER_M = 1e9
 SHORTEST_NM, LONGEST_NM = 300.0, 1060.0
 
 
-def flat_band(*, shortest_nm: float, longest_nm: float, distance_factor: float) -> SolarBand:
-    """Return the sun's spectrum between two wavelengths, for a sensor that responds alike to all of them.
-
-    Raises
-    ------
-    ValueError
-        The limits are not 300 to 1060 nm, or do not rise.
-    """
-    return response_band(
-        wavelength_nm=np.array([shortest_nm, longest_nm]), response=np.ones(2), distance_factor=distance_factor
-    )
-
-
 def response_band(*, wavelength_nm: FloatArray, response: FloatArray, distance_factor: float) -> SolarBand:
     """Return the sun's spectrum with a sensor's response, linear between the points of its table and 0 beyond.
 

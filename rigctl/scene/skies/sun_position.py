@@ -1,12 +1,12 @@
 """Where the sun stands at a time and a place, by pvlib."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rigctl.angles import wrapped
+from rigctl.files.place import Place
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,49 +28,43 @@ class SunPosition:
     distance_factor: float
 
 
-def sun_moved_by_place(time: datetime, place: Mapping[str, float], name: str, *, by: float) -> tuple[float, float]:
-    """Return by how much zenith and azimuth of the sun change where one number of the place does, half a step each way.
+def sun_moved_by_place(time: datetime, place: Place, std: Place) -> NDArray[np.float64]:
+    """Return by how much zenith and azimuth of the sun change with each number of the place that is uncertain.
 
     Parameters
     ----------
     time : datetime
         With a time zone.
-    place : mapping
-        latitude_deg, longitude_deg and elevation_m.
-    name : str
-        Which of them.
-    by : float
-        Change, in the unit of that number, above 0.
+    place, std : Place
+        The place, and by how much each of its numbers changes, half of that each way; 0 is left out.
 
     Returns
     -------
-    tuple of float
-        Of the zenith angle and of the azimuth, the shorter way round [rad].
-
-    References
-    ----------
-    Definition: a central difference.
+    (k, 2) array
+        Of zenith angle and azimuth, the shorter way round [rad], for each of the k numbers that change.
     """
-    before, after = (sun_position(time, **_moved(place, name, 0.5 * step)) for step in (-by, by))
-    turned = wrapped(after.azimuth_rad - before.azimuth_rad, turn=2.0 * np.pi)
+    steps = {field.name: getattr(std, field.name) for field in fields(std)}
+    moved = [_moved(time, place, name, step) for name, step in steps.items() if step > 0.0]
+    return np.array(moved).reshape(-1, 2)
+
+
+def _moved(time: datetime, place: Place, name: str, step: float) -> tuple[float, float]:
+    before, after = (
+        sun_position(time, replace(place, **{name: getattr(place, name) + 0.5 * by})) for by in (-step, step)
+    )
+    turned = (after.azimuth_rad - before.azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi
     return after.zenith_rad - before.zenith_rad, float(turned)
 
 
-def _moved(place: Mapping[str, float], name: str, step: float) -> dict[str, float]:
-    return {**place, name: place[name] + step}
-
-
-def sun_position(time: datetime, *, latitude_deg: float, longitude_deg: float, elevation_m: float) -> SunPosition:
+def sun_position(time: datetime, place: Place) -> SunPosition:
     """Return where the sun stands.
 
     Parameters
     ----------
     time : datetime
         With a time zone.
-    latitude_deg, longitude_deg : float
-        North and east are positive [deg].
-    elevation_m : float
-        Above sea level [m].
+    place : Place
+        From where it is seen.
 
     Raises
     ------
@@ -92,7 +86,7 @@ def sun_position(time: datetime, *, latitude_deg: float, longitude_deg: float, e
     from pvlib import solarposition
 
     when = pd.DatetimeIndex([time])
-    found = solarposition.get_solarposition(when, latitude_deg, longitude_deg, altitude=elevation_m)
+    found = solarposition.get_solarposition(when, place.latitude_deg, place.longitude_deg, altitude=place.elevation_m)
     distance_au = float(np.asarray(solarposition.nrel_earthsun_distance(when))[0])
     return SunPosition(
         zenith_rad=float(np.radians(found["zenith"].iloc[0])),

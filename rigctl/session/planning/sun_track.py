@@ -78,7 +78,7 @@ class SunTrack:
 
     def _exact(self, number: int) -> Vector:
         time = datetime.fromtimestamp(number * _NODE_NS // NS_PER_S, tz=UTC)
-        found = sun_position(time, **self.site.place)
+        found = sun_position(time, self.site.place)
         level = math.sin(found.zenith_rad)
         return (
             level * math.sin(found.azimuth_rad),

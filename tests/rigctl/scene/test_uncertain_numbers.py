@@ -5,7 +5,7 @@ import pytest
 
 from rigctl.config import with_std_apart
 from rigctl.errors import ConfigError
-from rigctl.files.place import SiteSection
+from rigctl.files.place import Place, SiteSection
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import get
@@ -152,7 +152,8 @@ def test_a_site_is_the_same_place_with_and_without_an_uncertainty():
     plain = SiteSection(latitude_deg=43.0, longitude_deg=-77.0)
     told = SiteSection.model_validate({"latitude_deg": {"value": 43.0, "std": 0.1}, "longitude_deg": -77.0})
     assert told.place == plain.place
-    assert (told.std, plain.std) == ({"latitude_deg": 0.1}, {})
+    assert told.std == Place(latitude_deg=0.1, longitude_deg=0.0, elevation_m=0.0)
+    assert (told.is_uncertain, plain.is_uncertain) == (True, False)
     assert SiteSection.model_validate(told.model_dump()) == told
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from rigctl.scene.skies.solar_band import flat_band, response_band
+from rigctl.scene.skies.solar_band import response_band
+from tests.rigctl.scene.skies.flat_bands import flat_band
 
 
 # ASTM G173 outside the atmosphere, integrated between limits [W m-2], four digits.

@@ -3,14 +3,15 @@ from datetime import UTC, datetime, timedelta, timezone
 import numpy as np
 import pytest
 
+from rigctl.files.place import Place
 from rigctl.scene.skies.sun_position import sun_position
 
 EDT = timezone(timedelta(hours=-4))
-ROCHESTER = {"latitude_deg": 43.085, "longitude_deg": -77.68, "elevation_m": 168.0}
+ROCHESTER = Place(latitude_deg=43.085, longitude_deg=-77.68, elevation_m=168.0)
 
 
 def at(hour, minute, second):
-    return sun_position(datetime(2010, 5, 25, hour, minute, second, tzinfo=EDT), **ROCHESTER)
+    return sun_position(datetime(2010, 5, 25, hour, minute, second, tzinfo=EDT), ROCHESTER)
 
 
 # Zenith angle and azimuth on 2010-05-25 in Rochester by NREL's algorithm; the times are rounded to 10 s, in which the
@@ -47,10 +48,10 @@ def test_distance_on_day_145():
 
 
 def test_time_zones_are_only_words():
-    utc = sun_position(datetime(2010, 5, 25, 17, 7, 40, tzinfo=UTC), **ROCHESTER)
+    utc = sun_position(datetime(2010, 5, 25, 17, 7, 40, tzinfo=UTC), ROCHESTER)
     assert utc == at(13, 7, 40)
 
 
 def test_a_time_without_zone_is_refused():
     with pytest.raises(ValueError, match="has no zone"):
-        sun_position(datetime(2010, 5, 25, 13, 7, 40), **ROCHESTER)
+        sun_position(datetime(2010, 5, 25, 13, 7, 40), ROCHESTER)
