@@ -142,7 +142,7 @@ def test_each_region_has_its_own_axis_and_the_page_shows_all(run: Run, tmp_path:
     # Scans, harmonics, channels and maps.
     assert html.count("data:image/png;base64,") == 4
     assert "http" not in html
-    for text in ("<td>left</td>", "<td>right</td>", "Blocks of 16 x 16 pixels", "sense = -1", "S2"):
+    for text in (">left</td>", ">right</td>", "Blocks of 16 x 16 pixels", "sense = -1", "S2"):
         assert text in html
     with np.load(maps) as kept:
         assert kept["axis_deg"].shape == (3, 2, 4)
