@@ -1,4 +1,4 @@
-"""Whether a calibration may be used for frames: refused for another camera or setting, warned of where it is stale."""
+"""Fitness of a calibration for frames: refused for another camera or setting, warned of where it is stale."""
 
 from collections.abc import Iterable
 

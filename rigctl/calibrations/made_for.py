@@ -1,4 +1,4 @@
-"""What a calibration was made for: which devices, set to what, how warm, when, and for how long it holds."""
+"""Origin of a calibration: devices, settings, temperature and time, and for how long it holds."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -21,7 +21,7 @@ Response = MeasuredOverFrames[Positive]
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What was looked at."""
+    """The panel of a calibration."""
 
     name: str = "a panel"
 

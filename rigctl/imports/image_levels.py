@@ -1,4 +1,4 @@
-"""What a histogram of counts tells about a camera's bits: how they are justified, where they end, what is missing."""
+"""A camera's bits by a histogram of counts: how they are justified, where they end, what is missing."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What the counts of imported images mean: how many bits, where they stand, what is saturated, what is missing."""
+"""Scale of imported images: how many bits, where they stand, what is saturated, what is missing."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _TELLING_LEVELS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How the counts of the files become the counts of the run.
+    """The way from the counts of the files to the counts of the run.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ _FITS_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyedImage:
-    """What is known of one file before anything is written.
+    """One file, as far as it is known before anything is written.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class SurveyedImage:
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """What is known of all files.
+    """All files, as far as they are known.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the user says of images that are to become a run, and what is still to be said."""
+"""A request to make a run of images: all that the user says of them, and what is still to be said."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Justified = Literal["left", "right"]
 
 @dataclass(frozen=True, kw_only=True)
 class ImportRequest:
-    """What the user says. ``None`` is "not said".
+    """All that the user says of images. ``None`` is "not said".
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ _EXPOSURE_TOLERANCE = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class RawSettings:
-    """How a still camera was set, as its file tells; None where it does not."""
+    """Settings of a still camera, as its file tells; None where it does not."""
 
     exposure_s: float | None
     iso: float | None

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rigctl.measurement.flat_division import FlatDivision
 from rigctl.measurement.image_registration import FrameShifts
-from rigctl.measurement.throughput import Throughput
+from rigctl.measurement.throughput_division import Throughput
 from rigctl.runs.run_folder import FrameRecord
 
 FloatArray = NDArray[np.float64]
@@ -16,7 +16,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Corrections:
-    """What frames are corrected by; None is not corrected."""
+    """Corrections of frames; None is not corrected."""
 
     throughput: Throughput | None = None
     flat: FlatDivision | None = None
@@ -60,7 +60,7 @@ class Corrections:
 
     @property
     def is_any(self) -> bool:
-        """Whether anything is done."""
+        """Any correction is made."""
         return any(part is not None for part in (self.throughput, self.flat, self.shifts))
 
 

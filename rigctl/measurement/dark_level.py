@@ -1,4 +1,4 @@
-"""What is taken off the counts of a run before anything is made of them, and where it comes from."""
+"""The dark level of a run, taken off its counts before anything is made of them, and its source."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Which frame of a run is which polarizer angle of which cycle."""
+"""The scene frames of a run by cycle and polarizer angle."""
 
 from collections import Counter, defaultdict
 from dataclasses import dataclass
@@ -52,12 +52,12 @@ class FrameGrid:
 
     @property
     def cycles(self) -> int:
-        """How many whole cycles there are."""
+        """Number of whole cycles."""
         return len(self.records)
 
     @property
     def angles(self) -> int:
-        """How many frames make a cycle."""
+        """Number of frames of a cycle."""
         return len(self.channel_names)
 
     @property
@@ -72,7 +72,7 @@ class FrameGrid:
 
     @property
     def is_one_exposure(self) -> bool:
-        """Whether all angles have the same exposure, so that counts can be compared as they are."""
+        """All angles have the same exposure, so that counts can be compared as they are."""
         return self.exposures_s is None or bool(np.ptp(self.exposures_s) <= 1e-9 * self.exposures_s.max())
 
     @property
@@ -82,7 +82,7 @@ class FrameGrid:
 
     @property
     def to_unit(self) -> FloatArray:
-        """What the counts of each angle are multiplied by, shape (N,)."""
+        """Factor from the counts of each angle to `unit`, shape (N,)."""
         if self.is_one_exposure or self.exposures_s is None:
             return np.ones(self.angles)
         return np.asarray(1.0 / self.exposures_s)

@@ -17,7 +17,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameShifts:
-    """Where frames lie against the first angle of the first cycle.
+    """Shifts of frames against the first angle of the first cycle.
 
     Attributes
     ----------

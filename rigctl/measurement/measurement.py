@@ -18,7 +18,7 @@ from rigctl.measurement.flat_division import FlatDivision, flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.image_registration import FrameShifts, frame_shifts
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
-from rigctl.measurement.throughput import throughput_of
+from rigctl.measurement.throughput_division import throughput_of
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]
@@ -28,7 +28,7 @@ _LEAST_ANGLES = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurement:
-    """What a run measured.
+    """A run as it was measured.
 
     Attributes
     ----------
@@ -65,17 +65,17 @@ class Measurement:
 
     @property
     def shifts(self) -> FrameShifts | None:
-        """How frames were moved to lie on one another; None where they were not."""
+        """Shifts by which frames were moved to lie on one another; None where they were not."""
         return self.corrections.shifts
 
     @property
     def flat(self) -> FlatDivision | None:
-        """What frames were divided by, pixel by pixel; None where they were not."""
+        """Flat fields that frames were divided by; None where they were not."""
         return self.corrections.flat
 
     @property
     def noise_factor(self) -> FloatArray:
-        """What the corrections make of the variance of noise, shape (N,)."""
+        """Factor that the corrections put on the variance of noise, shape (N,)."""
         return self.corrections.noise_factor(self.grid.angles)
 
 

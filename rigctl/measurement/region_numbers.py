@@ -1,4 +1,4 @@
-"""What the pixels of one region say: every quantity of the report, with its standard error."""
+"""Numbers of one region by its pixels: every quantity of the report, with its standard error."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ LEAST_PIXELS = 16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredRegion:
-    """What the pixels of a region say.
+    """A region by its pixels.
 
     Attributes
     ----------

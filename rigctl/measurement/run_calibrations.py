@@ -13,7 +13,7 @@ from rigctl.calibrations.registration.registration_file import ImageRegistration
 from rigctl.files.regions import Region
 from rigctl.measurement.flat_division import flat_remarks
 from rigctl.measurement.measurement import Measurement, measure
-from rigctl.measurement.throughput import Throughput
+from rigctl.measurement.throughput_division import Throughput
 from rigctl.runs.run_folder import Run
 
 _MOVED = (

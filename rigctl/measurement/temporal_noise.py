@@ -1,4 +1,4 @@
-"""What a noise calibration says of the temporal variance of a run's frames."""
+"""Temporal variance of a run's frames by a noise calibration."""
 
 from dataclasses import dataclass
 

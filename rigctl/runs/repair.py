@@ -20,7 +20,7 @@ DAMAGED_FOLDER = "damaged"
 
 @dataclass(frozen=True, kw_only=True)
 class Repair:
-    """What was done to a run folder.
+    """Changes that a repair made to a run folder.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ SESSION_FILE = "session.json"
 @with_config(ConfigDict(extra="forbid", strict=True))
 @dataclass(frozen=True, kw_only=True)
 class RunDescription:
-    """What a run folder says of itself.
+    """A run folder by its own word.
 
     Attributes
     ----------

@@ -216,7 +216,7 @@ def file_checksum(data: bytes) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """What a run folder holds, good or bad: the records that could be read, and what is wrong with the rest.
+    """Contents of a run folder, good or bad: the records that could be read, and what is wrong with the rest.
 
     Attributes
     ----------

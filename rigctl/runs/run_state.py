@@ -1,4 +1,4 @@
-"""Where a session stands, as far as its run folder tells."""
+"""State of a session, as far as its run folder tells."""
 
 import shutil
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """Where a session stands.
+    """State of a session.
 
     Attributes
     ----------

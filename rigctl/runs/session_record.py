@@ -1,4 +1,4 @@
-"""What a run's session file says of how the run came about, as far as the program asks."""
+"""Origin of a run by its session file, as far as the program asks."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class PolarizerAsTaken:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraAsTaken:
-    """How the camera was reached."""
+    """The camera by the rig file of a run."""
 
     address: str = ""
 
@@ -66,7 +66,7 @@ class SessionNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionRecord:
-    """How a run came about.
+    """Origin of a run.
 
     Attributes
     ----------
@@ -100,18 +100,18 @@ class SessionRecord:
 
     @property
     def camera_address(self) -> str:
-        """How the camera was reached; empty where nobody says it."""
+        """Address of the camera; empty where nobody says it."""
         return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
 
     @property
     def site(self) -> SiteSection | None:
-        """Where the rig stood, by its rig file or by its session file."""
+        """Site of the rig, by its rig file or by its session file."""
         places = (place.site for place in (self.rig, self.session) if place is not None)
         return next((site for site in places if site is not None), None)
 
     @property
     def is_of_session(self) -> bool:
-        """Whether the run was taken by a session, and not imported."""
+        """The run was taken by a session, and not imported."""
         return self.rig is not None and self.session is not None
 
 

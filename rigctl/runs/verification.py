@@ -1,4 +1,4 @@
-"""Is a run folder as it was written? Every checksum again, and manifest against headers."""
+"""Verification of a run folder: every checksum again, and manifest against headers."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -38,7 +38,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Verification:
-    """What re-reading a run folder has shown.
+    """Findings of a verification.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ _NEAR_DEG = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class FlatFacts:
-    """What the file says beside its pictures, as far as anything is made of it."""
+    """Facts of the file beside its pictures, as far as anything is made of them."""
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["flat"]

@@ -49,7 +49,7 @@ class FrameGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraSetting:
-    """Which camera, set to what; None where it is not known."""
+    """A camera and its settings; None where one is not known."""
 
     model: str | None
     serial: str | None
@@ -59,7 +59,7 @@ class CameraSetting:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSource:
-    """Where frames come from.
+    """Origin of frames.
 
     Attributes
     ----------

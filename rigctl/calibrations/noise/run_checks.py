@@ -1,4 +1,4 @@
-"""What the records of a run say against a calibration from it: each finding by its own name."""
+"""Flags of a run by its records: exposures in a wrong unit, a camera that warms up."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Which way the generator of a polarizer scan was turned: a TOML or a CSV file."""
+"""Angles of the generator of a polarizer scan: a TOML or a CSV file."""
 
 import csv
 import io

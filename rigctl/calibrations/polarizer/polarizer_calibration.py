@@ -28,7 +28,7 @@ _SEEN_SIGMAS = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class KnownLight:
-    """What is known beforehand.
+    """Light of a scan, as far as it is known beforehand.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class ScanCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolarizerCalibration:
-    """What was found; None is what the scans cannot tell.
+    """A polarizer in its stage; None is what the scans cannot tell.
 
     Attributes
     ----------

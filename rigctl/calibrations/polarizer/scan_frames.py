@@ -76,7 +76,7 @@ def generator_scan(run: Run, region: Region | None, generator_deg: GeneratorAngl
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneratorCells:
-    """Which frames were taken at each generator angle (K,) and stage angle (N,) [rad]: places in a list of records."""
+    """Frames at each generator angle (K,) and stage angle (N,) [rad]: places in a list of records."""
 
     generator_rad: FloatArray
     stage_rad: FloatArray

@@ -1,4 +1,4 @@
-"""How the picture of a run walks with the stage angle."""
+"""Image registration of a run: the shift of its picture at each stage angle."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +56,7 @@ class RunRegistration:
 
     @property
     def finding(self) -> str | None:
-        """What to say of pictures that lie so far apart that it shows in DoLP; None where they do not."""
+        """A sentence on pictures that lie so far apart that it shows in DoLP; None where they do not."""
         sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
         errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
         worst = int(np.argmax(sizes - _SIGMAS * errors))

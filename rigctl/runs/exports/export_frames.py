@@ -1,4 +1,4 @@
-"""What every export of a run holds: frames in order, and per frame what is known of it, as plain values."""
+"""Columns that every export of a run holds: all that is known of its frames, in order, as plain values."""
 
 from dataclasses import fields
 from typing import Any

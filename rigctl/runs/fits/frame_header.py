@@ -1,4 +1,4 @@
-"""What the header of a frame's file says: all of its record, so that a lost manifest can be made again."""
+"""Header of a frame's file: all of its record, so that a lost manifest can be made again."""
 
 from dataclasses import dataclass
 
