@@ -26,3 +26,24 @@ def utc_text(unix_ns: int) -> str:
 def unix_ns(time: datetime) -> int:
     """Return a time with a zone in nanoseconds since 1970 (UTC)."""
     return (time - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def utc_moment(text: str) -> datetime:
+    """Return the time that a UTC text says, to the second.
+
+    Raises
+    ------
+    ValueError
+        It is no time.
+    """
+    # Nanoseconds are more than the standard library reads.
+    return datetime.fromisoformat(text[:19] + "+00:00")
+
+
+def is_utc_text(text: str) -> bool:
+    """Return whether a text says a time; header keywords of others hold all kinds of things."""
+    try:
+        utc_moment(text)
+    except ValueError:
+        return False
+    return True

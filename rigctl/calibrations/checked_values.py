@@ -1,10 +1,11 @@
 """Values of calibration files: each finite and inside its range, or the file is refused with its key."""
 
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated, Generic, TypeVar
 
 from pydantic import AfterValidator, Field
+
+from rigctl.utc_time import is_utc_text
 
 # No quantity of a camera or a stage is larger, in any unit that a file has it in, and the square of it is finite.
 _LARGEST = 1e12
@@ -45,23 +46,9 @@ def at_least(count: int) -> AfterValidator:
     return AfterValidator(checked)
 
 
-def utc_moment(text: str) -> datetime:
-    """Return the time that a UTC text says, to the second.
-
-    Raises
-    ------
-    ValueError
-        It is no time.
-    """
-    # Nanoseconds are more than the standard library reads.
-    return datetime.fromisoformat(text[:19] + "+00:00")
-
-
 def _checked_utc(text: str) -> str:
-    try:
-        utc_moment(text)
-    except ValueError as error:
-        raise ValueError(f"is {text!r}, must be a time such as 2026-05-04T10:00:00Z") from error
+    if not is_utc_text(text):
+        raise ValueError(f"is {text!r}, must be a time such as 2026-05-04T10:00:00Z")
     return text
 
 

@@ -10,6 +10,7 @@ from pydantic import Field
 from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.utc_time import is_utc_text
 
 _Fact = TypeVar("_Fact")
 Count = Annotated[int, Field(ge=1)]
@@ -68,7 +69,7 @@ def made_for(run: Run, records: Sequence[FrameRecord]) -> MadeFor:
     """
     options = _options(run.session.camera_address)
     temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
-    starts = [record.start_utc for record in records if record.start_utc is not None]
+    starts = [time for time in (record.start_utc for record in records) if time is not None and is_utc_text(time)]
     return MadeFor(
         camera_model=_shared(record.camera_model for record in records),
         camera_serial=_shared(record.camera_serial for record in records),

@@ -14,6 +14,7 @@ from rigctl.imports.image_file import FirstRow, ImageFile, read_image
 from rigctl.imports.image_levels import LEVELS, histogram
 from rigctl.imports.import_request import ImportRequest
 from rigctl.imports.raw_image import RawSettings, unlike_settings
+from rigctl.utc_time import is_utc_text
 
 _ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)
 _FITS_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?")
@@ -151,7 +152,7 @@ def _header_value(header: Mapping[str, Any], option: str, key: str) -> Any:
 def _start(header: Mapping[str, Any]) -> str | None:
     text = str(header.get("DATE-OBS", ""))
     is_utc = str(header.get("TIMESYS", "UTC")).strip().upper() == "UTC"
-    return f"{text}Z" if is_utc and _FITS_TIME.fullmatch(text) else None
+    return f"{text}Z" if is_utc and _FITS_TIME.fullmatch(text) and is_utc_text(text) else None
 
 
 def _size_problems(request: ImportRequest, images: list[SurveyedImage]) -> list[str]:

@@ -86,6 +86,12 @@ def test_header_tells_angle_exposure_black_level_and_time(run_path, tmp_path):
     assert frames[0].start_utc == "2026-05-04T10:00:00.5Z"
 
 
+def test_a_header_whose_time_is_none_leaves_it_unknown(run_path, tmp_path):
+    file = write_fits(tmp_path / "image.fits", COUNTS[0], **{"DATE-OBS": "2026-13-04T10:00:00"})
+    assert import_into(run_path, file, "--angles", "0", *SAID) == 0
+    assert read_run(run_path).frames[0].start_utc is None
+
+
 def test_mosaic_gives_four_frames_of_one_shot(run_path, pngs):
     words = ["--mosaic", "90,45,135,0", "--black-level-dn", "0", "--bit-depth", "12"]
     assert import_into(run_path, pngs[0], *words) == 0

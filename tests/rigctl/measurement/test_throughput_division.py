@@ -9,7 +9,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_fitting_polarizer
-from rigctl.cli import main
+from rigctl.cli import EXIT_DATA, main
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import measure
@@ -104,3 +104,14 @@ def test_a_calibration_without_throughput_divides_nothing_and_says_so(
     assert "it holds no throughput" in " ".join(capsys.readouterr().err.split())
     assert main([*arguments, str(kept(tmp_path, POLARIZER))]) == 0
     assert "divided by the throughput of their angle, 0.9700 to 1.0300" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_damaged_calibration_is_refused_with_its_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    channels = [POLARIZER["channels"][0] | {"throughput": 1.0}, *POLARIZER["channels"][1:]]
+    path = kept(tmp_path, POLARIZER | {"channels": channels, "created_utc": "x"})
+    run = dim_run(tmp_path / "run")
+    arguments = ["stokes", str(run.path), "--out", str(tmp_path / "stokes"), "--polarizer", str(path)]
+    assert main(arguments) == EXIT_DATA
+    said = capsys.readouterr().err
+    assert "channels.0.throughput: " in said
+    assert "created_utc: is 'x', must be a time" in said
