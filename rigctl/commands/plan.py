@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from model.prediction.quantity_table import angle_of
 from rigctl.commands.time_option import time_option
 from rigctl.errors import ConfigError
 from rigctl.reports.table import Column, Table
@@ -102,7 +103,7 @@ def _prediction_line(row: dict[str, Any]) -> str:
     where = f"round {row['round']}, {row['exposure_ms']:.3g} ms, {row['region']}"
     if "problem" in row:
         return f"{where}: {row['problem']}"
-    counts = ", ".join(f"{name.removeprefix('dn_')} deg {mean:.0f}" for name, mean in row["mean_dn"].items())
+    counts = ", ".join(f"{angle_of(name)} deg {mean:.0f}" for name, mean in row["mean_dn"].items())
     saturated = row["saturated_fraction"]
     snr = "not known" if row["dolp_snr"] is None else f"{row['dolp_snr']:.3g}"
     snr = snr if saturated <= _MOST_SATURATED else "none, since it saturates"

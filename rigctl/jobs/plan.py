@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from model.prediction.prediction import RegionPrediction
+from model.prediction.quantity_table import is_counts
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection
@@ -188,7 +189,7 @@ def _row(number: int, exposure_ms: float, region: str, prediction: RegionPredict
         round=number,
         exposure_ms=exposure_ms,
         region=region,
-        mean_dn={name: values["mean"] for name, values in quantities.items() if name.startswith("dn_")},
+        mean_dn={name: values["mean"] for name, values in quantities.items() if is_counts(name)},
         saturated_fraction=float(prediction.channels.saturation_probability.max()),
         dolp=quantities.get("dolp", {}).get("mean"),
         dolp_snr=quantities.get("dolp_snr", {}).get("mean"),

@@ -5,6 +5,7 @@ from itertools import permutations
 import numpy as np
 
 from model.accuracy.evaluation.chain import scenario_of
+from model.prediction.quantity_table import counts_name
 from model.scene.field_light import Source
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import Readout, Scenario
@@ -100,7 +101,7 @@ def readout_of(scene: Scene) -> Readout:
     angles_deg = sorted(angle % 180.0 for angle in scene.acquisition.angles_deg)
     return Readout(
         angles_rad=np.deg2rad(angles_deg),
-        channel_names=tuple(f"dn_{angle:g}" for angle in angles_deg),
+        channel_names=tuple(counts_name(f"{angle:g}") for angle in angles_deg),
         cycles=scene.acquisition.cycles,
         extinction_ratio=scene.sensor.extinction_ratio.value,
     )

@@ -6,40 +6,9 @@ import sys
 
 import pytest
 
+from rigctl.cli import VERBS
+
 HEAVY = ("numpy", "scipy", "matplotlib", "astropy", "cv2")
-# Others follow as their commands import what they call when it is called.
-LIGHT = (
-    "stokes",
-    "import",
-    "export",
-    "info",
-    "verify",
-    "calibrate",
-    "demo",
-    "devices",
-    "stage",
-    "doctor",
-    "preview",
-    "sim",
-    "plan",
-    "acquire",
-    "resume",
-    "status",
-    "log",
-    "summary",
-    "hold",
-    "stop",
-    "regions",
-    "sky",
-    "surface",
-    "effects",
-    "dolp",
-    "fit",
-    "predict",
-    "tradeoff",
-    "detect",
-    "compare",
-)
 
 _PROGRAM = """
 import contextlib, io, json, sys
@@ -60,7 +29,7 @@ def help_of(*words):
     return found["code"], [name for name in HEAVY if name in found["modules"]], found["verbs"]
 
 
-@pytest.mark.parametrize("verb", LIGHT)
+@pytest.mark.parametrize("verb", VERBS)
 def test_help_of_a_verb_imports_nothing_heavy(verb):
     code, heavy, inner = help_of(verb)
     assert (code, heavy) == (0, [])

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from model.moments import Moments
 from model.prediction.prediction import RegionPrediction
+from model.prediction.quantity_table import angle_of
 from model.processing import dolp, normalized_stokes
 from model.processing.reconstruction import reconstruct
 from model.stokes import aolp_rad
@@ -146,7 +147,7 @@ def _bars(ax: "Axes", rows: list[Row]) -> None:
     ax.bar(places + 0.2, [row.measured for row in rows], 0.38, color=MEASURED, label="measured")
     both = [np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0) for row in rows]
     ax.errorbar(places + 0.2, [row.measured for row in rows], yerr=both, fmt="none", ecolor="black", capsize=3)
-    ax.set_xticks(places, [row.quantity.removeprefix("dn_") for row in rows])
+    ax.set_xticks(places, [angle_of(row.quantity) for row in rows])
 
 
 def _histogram(ax: "Axes", values: FloatArray, law: Law, *, title: str) -> None:
