@@ -1,26 +1,34 @@
 """Plane-parallel vector radiative transfer by successive orders of scattering."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import acos, cos, degrees, exp, inf, pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.transfer.blocks import estimate_error, solve_blocks
 from model.atmosphere.transfer.delta_m_truncation import delta_m_truncated
 from model.atmosphere.transfer.depth import element_edges
 from model.atmosphere.transfer.expansion_length import degree_max, mode_blocks, truncation_error
 from model.atmosphere.transfer.layers import Layer, merge_alike
 from model.atmosphere.transfer.phase import AerosolKind, expansion_coefficients, layers_of_kind
-from model.atmosphere.transfer.scattering import element_expansion
+from model.atmosphere.transfer.residual import refined, residual
+from model.atmosphere.transfer.scattering import element_expansion, scattering_of
 from model.atmosphere.transfer.solution import ModeBlock, Solution
-from model.atmosphere.transfer.successive_orders import Setting, direct_irradiance
+from model.atmosphere.transfer.successive_orders import (
+    OrderSum,
+    Setting,
+    direct_irradiance,
+    mean_radiance_of,
+    sum_orders,
+)
 from model.atmosphere.transfer.transport import Grid, gauss_nodes, transport_of
 
 __all__ = ["Layer", "Solution", "solve"]
 
 _HALVINGS = 4  # of the outermost elements, which the source's t log t asks for
 _SMALLEST_MU0 = cos(radians(85.0)) - 1e-12  # rounding of a caller's 85 degrees
+_LARGEST_RATIO = 0.99  # of successive orders, where an error is taken to grow a hundredfold
 
 
 def solve(
@@ -149,3 +157,59 @@ def _check_settings(*, nodes: int, element_depth: float, tolerance: float, max_o
     for name, number in (("element_depth", element_depth), ("tolerance", tolerance)):
         if not 0.0 < number < inf:
             raise ValueError(f"solve: {name} = {number!r}, but it must be finite and above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolvedBlock:
+    """A block of azimuth modes and the sum of its orders.
+
+    Attributes
+    ----------
+    modes
+        The azimuth modes; the first block begins with 0.
+    polarized
+        Whether Q and U were carried.
+    result
+        The sum of orders.
+    """
+
+    modes: range
+    polarized: bool
+    result: OrderSum
+
+
+def solve_blocks(
+    setting: Setting, coefficients: NDArray[np.float64], blocks: Sequence[tuple[range, bool]]
+) -> list[SolvedBlock]:
+    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has."""
+    solved: list[SolvedBlock] = []
+    for modes, polarized in blocks:
+        scattering = scattering_of(setting.grid, coefficients, modes=modes, polarized=polarized)
+        mean = mean_radiance_of(solved[0].result.moments) if solved else None
+        result = sum_orders(setting, scattering, mean_radiance=mean)
+        solved.append(SolvedBlock(modes=modes, polarized=polarized, result=result))
+    return solved
+
+
+def estimate_error(setting: Setting, coefficients: NDArray[np.float64], blocks: Sequence[SolvedBlock]) -> float:
+    """Estimated error of quadrature and of the orders left out, as a share of the mean radiance that leaves.
+
+    Notes
+    -----
+    The larger share of the light that leaves at the top and at the ground; the errors of the blocks are added.
+
+    References
+    ----------
+    definition: see `model.atmosphere.transfer.residual.residual`
+    """
+    grid = refined(setting.grid)
+    fine = replace(setting, grid=grid, transport=transport_of(grid))
+    residuals = [
+        residual(fine, coefficients, block.result, modes=block.modes, polarized=block.polarized) for block in blocks
+    ]
+    change = np.zeros(2)
+    for block, missed in zip(blocks, residuals, strict=True):
+        change += missed.change / (1.0 - min(block.result.ratio, _LARGEST_RATIO))
+    mean = residuals[0].mean
+    share = np.divide(change, mean, out=np.zeros(2), where=mean > 0.0)
+    return float(np.max(share)) + sum(block.result.tail for block in blocks)

@@ -24,12 +24,12 @@ _SURFACE = 1.0
 _ROUNDING = 1e-14
 
 
-def bound_of(bracket: RegionBounds, found: Disturbance) -> Bound:
+def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     """Return what a disturbance does to the numbers of one region at most; detection is left at 0.
 
     Parameters
     ----------
-    bracket
+    bounds
         The region.
     found
         The disturbance.
@@ -51,21 +51,21 @@ def bound_of(bracket: RegionBounds, found: Disturbance) -> Bound:
     """
     if found.is_nothing:
         return Bound()
-    tail = _TAIL * np.sqrt(bracket.cov_high[0, 0]) / bracket.s0_low if bracket.is_known else np.inf
+    tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low if bounds.is_known else np.inf
     if not (tail < _LARGEST_TAIL and found.s0 < 0.5 and found.polarised < 0.5 and found.share < _LARGEST_SHARE):
         return _EVERYTHING
     shift = (found.s0 + found.polarised) / (1.0 - found.s0)
     divergence = _divergence(found.share)
-    low, high = deviation_limits(bracket)
-    dolp_low = bracket.polarised_low / bracket.s0_high
+    low, high = deviation_limits(bounds)
+    dolp_low = bounds.polarised_low / bounds.s0_high
     spread = 2.0 * divergence + divergence**2 + found.share
-    spread += _of_gradient(bracket, found, shift=shift, low=low, dolp_low=dolp_low)
+    spread += _of_gradient(bounds, found, shift=shift, low=low, dolp_low=dolp_low)
     if not spread < 0.5:
         return _EVERYTHING
     moved = shift + (_ROUNDING if dolp_low > 0.0 else 0.0)
     snr = (moved / ((1.0 - tail) * dolp_low) if dolp_low > 0.0 else np.inf) if moved > 0.0 else 0.0
     return Bound(
-        radiance=_of_counts(bracket, found, shift),
+        radiance=_of_counts(bounds, found, shift),
         ratios=shift / (1.0 - tail) + divergence * high,
         deviations=(spread + divergence + snr + found.factor) / (1.0 - spread),
     )
@@ -106,35 +106,35 @@ def detection_bound(
     return float(min(0.4 * moved + 0.5 * _divergence(of_target.share) + shell, 1.0))
 
 
-def deviation_limits(bracket: RegionBounds) -> tuple[float, float]:
+def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:
     """Return a lower and an upper limit of the deviation of a pixel's DoLP."""
-    least = np.sqrt(max(float(np.linalg.eigvalsh(bracket.noise_low)[0]), 0.0)) / bracket.s0_high
-    if not np.all(np.isfinite(bracket.cov_high)):
+    least = np.sqrt(max(float(np.linalg.eigvalsh(bounds.noise_low)[0]), 0.0)) / bounds.s0_high
+    if not np.all(np.isfinite(bounds.cov_high)):
         return least, np.inf
-    tail = _TAIL * np.sqrt(bracket.cov_high[0, 0]) / bracket.s0_low
-    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bracket.cov_high)[-1])) / bracket.s0_low / (1.0 - tail)
+    tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low
+    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bounds.cov_high)[-1])) / bounds.s0_low / (1.0 - tail)
     return least, most
 
 
-def _of_gradient(bracket: RegionBounds, found: Disturbance, *, shift: float, low: float, dolp_low: float) -> float:
+def _of_gradient(bounds: RegionBounds, found: Disturbance, *, shift: float, low: float, dolp_low: float) -> float:
     """Relative change of the deviations of DoLP, S1/S0 and S2/S0 by another mean."""
     if shift == 0.0:
         return 0.0
     if low == 0.0 or dolp_low == 0.0:
         return np.inf
-    most = np.sqrt(float(np.linalg.eigvalsh(bracket.cov_high)[-1]))
-    by_gradient = most / (low * bracket.s0_high) * (2.0 * found.polarised / dolp_low + 3.0 * found.s0)
-    by_shift = 0.0 if bracket.polarised_low > _CLEAR * most else 1.5 * shift / low
+    most = np.sqrt(float(np.linalg.eigvalsh(bounds.cov_high)[-1]))
+    by_gradient = most / (low * bounds.s0_high) * (2.0 * found.polarised / dolp_low + 3.0 * found.s0)
+    by_shift = 0.0 if bounds.polarised_low > _CLEAR * most else 1.5 * shift / low
     return float(max(by_gradient, by_shift))
 
 
-def _of_counts(bracket: RegionBounds, found: Disturbance, shift: float) -> float:
+def _of_counts(bounds: RegionBounds, found: Disturbance, shift: float) -> float:
     """Change of the Stokes parameters over S0, and of counts each over itself."""
     moved = shift + found.counts
     if moved == 0.0:
         return found.factor
-    darkest = float(np.min(bracket.signal_low))
-    return moved * max(1.0, bracket.s0_high / darkest if darkest > 0.0 else np.inf) + found.factor
+    darkest = float(np.min(bounds.signal_low))
+    return moved * max(1.0, bounds.s0_high / darkest if darkest > 0.0 else np.inf) + found.factor
 
 
 def _shift_in_deviations(found: Disturbance, moved: RegionBounds, seen: RegionBounds) -> float:

@@ -11,7 +11,7 @@ from model.effects.bound import Bound, Disturbance
 from model.effects.consequences import bound_of, detection_bound
 from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import ALL, Effect
-from model.effects.radiance_bounds import RegionBounds, bracket
+from model.effects.radiance_bounds import RegionBounds, radiance_bounds
 from model.effects.sun_light import SunLight, beam_lighting, known_light, sun_light
 from model.scene.lit_scene import LitRegion, LitScene
 from model.scene.scenario import RegionLight
@@ -138,7 +138,7 @@ def effect_bounds(
     effects
         Which.
     """
-    regions = {one.name: bracket(scene, one, limits[one.name]) for one in scene.regions}
+    regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
     return {
         effect: _bound(scene, regions, _disturbances(effect, scene, regions, limits))
         for effect in Effect

@@ -103,7 +103,7 @@ class RegionBounds:
         return ratio / (1.0 + ratio) if is_part and np.isfinite(ratio) else ratio
 
 
-def bracket(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBounds:
+def radiance_bounds(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBounds:
     """Return the limits of a region.
 
     Parameters

@@ -45,7 +45,7 @@ QUANTITIES = {
     )
 }
 SHARES = frozenset(one.name for one in QUANTITIES.values() if one.is_share)
-# On a circle there is no error law where the polarization is weak, and no order.
+# On a circle there is no error estimate where the polarization is weak, and no order.
 CIRCULAR = frozenset(one.name for one in QUANTITIES.values() if one.turn is not None)
 FOLLOWED = tuple(one.name for one in QUANTITIES.values() if one.is_followed)
 ORDERED = tuple(name for name in FOLLOWED if name not in CIRCULAR)

@@ -84,7 +84,7 @@ def _parameter_index(fit: SurfaceFit, name: str) -> int:
 
 
 def _normal_quantile(level: float) -> float:
-    """Return the quantile of the standard normal law to which a two-sided interval reaches: 1.96 for 0.95."""
+    """Return the quantile of the standard normal distribution to which a two-sided interval reaches: 1.96 for 0.95."""
     if not 0.0 < level < 1.0:
         raise ValueError(f"level = {level}; allowed is between 0 and 1")
     return float(ndtri(0.5 + 0.5 * level))

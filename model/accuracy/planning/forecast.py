@@ -105,7 +105,7 @@ def _computed(scene: LitScene) -> list[Air]:
 def _asymmetry(air: Air) -> float:
     """Return the largest of the aerosol in the middle of the band."""
     if air.state is None:
-        raise ValueError("outlook: a table has no aerosol")
+        raise ValueError("forecast: a table has no aerosol")
     spectrum = air.band.shares
     middle = column(air.state, wavelength_m=float(spectrum @ air.band.wavelength_m / np.sum(spectrum)))
     return max(middle.lower.g, middle.upper.g)

@@ -10,14 +10,14 @@ from model.atmosphere.aerosol.size_distribution import SizeDistribution
 
 @dataclass(frozen=True, kw_only=True)
 class ParticleMode:
-    """Particles of one substance and one law of size.
+    """Particles of one substance and one size distribution.
 
     Attributes
     ----------
     number_share
         Their share of all particles, above 0.
     sizes
-        Law of size.
+        Size distribution.
     index
         Refractive index.
     """

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-_REACH = 8.0  # standard deviations of a log-normal law beyond which 1e-15 of it lies
+_REACH = 8.0  # standard deviations of a log-normal distribution beyond which 1e-15 of it lies
 
 
 class SizeDistribution(Protocol):
@@ -157,7 +157,7 @@ class TabulatedSizes:
 
 
 def number_of_volume(*, volume: float, volume_median_radius_m: float, ln_sigma: float) -> float:
-    """Return how many particles of a log-normal law together have a volume, per unit of that volume.
+    """Return how many particles of a log-normal distribution together have a volume, per unit of that volume.
 
     Parameters
     ----------

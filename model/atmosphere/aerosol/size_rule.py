@@ -17,7 +17,7 @@ _SCAN_STEP = 0.05  # of ln x, to find the sizes that matter
 
 
 def size_ranges(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float) -> list[NDArray[np.float64]]:
-    """For each mode the size parameters between which its law is smooth, first to last; empty if it adds nothing.
+    """For each mode the size parameters between which its distribution is smooth; empty if it adds nothing.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _steps(
         if not middles:
             step[[0, -1]] /= 2.0
         if not ends_vanish:
-            # The rule then is of eighth order on an interval at whose ends the law of size breaks off.
+            # The rule then is of eighth order on an interval at whose ends the size distribution breaks off.
             step, share = 140.0 * (share * (1.0 - share)) ** 3 * step, share**4 * np.polyval((-20, 70, -84, 35), share)
         abscissae.append(low + (high - low) * share)
         weights.append((high - low) * step)

@@ -57,7 +57,7 @@ def compute_lighting(
     solver
         What solves a wavelength.
     settings
-        In place of the tier's own; where light is scattered once, the layers alone count.
+        In place of the level's own; where light is scattered once, the layers alone count.
 
     Raises
     ------

@@ -172,7 +172,9 @@ def paired(
     try:
         shape = np.broadcast_shapes(array.shape, lead_shape)
     except ValueError as error:
-        raise ValueError(f"{name} of shape {array.shape} and laws of shape {lead_shape} do not broadcast") from error
+        raise ValueError(
+            f"{name} of shape {array.shape} and distributions of shape {lead_shape} do not broadcast"
+        ) from error
     index = np.broadcast_to(np.arange(len(frame)).reshape(lead_shape), shape).ravel()
     return frame, index, np.broadcast_to(array, shape).ravel().copy(), shape
 
