@@ -1,6 +1,7 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from rigctl.measurement.dark_level import DarkLevel, find_dark_level
 from rigctl.measurement.flat_division import FlatDivision, flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.image_registration import FrameShifts, frame_shifts
+from rigctl.measurement.polarization_images import PolarizationImages, polarization_images
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
 from rigctl.measurement.throughput_division import throughput_of
 from rigctl.runs.run_folder import FrameRecord, Run
@@ -62,6 +64,11 @@ class Measurement:
     missing: NDArray[np.bool_]
     regions: dict[str, MeasuredRegion]
     corrections: Corrections = NOTHING
+
+    @cached_property
+    def images(self) -> PolarizationImages:
+        """Stokes parameters, DoLP and AoLP of every pixel; made when first asked for."""
+        return polarization_images(self.plan, self.channels, unusable=self.saturated | self.missing)
 
     @property
     def shifts(self) -> FrameShifts | None:

@@ -10,13 +10,12 @@ from model.moments import Moments
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import angle_of
 from model.processing import dolp, normalized_stokes
-from model.processing.reconstruction import reconstruct
-from model.stokes import aolp_rad
 from model.stokes import dolp as degree_of_polarization
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.rows import Row
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.polarization_images import PolarizationImages
 from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
 
 if TYPE_CHECKING:
@@ -30,32 +29,24 @@ _BINS = 60
 _SHOWN_PERCENTILES = (1.0, 99.5)
 
 
-def scene_pictures(measurement: Measurement, regions: list[Region]) -> bytes:
+def scene_pictures(images: PolarizationImages, regions: list[Region], *, unit: str) -> bytes:
     """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
-    stokes = reconstruct(measurement.plan, measurement.channels)
-    figure, axes = subplots(1, 2, size=picture_size(stokes[0], columns=2))
-    _picture(axes[0], stokes[0], title="S0 (panchromatic)", label=f"S0 [{measurement.grid.unit}]", cmap="gray")
-    _picture(axes[1], dolp_image(measurement, stokes), title="DoLP", label="DoLP", cmap="viridis", most=1.0)
+    s0 = images.stokes[0]
+    figure, axes = subplots(1, 2, size=picture_size(s0, columns=2))
+    _picture(axes[0], s0, title="S0 (panchromatic)", label=f"S0 [{unit}]", cmap="gray")
+    _picture(axes[1], images.dolp, title="DoLP", label="DoLP", cmap="viridis", most=1.0)
     for ax in axes:
         _outline(ax, regions)
     return png(figure)
 
 
-def aolp_picture(measurement: Measurement) -> bytes:
+def aolp_picture(images: PolarizationImages) -> bytes:
     """Return the image of the angle of polarization."""
-    stokes = reconstruct(measurement.plan, measurement.channels)
-    figure, axes = subplots(1, 1, size=picture_size(stokes[0], columns=1))
-    angle_deg = np.where(_unusable(measurement), np.nan, np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))))
+    figure, axes = subplots(1, 1, size=picture_size(images.aolp_deg, columns=1))
+    angle_deg = np.where(images.unusable, np.nan, images.aolp_deg)
     shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest")
     finish_picture(figure, axes[0], shown, title="AoLP, counter-clockwise from horizontal", label="AoLP [deg]")
     return png(figure)
-
-
-def dolp_image(measurement: Measurement, stokes: FloatArray) -> FloatArray:
-    """Return DoLP by pixel, NaN where it has no meaning: no light, saturated or missing."""
-    dark = _unusable(measurement) | (stokes[0] <= 0.0)
-    safe = np.where(dark, 1.0, stokes)
-    return np.where(dark, np.nan, degree_of_polarization(np.moveaxis(safe, 0, -1)))
 
 
 def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
@@ -112,10 +103,6 @@ def scores(comparison: Comparison) -> bytes:
     axes[0].set_xlabel("(measured - predicted) / standard error of both")
     axes[0].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return png(figure)
-
-
-def _unusable(measurement: Measurement) -> NDArray[np.bool_]:
-    return np.asarray(measurement.saturated | measurement.missing)
 
 
 def _picture(ax: "Axes", image: FloatArray, *, title: str, label: str, cmap: str, most: float = np.inf) -> None:

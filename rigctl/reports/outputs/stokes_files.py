@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from model.processing.reconstruction import reconstruct
-from model.stokes import aolp_rad
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.figures import comparison_figures
@@ -31,20 +29,17 @@ def write_stokes(
     numbers : dict
         What stokes.json is to hold.
     """
-    stokes = reconstruct(measurement.plan, measurement.channels)
-    unit = measurement.grid.unit
+    images, unit = measurement.images, measurement.grid.unit
     contents = {
-        "stokes.fits": fits_image(stokes, unit=unit, what="S0, S1, S2; S1 = horizontal - vertical, S2 = +45 - (-45)"),
-        "dolp.fits": fits_image(
-            comparison_figures.dolp_image(measurement, stokes), unit="", what="DoLP; NaN where it has no meaning"
+        "stokes.fits": fits_image(
+            images.stokes, unit=unit, what="S0, S1, S2; S1 = horizontal - vertical, S2 = +45 - (-45)"
         ),
-        "aolp.fits": fits_image(
-            np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))), unit="deg", what="AoLP, counter-clockwise, in [0, 180)"
-        ),
+        "dolp.fits": fits_image(images.dolp, unit="", what="DoLP; NaN where it has no meaning"),
+        "aolp.fits": fits_image(images.aolp_deg, unit="deg", what="AoLP, counter-clockwise, in [0, 180)"),
         "saturated.fits": fits_image(measurement.saturated.astype(np.uint8), unit="", what="1: saturated in a frame"),
         "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
-        "pictures.png": comparison_figures.scene_pictures(measurement, regions),
-        "aolp.png": comparison_figures.aolp_picture(measurement),
+        "pictures.png": comparison_figures.scene_pictures(images, regions, unit=unit),
+        "aolp.png": comparison_figures.aolp_picture(images),
         "stokes.json": json_file(numbers),
     }
     return write_folder(out, contents)

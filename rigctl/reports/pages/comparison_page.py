@@ -125,7 +125,7 @@ def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
 
 def _figures(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Iterable[Section]:
     pictures = Picture(
-        png=comparison_figures.scene_pictures(measurement, regions),
+        png=comparison_figures.scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
         caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
     )
     yield Section(title="Pictures", blocks=(pictures,))
