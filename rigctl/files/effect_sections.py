@@ -37,7 +37,7 @@ EffectName = Annotated[str, AfterValidator(_known)]
 
 
 class ErrorsSection(Section):
-    """What a session adds to a scene; by default nothing. These are random or known, and predicted with the rest.
+    """Errors that a session adds to a scene; by default none. These are random or known, and predicted with the rest.
 
     `polarizer_angle_std_deg` is how far each angle misses on its own, `misregistration_px` how far the picture shifts
     from frame to frame along each axis (both standard deviations), `texture_correlation_px` the distance at which the

@@ -13,7 +13,7 @@ Watched = Literal["hold", "stop", "note", "off"]
 
 
 class InterlockSection(Section):
-    """What is done when something is not as it must be. Every trip is an event of the run."""
+    """Reaction to what is not as it must be. Every violation is an event of the run."""
 
     angle: Action = "retry"
     button: Action = "retry"

@@ -68,7 +68,7 @@ From0To1 = Annotated[PropertySection, _within("lie in [0, 1]", lambda value: 0 <
 
 
 class MaterialFile(Section):
-    """What a material file holds; `model.surface.pbrdf.Surface` says what the properties mean."""
+    """Content of a material file; `model.surface.pbrdf.Surface` says what the properties mean."""
 
     schema_version: Literal[1] = 1
     name: Annotated[str, Field(pattern=r"\S")]

@@ -1,4 +1,4 @@
-"""Where things stand: the site on the Earth, and the camera as the target sees it. Rig and scene files share them."""
+"""Places: the site on the Earth, and the camera as the target sees it. Rig and scene files share them."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -57,12 +57,12 @@ class SiteSection(Section):
 
     @property
     def is_uncertain(self) -> bool:
-        """Whether any of its numbers has a standard uncertainty."""
+        """True if any of its numbers has a standard uncertainty."""
         return self.std != Place(latitude_deg=0.0, longitude_deg=0.0, elevation_m=0.0)
 
 
 class GeometrySection(Section):
-    """Where the camera stands as seen from the target, and how it is held.
+    """Place of the camera as seen from the target, and how it is held.
 
     Its azimuth is given either clockwise from north, or as phi: azimuth of the sun minus that of the camera, 180 where
     the camera looks toward the sun's side. Roll is counter-clockwise as the camera sees the scene.

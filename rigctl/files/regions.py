@@ -60,7 +60,7 @@ class Region(Section):
 
 
 class Marker(Section):
-    """Where an ArUco marker was in the picture that the regions were drawn on.
+    """Place of an ArUco marker in the picture that the regions were drawn on.
 
     `corners` (x, y) run clockwise from the marker's own top left. It leads the regions that are named, or all of them.
     """
@@ -78,7 +78,7 @@ class Markers(Section):
 
 
 class RegionsFile(Section):
-    """What a regions file holds."""
+    """Content of a regions file."""
 
     schema_version: Literal[1] = 1
     regions: Annotated[list[Region], Field(min_length=1)]

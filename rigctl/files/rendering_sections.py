@@ -1,4 +1,4 @@
-"""What a rig file says that a simulated picture goes through beside lens and detector: one table an effect."""
+"""Effects that a simulated picture goes through beside lens and detector: one table of the rig file each."""
 
 from typing import Annotated, Literal
 

@@ -15,7 +15,7 @@ FractionNumber = Annotated[float, Field(gt=0, le=1)]
 
 
 class StageSection(Section):
-    """How to reach the rotation stage.
+    """The rotation stage, and how to reach it.
 
     `options` are what the driver takes beside: see its documentation. `characterisation` is a file that
     `rigctl stage characterise` made of this stage; each move then waits until the stage rests.
@@ -31,7 +31,7 @@ class StageSection(Section):
 
 
 class PolarizerSection(Section):
-    """How the polarizer sits in the stage, as calibrated: neither sense nor offset has a default.
+    """Seat of the polarizer in the stage, as calibrated: neither sense nor offset has a default.
 
     polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene. The offset may be
     given as ``{value = 12.3, std = 0.05}``; a comparison then allows for that standard uncertainty.
@@ -49,7 +49,7 @@ class PolarizerSection(Section):
 
 
 class CameraSection(Section):
-    """How to reach the camera."""
+    """The camera, and how to reach it."""
 
     address: str
     serial_number: str | None = None
@@ -88,7 +88,7 @@ class SimulatedCamera(Section):
 
 
 class SimulationSection(Section):
-    """What the simulated rig looks at, what it is made of, and which effects its pictures go through beside.
+    """The simulated rig: what it looks at, what it is made of, and which effects its pictures go through beside.
 
     An effect that `effects` does not name is not called.
     """
@@ -110,7 +110,7 @@ class SimulationSection(Section):
 
 
 class RigFile(Section):
-    """What a rig file holds. Where it stands and how its camera points may stand here, or in session and scene file."""
+    """Content of a rig file. Where it stands and how its camera points may stand here, or in session and scene file."""
 
     schema_version: Literal[1] = 1
     name: str
@@ -123,7 +123,7 @@ class RigFile(Section):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any device of the rig is simulated: then its frames are called so."""
+        """True if any device of the rig is simulated: then its frames are called so."""
         return self.stage.port.startswith("sim:") or self.camera.address.startswith("sim:")
 
     @model_validator(mode="after")

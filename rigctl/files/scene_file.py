@@ -44,7 +44,7 @@ class SensorSection(Section):
 
     @property
     def has_band(self) -> bool:
-        """Whether it is known which wavelengths the sensor sees."""
+        """True if it is known which wavelengths the sensor sees."""
         return self.response is not None or self.band_nm is not None
 
     @model_validator(mode="after")
@@ -78,7 +78,7 @@ class NoiseSection(Section):
 
 
 class AcquisitionSection(Section):
-    """How the frames are taken; `rigctl compare` takes these from the run instead.
+    """The acquisition of the frames; `rigctl compare` takes these from the run instead.
 
     The exposure may be given as ``{value = 0.03, std = 0.0003}``: a run's exposures are then uncertain by as much of
     themselves.
@@ -96,7 +96,7 @@ class AcquisitionSection(Section):
 
 
 class RigSection(Section):
-    """How far the rig may be from what a run records of it; each is an input with an uncertainty, exact by default.
+    """Errors of the rig against what a run records of it; each is an input with an uncertainty, exact by default.
 
     `polarizer_offset_deg` is what would have to be added to every recorded angle of the polarizer, `angle_std_deg` how
     well each angle is known on its own, `exposure_ratio` the true exposure over the recorded one. `light_drift` is what
@@ -176,7 +176,7 @@ class SceneRegion(Region):
 
 
 class SceneFile(Section):
-    """What a scene file holds."""
+    """Content of a scene file."""
 
     schema_version: Literal[1] = 1
     name: str
@@ -196,7 +196,7 @@ class SceneFile(Section):
 
     @property
     def has_materials(self) -> bool:
-        """Whether any region's light is to be computed."""
+        """True if any region's light is to be computed."""
         return any(region.material is not None for region in self.regions)
 
     @model_validator(mode="after")

@@ -43,7 +43,7 @@ class Take(Section):
 
     @property
     def exposure_factors(self) -> tuple[float, ...]:
-        """What each angle's exposure is multiplied by, one frame each."""
+        """Factors on each angle's exposure, one frame each."""
         return (1.0,) if self.bracket is None else tuple(self.bracket)
 
     @property
@@ -83,7 +83,7 @@ class DarkSection(Section):
 
 
 class MeteringSection(Section):
-    """How an exposure of "auto" is found: the brightest angle near `target`, the darkest at `least` or above.
+    """Metering of an exposure of "auto": the brightest angle near `target`, the darkest at `least` or above.
 
     Both are shares of the largest count, of the given quantile of the pixels.
     """
@@ -116,7 +116,7 @@ class ScheduleSection(Section):
 
     @property
     def needs_sun(self) -> bool:
-        """Whether the schedule asks where the sun stands."""
+        """True if the schedule asks where the sun stands."""
         given = (self.zenith_passes_deg, self.while_zenith_below_deg, self.while_zenith_above_deg)
         return any(value is not None for value in given)
 
@@ -134,7 +134,7 @@ PICTURE = "picture"
 
 
 class SessionFile(Section):
-    """What a session file holds.
+    """Content of a session file.
 
     `regions` are watched while the session runs: their DoLP and its noise. `reference_region` is the one whose
     reflectance does not change, such as a white panel: by it the drift of the light is measured. Without one it is

@@ -30,7 +30,7 @@ class ObservationSection(Section):
 
 
 class SurfaceFitFile(Section):
-    """What a fit file holds."""
+    """Content of a fit file."""
 
     schema_version: Literal[1] = 1
     name: Annotated[str, Field(pattern=r"\S")]

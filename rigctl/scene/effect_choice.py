@@ -1,4 +1,4 @@
-"""Which effects act by a user's own choice, from the scene file and from options."""
+"""Effects that act by a user's own choice, from the scene file and from options."""
 
 from collections.abc import Sequence
 

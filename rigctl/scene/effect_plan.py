@@ -1,4 +1,4 @@
-"""Which effects a scene file calls for, and what leaving them out truly changes."""
+"""Planning of effects: those that a scene calls for, and what leaving the others out truly changes."""
 
 from dataclasses import dataclass
 

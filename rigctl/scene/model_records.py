@@ -1,4 +1,4 @@
-"""What the light of a scene depends on: from its record, in the units of the file, to the records of the model."""
+"""The air, camera and surfaces of a scene: from its record, in the units of the file, to the records of the model."""
 
 from dataclasses import replace
 from typing import Any

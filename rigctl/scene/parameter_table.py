@@ -5,6 +5,7 @@ A new parameter is a row here, a key of its file section, and what the model mak
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 
 from model.surface.lobe import SLOPE_RMS_MIN
@@ -56,7 +57,7 @@ class Row:
     most: float = inf
     place: str = ""
 
-    @property
+    @cached_property
     def path(self) -> Place:
         """Steps from the record to the parameter: attributes, and places in a tuple."""
         return tuple(int(step) if step.isdigit() else step for step in (self.place or self.key).split("."))

@@ -88,13 +88,14 @@ def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     -----
     What the model cannot compute is refused there, by name and range.
     """
-    places = {key: place for key, _, place, _ in _found(scene)} if values else {}
+    found = {key: (place, leaf) for key, _, place, leaf in _found(scene)} if values else {}
     changed = scene
     for key, value in values.items():
-        place = places.get(OLD_KEYS.get(key, key))
-        if place is None:
+        place, leaf = found.get(OLD_KEYS.get(key, key), ((), None))
+        if leaf is None:
             raise ConfigError(unknown(scene, key))
-        changed = _with(changed, place, value)
+        if _number(place, leaf)[0] != value:
+            changed = _with(changed, place, value)
     return changed
 
 
@@ -161,5 +162,5 @@ def _leaf(place: Place, leaf: Any, value: float) -> Any:
 
 
 def _is_angle(place: Place) -> bool:
-    """Whether a plain number of a model's record is an angle, which files have in degrees."""
+    """Return True if a plain number of a model's record is an angle, which files have in degrees."""
     return str(place[-1]).endswith("_rad")

@@ -1,4 +1,4 @@
-"""What is not known exactly of the rig that takes a cycle of frames, as part of a scene."""
+"""Errors of the rig that takes a cycle of frames, as part of a scene."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ from rigctl.scene.scene_record import Rig, Scene
 
 @dataclass(frozen=True, kw_only=True)
 class TakenCycle:
-    """What of a cycle of frames the errors of a rig act on.
+    """A cycle of frames, as far as the errors of a rig act on it.
 
     Attributes
     ----------
@@ -64,13 +64,13 @@ def with_rig(scene: Scene, section: RigSection, cycle: TakenCycle) -> Scene:
 
 
 def is_ideal(rig: Rig) -> bool:
-    """Whether a rig is as recorded, as far as the values go."""
+    """Return True if a rig is as recorded, as far as the values go."""
     turned = any(angle.value for angle in (rig.polarizer_offset_deg, *rig.angle_deg))
     return not turned and rig.exposure_ratio.value == 1.0
 
 
 def is_as_recorded(rig: Rig) -> bool:
-    """Whether a rig is exactly as recorded: ideal, and without any uncertainty."""
+    """Return True if a rig is exactly as recorded: ideal, and without any uncertainty."""
     stated = (rig.polarizer_offset_deg, rig.exposure_ratio, *rig.angle_deg)
     return is_ideal(rig) and not any(number.std for number in stated)
 

@@ -44,7 +44,7 @@ class SceneLight:
 
     @property
     def lights(self) -> LightStore:
-        """What the model keeps its lights in."""
+        """The store in which the model keeps its lights."""
         return self._lights
 
     def illumination(self, scene: Scene) -> Illumination:

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Sun:
-    """Where the sun stands, and its irradiance outside the atmosphere over that at the mean distance.
+    """Position of the sun, and its irradiance outside the atmosphere over that at the mean distance.
 
     `azimuth_deg` is None where the file states phi alone.
     """
@@ -29,7 +29,7 @@ class Sun:
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """How far the rig that takes a cycle of frames may be from what is recorded of it.
+    """Errors of the rig that takes a cycle of frames, against what is recorded of it.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class SceneRegionRecord:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the region."""
         return self.given.name
 
 
@@ -116,7 +116,7 @@ class Scene:
 
     @property
     def has_materials(self) -> bool:
-        """Whether any region's light is to be computed."""
+        """True if any region's light is to be computed."""
         return any(region.material is not None for region in self.regions)
 
     @property

@@ -1,4 +1,4 @@
-"""Which program solves the light of the air."""
+"""The program that solves the light of the air: our own, or an independent one."""
 
 import importlib.util
 

@@ -1,4 +1,4 @@
-"""Where the sun stands at a time and a place, by pvlib."""
+"""Position of the sun at a time and a place, by pvlib."""
 
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
@@ -11,7 +11,7 @@ from rigctl.files.place import Place
 
 @dataclass(frozen=True, kw_only=True)
 class SunPosition:
-    """Where the sun stands.
+    """Position of the sun.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def _moved(time: datetime, place: Place, name: str, step: float) -> tuple[float,
 
 
 def sun_position(time: datetime, place: Place) -> SunPosition:
-    """Return where the sun stands.
+    """Return the position of the sun.
 
     Parameters
     ----------
