@@ -1,6 +1,7 @@
 """A calibrated number, and how well it is known."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,22 @@ class Estimate:
     value: float
     std_error: float
     n: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bound:
+    """A limit of a number that is not known itself.
+
+    Attributes
+    ----------
+    bound : {"<", ">"}
+        The number is smaller, or larger.
+    value : float
+        Than this, in the unit that the name of the quantity ends in.
+    """
+
+    bound: Literal["<", ">"]
+    value: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -50,6 +50,7 @@ def curve_flags(
         _unsteady_lamp(transfer),
         _uncovered(flats, transfer, match),
         _single_dark_exposure(dark),
+        _dark_current_changed(dark),
         _quantisation_limited(transfer, dark),
         _black_clamp(transfer, dark),
     )
@@ -194,13 +195,26 @@ def _uncovered(flats: Sequence[LevelStatistics], transfer: PhotonTransfer, match
 
 
 def _single_dark_exposure(dark: DarkSignal) -> Flag | None:
-    if dark.has_slope:
+    if dark.has_slope or dark.is_curved:
         return None
     return Flag(
         name="single_dark_exposure",
         message="dark frames have one exposure, or exposures are not known: there is no dark current, and what it adds "
         "within this exposure counts as black level and read noise; take dark frames at two or more exposures, the "
         "longest as long as it may be",
+    )
+
+
+def _dark_current_changed(dark: DarkSignal) -> Flag | None:
+    if not dark.is_curved:
+        return None
+    bend, error = float(dark.mean_fit.parameters[2]), float(np.sqrt(dark.mean_fit.covariance[2, 2]))
+    return Flag(
+        name="dark_current_changed",
+        message=f"the mean of dark frames is no straight line of their exposure ({bend:+.3g} +- {error:.2g} DN/s^2): "
+        f"the sensor warmed up or cooled down while they were taken, or light got in: the dark current is not known, "
+        f"black level and read noise are those of a curve: let the camera warm up for half an hour, and take the dark "
+        f"frames in mixed order",
     )
 
 

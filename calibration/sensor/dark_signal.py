@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.rounding_error import variance_rounding_error_dn2
 from calibration.sensor.scatter_fit import ScatterFit, fit_with_scatter
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +21,8 @@ QUANTISATION_LIMIT_DN2 = 0.24
 _UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
 _UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
 _EXPOSURE_TOLERANCE = 1e-3
+# Exposures from which on a bend of the mean is looked for, and the chance that there is none where one is found.
+_BEND_EXPOSURES, _FALSE_BEND = 6, 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,7 +37,9 @@ class DarkSignal:
         Temporal variance, rounding included [DN^2]: value at no exposure, then slope; None where
         `quantisation_limited`.
     has_slope : bool
-        There are two exposures or more, all known.
+        There are two exposures or more, all known, and one dark current describes them.
+    is_curved : bool
+        The mean is no straight line of the exposure: the dark current changed while the frames were taken.
     means_dn, variances_dn2 : (n,) arrays
         Each level's.
     variance_covariance_dn4 : (n, n) array
@@ -46,6 +52,7 @@ class DarkSignal:
     mean_fit: ScatterFit
     variance_fit: ScatterFit | None
     has_slope: bool
+    is_curved: bool
     means_dn: FloatArray
     variances_dn2: FloatArray
     variance_covariance_dn4: FloatArray
@@ -79,22 +86,49 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
     )
     variances = np.array([dark.temporal_variance_dn2 for dark in darks])
     limited = bool(np.median(variances) < QUANTISATION_LIMIT_DN2)
+    bent = None if limited or not has_slope else _bent_fit(mean_fit, design, darks, means)
+    if bent is not None:
+        design, mean_fit = np.column_stack([design, np.square(design[:, 1])]), bent
     if limited:
         mean_fit = _with_rounding(mean_fit, exposure_range_s=float(np.ptp(known)) if has_slope else 0.0)
     variance_fit = None if limited else _fit_variance(darks, design, variances)
     return DarkSignal(
         mean_fit=mean_fit,
         variance_fit=variance_fit,
-        has_slope=has_slope,
+        has_slope=has_slope and bent is None,
+        is_curved=bent is not None,
         means_dn=means,
         variances_dn2=variances if variance_fit else np.full(len(darks), _UNRESOLVED_VARIANCE_DN2),
         variance_covariance_dn4=(
             np.full((len(darks), len(darks)), _UNRESOLVED_VARIANCE_ERROR_DN2**2)
             if variance_fit is None
             else np.diag(_smoothed_variance_error(darks, design @ variance_fit.parameters) + variance_fit.scatter**2)
+            + _shared_variance_error_dn2(darks) ** 2
         ),
         quantisation_limited=limited,
     )
+
+
+def _bent_fit(
+    line: ScatterFit, design: FloatArray, darks: Sequence[LevelStatistics], means: FloatArray
+) -> ScatterFit | None:
+    """Return the parabola through the means, None where a line is as good."""
+    exposures = design[:, 1]
+    if len(np.unique(exposures)) < _BEND_EXPOSURES:
+        return None
+    fit = fit_with_scatter(
+        np.column_stack([design, np.square(exposures)]),
+        means,
+        sampling_covariance=np.diag(mean_sampling_variance(darks)),
+        scatter_shape=np.ones(len(darks)),
+    )
+    limit = -stdtrit(len(darks) - 3, 0.5 * _FALSE_BEND) * np.sqrt(fit.covariance[2, 2])
+    if abs(fit.parameters[2]) < limit:
+        return None
+    # How a dark current changes is not known: at no exposure a line is off to one side, a parabola to the other.
+    covariance = fit.covariance.copy()
+    covariance[0, 0] += (0.5 * (fit.parameters[0] - line.parameters[0])) ** 2
+    return replace(fit, covariance=covariance)
 
 
 def _with_rounding(fit: ScatterFit, *, exposure_range_s: float) -> ScatterFit:
@@ -130,7 +164,27 @@ def _fit_variance(darks: Sequence[LevelStatistics], design: FloatArray, variance
             scatter_shape=np.ones(len(darks)),
         )
         model = design @ fit.parameters
-    return fit
+    shared = np.zeros_like(fit.covariance)
+    shared[0, 0] = _shared_variance_error_dn2(darks) ** 2
+    return replace(fit, covariance=fit.covariance + shared)
+
+
+def _shared_variance_error_dn2(darks: Sequence[LevelStatistics]) -> float:
+    """Return the error that all dark variances may share: noise cut off at 0, and rounding that is hardly dithered.
+
+    A normal law that is cut off at z standard deviations below its mean, with p beyond, has a variance that is smaller
+    by z phi(z) + p - z^2 p of itself.
+    """
+    variance = float(np.median([dark.temporal_variance_dn2 for dark in darks]))
+    spatial = float(np.median([max(dark.ordinary.variance_dn2, 0.0) for dark in darks]))
+    zeros = max(dark.samples.zero_fraction for dark in darks)
+    cut = 0.0
+    if zeros > 0.0:
+        z = -float(ndtri(zeros))
+        cut = z * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) + zeros - z**2 * zeros
+    noise = np.array(max(variance - QUANTISATION_VAR_DN2, 0.0))
+    rounding = float(variance_rounding_error_dn2(noise, np.array(spatial)))
+    return float(np.hypot(cut * variance, rounding))
 
 
 def _smoothed_variance_error(darks: Sequence[LevelStatistics], model_dn2: FloatArray) -> FloatArray:

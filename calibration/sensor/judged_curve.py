@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.flags import Flag
-from calibration.sensor.dark_signal import DarkMatch, DarkSignal, mean_sampling_variance
+from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal, mean_sampling_variance
 from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.gain_change import Step, change_flag, gain_change, largest_step
 from calibration.sensor.level_influence import (
     DarkInfluence,
     dark_influence,
@@ -66,6 +67,28 @@ def sound_darks(darks: Sequence[LevelStatistics]) -> tuple[list[LevelStatistics]
     )
 
 
+def dark_step(darks: Sequence[LevelStatistics]) -> Step | None:
+    """Return the largest step of the temporal variance of darks against their exposure, None where that is not known.
+
+    Parameters
+    ----------
+    darks : sequence of LevelStatistics
+        Dark levels.
+    """
+    known = [dark for dark in darks if dark.exposure_s is not None and dark.temporal_variance_dn2 > 0.0]
+    if len(known) < len(darks):
+        return None
+    known.sort(key=lambda dark: dark.exposure_s or 0.0)
+    variance = np.array([dark.temporal_variance_dn2 for dark in known])
+    if not known or np.median(variance) < QUANTISATION_LIMIT_DN2:
+        return None
+    relative = np.array([dark.temporal_std_error_dn2 / dark.temporal_variance_dn2 for dark in known])
+    exposures = np.array([dark.exposure_s or 0.0 for dark in known])
+    middle = np.full(len(known), float(np.median(variance)))
+    design = np.column_stack([np.ones(len(known)), exposures])
+    return largest_step(design, variance, np.square(relative * middle), shape=middle)
+
+
 def _dark_flag(dark: LevelStatistics, found: DarkInfluence) -> Flag:
     name = describe_level(dark)
     cause = "light got in, or the sensor was warmer" if found.mean_off_dn > 0.0 else "it is of another exposure"
@@ -115,13 +138,17 @@ def judged_curve(
     stability = light_stability(used, points.signal_dn[mask])
     of_darks = np.square(match.weights) @ mean_sampling_variance(darks)
     own_dn2 = np.where(points.signal_dn > 0.0, mean_variance_dn2(flats, points.signal_dn, stability), 0.0) + of_darks
-    verdicts = flat_verdicts(
-        flats,
-        judged=mask,
-        noise=noise_influence(points, mask),
-        light=light_influence(used, points.signal_dn[mask], own_dn2[mask]),
-    )
+    noise, light = noise_influence(points, mask), light_influence(used, points.signal_dn[mask], own_dn2[mask])
+    change = gain_change(noise, light[0] if light else None, by_dark=dark_step(darks))
+    if change is None:
+        verdicts = flat_verdicts(flats, judged=mask, noise=noise, light=light)
+    else:
+        # What is no smooth curve has no levels that stand off it.
+        verdicts = flat_verdicts(flats, judged=mask, noise=None, light=())
+        verdicts = replace(verdicts, wrong_light=mask, flags=(change_flag(change, used),))
     transfer = _fit(flats, points, usable, verdicts, own_dn2)
+    if change is not None:
+        transfer = replace(transfer, relative_gain_error_of_change=change.gain_error)
     return JudgedCurve(
         transfer=transfer,
         levels=_with_gain_shifts(verdicts.levels, transfer),

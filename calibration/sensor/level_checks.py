@@ -13,12 +13,12 @@ from calibration.sensor.level_names import describe_level, level_names
 _STEP = 0.01
 _STEP_SIGMA = 5.0
 _MIXED_STEP = 0.1
+# Whole frames of coarse counts differ by this by rounding alone; a level that wanders as all do is not mixed.
+_ROUNDING_DN, _WANDER_OF_ALL = 0.3, 5.0
 _FLICKER = 0.0015
 _PROPORTIONAL = 0.1
 _LEAST_EXPOSURES = 5
 _BRIGHT = 0.2
-# Whole sweeps are neither shorter than this nor longer [s].
-_SHORTEST_S, _LONGEST_S = 1e-6, 3600.0
 _OUTLIER_FRACTION = 1e-5
 _UNEVEN_SHARE = 0.25
 _UNEVEN_SIGMA = 5.0
@@ -36,20 +36,44 @@ def level_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
         _swapped(levels),
         _unsteady(levels),
         _flicker(levels),
-        _non_monotonic(levels),
-        _not_proportional(levels),
-        _wrong_time_unit(levels),
         _outlier_pixels(levels),
         _uneven_light(levels),
     )
     return tuple(flag for flag in found if flag is not None)
 
 
+def light_course_flags(levels: Sequence[LevelStatistics], *, wrong: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
+    """Return what is odd in the course of the light from level to level.
+
+    Parameters
+    ----------
+    levels : sequence of LevelStatistics
+        Dark and flat levels.
+    wrong : sequence of LevelStatistics
+        Those of them whose exposure or light is known to be wrong.
+    """
+    others = [level for level in levels if not any(level is one for one in wrong)]
+    found = (_non_monotonic(levels, wrong), _not_proportional(others))
+    return tuple(flag for flag in found if flag is not None)
+
+
+def _spread_dn(level: LevelStatistics) -> float:
+    return max(level.frame_means_dn) - min(level.frame_means_dn)
+
+
 def _step(level: LevelStatistics) -> float:
-    """Return the spread of a level's frame means relative to its mean, 0 where noise explains it."""
-    spread = max(level.frame_means_dn) - min(level.frame_means_dn)
-    noise = np.sqrt(level.temporal_variance_dn2 / level.n_pixels)
-    return spread / level.mean_dn if spread > _STEP_SIGMA * noise else 0.0
+    """Return the spread of a level's frame means relative to its mean, 0 where noise or rounding explains it."""
+    spread = _spread_dn(level)
+    least = max(_STEP_SIGMA * np.sqrt(level.temporal_variance_dn2 / level.n_pixels), _ROUNDING_DN)
+    return spread / level.mean_dn if spread > least else 0.0
+
+
+def _all_wander(levels: Sequence[LevelStatistics], worst: LevelStatistics) -> bool:
+    """Return whether other flats wander by as many counts, as in the beat of a lamp on alternating current."""
+    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
+    if worst.kind == "dark" or len(flats) < _LEAST_EXPOSURES:
+        return False
+    return _spread_dn(worst) < _WANDER_OF_ALL * float(np.median([_spread_dn(flat) for flat in flats]))
 
 
 def _swapped(levels: Sequence[LevelStatistics]) -> Flag | None:
@@ -74,7 +98,7 @@ def _unsteady(levels: Sequence[LevelStatistics]) -> Flag | None:
     if not unsteady:
         return None
     worst = max(_step(level) for level in unsteady)
-    if worst > _MIXED_STEP:
+    if worst > _MIXED_STEP and not _all_wander(levels, max(unsteady, key=_step)):
         return Flag(
             name="mixed_level",
             message=f"frames that should be alike differ by up to {worst:.1%} in their mean: {level_names(unsteady)}; "
@@ -99,8 +123,10 @@ def _flicker(levels: Sequence[LevelStatistics]) -> Flag | None:
         for flat in flats
     ]
     noise = [flat.temporal_variance_dn2 / flat.n_pixels / flat.mean_dn**2 for flat in flats]
-    variance = float(np.mean(wander))
-    if variance < _FLICKER**2 or variance < _STEP_SIGMA * float(np.mean(noise)):
+    # Next to no light, what wanders is the black level.
+    bright = np.array([flat.mean_dn for flat in flats]) > _BRIGHT * max(flat.mean_dn for flat in flats)
+    variance = float(np.mean(np.array(wander)[bright]))
+    if variance < _FLICKER**2 or variance < _STEP_SIGMA * float(np.mean(np.array(noise)[bright])):
         return None
     return Flag(
         name="lamp_flicker",
@@ -110,7 +136,7 @@ def _flicker(levels: Sequence[LevelStatistics]) -> Flag | None:
     )
 
 
-def _non_monotonic(levels: Sequence[LevelStatistics]) -> Flag | None:
+def _non_monotonic(levels: Sequence[LevelStatistics], wrong: Sequence[LevelStatistics]) -> Flag | None:
     flats = [level for level in levels if level.kind == "flat" and level.exposure_s is not None]
     flats.sort(key=lambda level: (level.exposure_s or 0.0, level.mean_dn))
     drops = [
@@ -120,9 +146,13 @@ def _non_monotonic(levels: Sequence[LevelStatistics]) -> Flag | None:
     ]
     if not drops:
         return None
+    where = level_names(drops)
+    if wrong:
+        where = f"that is by {level_names(wrong)}, which the others do not confirm"
     return Flag(
         name="non_monotonic_sweep",
-        message=f"the mean falls by more than {_STEP:.0%} although the exposure is longer: {level_names(drops)}; the "
+        level=describe_level(wrong[0]) if wrong else None,
+        message=f"the mean falls by more than {_STEP:.0%} although the exposure is longer: {where}; the "
         f"light changed during the sweep, or a frame has another exposure than stated: check lamp and shutter",
     )
 
@@ -157,18 +187,6 @@ def _not_proportional(levels: Sequence[LevelStatistics]) -> Flag | None:
         f"{_PROPORTIONAL:.0%} is expected of a sensor): the light changed, an automatic gain or exposure is on, or "
         f"exposures are not as "
         f"stated; the gain does not suffer from the light, its linearity is not known",
-    )
-
-
-def _wrong_time_unit(levels: Sequence[LevelStatistics]) -> Flag | None:
-    longest_s = max((level.exposure_s for level in levels if level.exposure_s is not None), default=1.0)
-    if _SHORTEST_S <= longest_s <= _LONGEST_S:
-        return None
-    return Flag(
-        name="wrong_time_unit",
-        message=f"the longest exposure is {longest_s:.3g} s, no camera's sweep: exposures are stated in another unit "
-        f"than is wanted (a descriptor of EMVA 1288 wants nanoseconds, a run folder seconds): correct them",
-        refuses=True,
     )
 
 

@@ -21,6 +21,8 @@ LightName = Literal["exposure", "photons"]
 # Chances that a sound set has a level named on one axis; all together below 1 %.
 _FALSE_VARIANCE, _FALSE_LIGHT, _FALSE_DARK_MEAN, _FALSE_DARK_VARIANCE = 1.5e-3, 2.5e-3, 1e-3, 5e-4
 _LEAST_LEVELS = 5
+# Exposures are longer or shorter than stated by a fixed time: some microseconds of a sweep of ten milliseconds.
+_USUAL_OFFSET = 3e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,12 +47,18 @@ def dark_influence(darks: Sequence[LevelStatistics]) -> tuple[DarkInfluence, ...
     rounding = mean_rounding_error_dn(np.maximum(temporal - 1.0 / 12.0, 0.0) + spatial)
     means = np.array([dark.mean_dn for dark in darks])
     by_mean = point_influence(
-        models, means, mean_sampling_variance(darks) + np.square(rounding), p_false=_FALSE_DARK_MEAN
+        models,
+        means,
+        mean_sampling_variance(darks) + np.square(rounding),
+        abscissa=exposures,
+        p_false=_FALSE_DARK_MEAN,
     )
     errors = np.array([dark.temporal_std_error_dn2 / max(dark.temporal_variance_dn2, 1e-9) for dark in darks])
     own = np.square(np.maximum(errors, 1e-6) * max(float(np.median(temporal)), 1e-9))
     of_rounding = variance_rounding_error_dn2(np.maximum(temporal - 1.0 / 12.0, 0.0), spatial)
-    by_variance = point_influence(models, temporal, own + np.square(of_rounding), p_false=_FALSE_DARK_VARIANCE)
+    by_variance = point_influence(
+        models, temporal, own + np.square(of_rounding), abscissa=exposures, p_false=_FALSE_DARK_VARIANCE
+    )
     if by_mean is None or by_variance is None:
         return None
     return tuple(
@@ -90,7 +98,7 @@ def noise_influence(points: TransferPoints, used: Mask) -> PointInfluence | None
         CurveModel(design=np.column_stack([scaled**power for power in powers]), scatter_shape=signal)
         for powers in ((1,), (1, 2), (1, 2, 3))
     ]
-    return point_influence(models, variance, own, p_false=_FALSE_VARIANCE)
+    return point_influence(models, variance, own, abscissa=signal, p_false=_FALSE_VARIANCE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,9 +173,11 @@ def _beside_response(signal_dn: FloatArray, light: FloatArray, own_dn2: FloatArr
         CurveModel(
             design=np.column_stack([scaled**power for power in powers]),
             scatter_shape=shape,
-            is_usual=shape is signal_dn and 0 not in powers,
+            first_term_std=offset_std,
+            is_usual=shape is signal_dn and offset_std is not None,
         )
-        for powers in ((1,), (1, 2), (1, 2, 3), (0, 1), (0, 1, 2), (0, 1, 2, 3))
+        for powers in ((0, 1), (0, 1, 2), (0, 1, 2, 3))
+        for offset_std in (_USUAL_OFFSET * float(signal_dn.max()), None)
         for shape in (signal_dn, even)
     ]
-    return point_influence(models, signal_dn, own_dn2, p_false=_FALSE_LIGHT)
+    return point_influence(models, signal_dn, own_dn2, abscissa=light, p_false=_FALSE_LIGHT)

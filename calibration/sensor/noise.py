@@ -6,18 +6,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.errors import CalibrationError, RefusedFramesError, refused
-from calibration.estimate import Estimate, JointCovariance
+from calibration.estimate import Bound, Estimate, JointCovariance
+from calibration.flag_order import by_consequence
 from calibration.flags import Flag
 from calibration.sensor.ceiling import sample_ceiling_dn
 from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
+from calibration.sensor.exposure_unit import implausible_unit, impossible_exposures, is_absurd
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.judged_curve import judged_curve, sound_darks
-from calibration.sensor.level_checks import level_flags
+from calibration.sensor.level_checks import level_flags, light_course_flags
 from calibration.sensor.level_verdicts import LevelInfluence
 from calibration.sensor.light_stability import LightStability
-from calibration.sensor.noise_parameters import choose_spatial_levels, measure, noise_parameters
+from calibration.sensor.noise_parameters import (
+    Measured,
+    NoiseParameters,
+    choose_spatial_levels,
+    measure,
+    noise_parameters,
+)
 from calibration.sensor.parameter_checks import parameter_flags
 from calibration.sensor.pattern_checks import left_out_flags
 from calibration.sensor.performance import Performance, performance
@@ -52,6 +60,8 @@ class NoiseCalibration:
         Of the errors of all that exist but the saturation.
     flags : tuple of Flag
         What is to be known of the frames. None of them refuses: a refused set has no calibration.
+    bounds : dict
+        How large or small the numbers that are None can be, by their names, where the frames say that.
     performance : Performance
         Threshold, dynamic range, SNR, dark current by variance, quantum efficiency.
     transfer : PhotonTransfer
@@ -79,6 +89,7 @@ class NoiseCalibration:
     dsnu_e: Estimate | None
     covariance: JointCovariance
     flags: tuple[Flag, ...]
+    bounds: dict[str, Bound]
     performance: Performance
     transfer: PhotonTransfer
     dark: DarkSignal
@@ -124,6 +135,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     """
     flats, all_darks = _sorted_levels(levels, bit_depth)
     flags = (*sample_flags(levels, bit_depth=bit_depth), *level_flags(levels), *row_column_flags(levels))
+    flags += impossible_exposures(levels)
     _refuse_if_any(flags)
     darks, dark_flags = sound_darks(all_darks)
     dark = fit_dark_signal(darks)
@@ -131,13 +143,13 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
     curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
     transfer = curve.transfer
-    flags += (*dark_flags, *curve.flags, *curve_flags(flats, transfer, dark, match))
+    wrong = [flat for flat, one in zip(flats, curve.levels, strict=True) if one.cause is not None]
+    flags += (*dark_flags, *curve.flags, *light_course_flags(levels, wrong=wrong))
+    flags += curve_flags(flats, transfer, dark, match)
     _refuse_if_any(flags)
     spatial = choose_spatial_levels(flats, darks, transfer=transfer, match=match)
     measured = measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
-    parameters = noise_parameters(
-        measured, has_read_noise=dark.variance_fit is not None, has_dark_current=dark.has_slope
-    )
+    parameters, of_unit = _plausible_parameters(levels, measured, dark, darks)
     gain, read_noise_e = parameters.estimates["gain_dn_per_e"], parameters.estimates.get("read_noise_e")
     saturation_e = _saturation(flats, transfer)
     merit = performance(transfer, dark, gain=gain, read_noise_e=read_noise_e, saturation_e=saturation_e)
@@ -145,6 +157,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     flags += (
         *parameters.flags,
         *left_out_flags(darks[spatial.dark], flats[spatial.flat]),
+        *of_unit,
         *parameter_flags(dark_current_e_per_s=dark_current_e_per_s, quantum_efficiency=merit.quantum_efficiency),
     )
     return NoiseCalibration(
@@ -156,7 +169,8 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         prnu=parameters.estimates.get("prnu"),
         dsnu_e=parameters.estimates.get("dsnu_e"),
         covariance=parameters.covariance,
-        flags=flags,
+        flags=by_consequence(flags),
+        bounds=parameters.bounds | _saturation_bound(transfer),
         performance=merit,
         transfer=transfer,
         dark=dark,
@@ -188,6 +202,36 @@ def _sorted_levels(
             "mixed_size", f"levels differ in size (rows, columns): {sorted(shapes)}; use one region throughout"
         )
     return flats, darks
+
+
+def _plausible_parameters(
+    levels: Sequence[LevelStatistics], measured: Measured, dark: DarkSignal, darks: Sequence[LevelStatistics]
+) -> tuple[NoiseParameters, tuple[Flag, ...]]:
+    """Return the parameters, without a dark current that no camera has, and what is said of it."""
+    has_read_noise = dark.variance_fit is not None
+    longest_s = max((one.exposure_s for one in darks if one.exposure_s is not None), default=None)
+    found = noise_parameters(
+        measured, has_read_noise=has_read_noise, has_dark_current=dark.has_slope, longest_dark_s=longest_s
+    )
+    dark_current_e_per_s = found.estimates.get("dark_current_e_per_s")
+    if not is_absurd(dark_current_e_per_s):
+        return found, ()
+    said = implausible_unit(levels, dark_current_e_per_s) or (
+        Flag(
+            name="dark_current_not_resolved",
+            message=f"dark exposures up to {longest_s or 0.0:.3g} s are too short for a dark current of any camera to "
+            f"show: it is not known; take dark frames of 1 s or more",
+        ),
+    )
+    return noise_parameters(measured, has_read_noise=has_read_noise, has_dark_current=False), said
+
+
+def _saturation_bound(transfer: PhotonTransfer) -> dict[str, Bound]:
+    """Return the brightest signal without saturation, where saturation was not reached."""
+    if transfer.saturation is not None:
+        return {}
+    below = transfer.points.signal_dn[~transfer.points.saturated]
+    return {"saturation_e": Bound(bound=">", value=float(below.max()) / transfer.gain_dn_per_e)} if below.size else {}
 
 
 def _saturation(flats: Sequence[LevelStatistics], transfer: PhotonTransfer) -> Estimate | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.estimate import Estimate, JointCovariance
+from calibration.estimate import Bound, Estimate, JointCovariance
 from calibration.flags import Flag
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2, DarkMatch, DarkSignal
 from calibration.sensor.frame_statistics import LevelStatistics
@@ -29,6 +29,8 @@ FloatArray = NDArray[np.float64]
 
 # A fixed pattern whose variance is not this many errors above 0 is not seen.
 _RESOLVED_SIGMA = 3.0
+# A dark current that matters in few uses [e-/s].
+_SMALL_E_PER_S = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,9 +60,10 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseParameters:
-    """Estimates by name, the covariance of their errors, and why some do not exist."""
+    """Estimates by name, bounds of those that do not exist, the covariance of errors, and why some do not exist."""
 
     estimates: dict[str, Estimate]
+    bounds: dict[str, Bound]
     covariance: JointCovariance
     flags: tuple[Flag, ...]
 
@@ -111,12 +114,15 @@ def measure(
     # What is smooth across the picture is light and lens rather than the sensor.
     dark_small = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
     values[FLAT_SPATIAL] = flats[spatial.flat].ordinary.small_scale_variance_dn2 - flat_weights @ dark_small
+    hidden_dn2 = _hidden_defects_dn2(flats[spatial.flat], darks, flat_weights)
+    values[FLAT_SPATIAL] -= 0.5 * hidden_dn2
     values[DARK_SPATIAL] = dark_spatial[spatial.dark]
     values[BLACK_LEVEL] = dark.mean_fit.parameters[0]
     values[DARK_SLOPE] = dark.mean_fit.parameters[1] if dark.has_slope else 0.0
     covariance[:RESPONSE_SLOPE, :RESPONSE_SLOPE] = measured_covariance(
         flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial
     )
+    covariance[FLAT_SPATIAL, FLAT_SPATIAL] += (0.5 * hidden_dn2) ** 2
     signal_dn = float(transfer.points.signal_dn[spatial.flat])
     slope = response_slope(transfer, signal_dn)
     values[RESPONSE_SLOPE], covariance[RESPONSE_SLOPE, RESPONSE_SLOPE] = slope.value, slope.std_error**2
@@ -132,11 +138,27 @@ def measure(
     )
 
 
+def _hidden_defects_dn2(flat: LevelStatistics, darks: Sequence[LevelStatistics], weights: FloatArray) -> float:
+    """Return the variance that pixels which are defect in the dark have at most among the others in the light [DN^2].
+
+    A hot pixel that stands out in the dark may lie within what pixels differ by with light; half of it is taken off,
+    and half is the error.
+    """
+    all_dn2 = np.array([level.small_scale_variance_dn2 for level in darks])
+    ordinary_dn2 = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
+    left_out = np.array([float(level.ordinary.left_out) for level in darks])
+    # The largest stand out in the light too, and are left out there.
+    hidden = np.maximum(left_out - flat.ordinary.left_out, 0.0) / np.maximum(left_out, 1.0)
+    return float(weights @ (hidden * np.maximum(all_dn2 - ordinary_dn2, 0.0)))
+
+
 def _frames(levels: Sequence[LevelStatistics], chosen: NDArray[np.bool_]) -> int:
     return sum(level.n_frames for level, take in zip(levels, chosen, strict=True) if take)
 
 
-def noise_parameters(measured: Measured, *, has_read_noise: bool, has_dark_current: bool) -> NoiseParameters:
+def noise_parameters(
+    measured: Measured, *, has_read_noise: bool, has_dark_current: bool, longest_dark_s: float | None = None
+) -> NoiseParameters:
     """Return the parameters in electrons.
 
     Parameters
@@ -144,9 +166,12 @@ def noise_parameters(measured: Measured, *, has_read_noise: bool, has_dark_curre
     measured : Measured
         What the levels gave.
     has_read_noise, has_dark_current : bool
-        Whether the dark levels allow these two.
+        True where the dark levels allow these two.
+    longest_dark_s : float or None
+        Longest exposure of a dark level, where it is known [s].
     """
     parameters = [_gain(measured)]
+    bounds = _bounds(measured, has_read_noise=has_read_noise)
     no_read_noise = _unseen_read_noise(measured) if has_read_noise else None
     if has_read_noise and no_read_noise is None:
         parameters.append(_read_noise(measured))
@@ -158,7 +183,8 @@ def noise_parameters(measured: Measured, *, has_read_noise: bool, has_dark_curre
         parameters.append(_prnu(measured))
     if no_dsnu is None:
         parameters.append(_dsnu(measured))
-    flags = (no_read_noise, no_prnu, no_dsnu, _small_dark_current(measured) if has_dark_current else None)
+    small = _small_dark_current(measured, longest_dark_s) if has_dark_current else None
+    flags = (no_read_noise, no_prnu, no_dsnu, small)
     gradients = np.array([parameter.gradient for parameter in parameters])
     matrix = gradients @ measured.covariance @ gradients.T
     errors = np.sqrt(np.diag(matrix))
@@ -167,9 +193,22 @@ def noise_parameters(measured: Measured, *, has_read_noise: bool, has_dark_curre
             parameter.name: Estimate(value=parameter.value, std_error=float(error), n=parameter.n)
             for parameter, error in zip(parameters, errors, strict=True)
         },
+        bounds={name: bound for name, bound in bounds.items() if name not in {one.name for one in parameters}},
         covariance=JointCovariance(names=tuple(parameter.name for parameter in parameters), matrix=matrix),
         flags=tuple(flag for flag in flags if flag is not None),
     )
+
+
+def _bounds(measured: Measured, *, has_read_noise: bool) -> dict[str, Bound]:
+    """Return how large read noise and fixed pattern can be at most."""
+    gain, errors = float(measured.values[GAIN]), np.sqrt(np.diag(measured.covariance))
+    largest_dn2 = np.maximum(measured.values, 0.0) + _RESOLVED_SIGMA * errors
+    dark_dn2 = max(QUANTISATION_LIMIT_DN2, largest_dn2[DARK_VARIANCE] if has_read_noise else 0.0)
+    return {
+        "read_noise_e": Bound(bound="<", value=float(np.sqrt(dark_dn2)) / gain),
+        "prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2[FLAT_SPATIAL])) / measured.signal_dn),
+        "dsnu_e": Bound(bound="<", value=float(np.sqrt(largest_dn2[DARK_SPATIAL])) / gain),
+    }
 
 
 def _gradient(derivatives: dict[int, float]) -> FloatArray:
@@ -267,7 +306,7 @@ def _unseen_read_noise(measured: Measured) -> Flag | None:
     )
 
 
-def _small_dark_current(measured: Measured) -> Flag | None:
+def _small_dark_current(measured: Measured, longest_s: float | None) -> Flag | None:
     """Return a flag if the dark current given is not different from none."""
     slope, error = float(measured.values[DARK_SLOPE]), float(np.sqrt(measured.covariance[DARK_SLOPE, DARK_SLOPE]))
     if abs(slope) > _RESOLVED_SIGMA * error:
@@ -276,5 +315,13 @@ def _small_dark_current(measured: Measured) -> Flag | None:
     return Flag(
         name="dark_current_not_resolved",
         message=f"the dark mean grows by {slope:.3g} +- {error:.3g} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
-        f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; longer dark exposures measure it",
+        f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; {_longer(bound_e_per_s, longest_s)}",
     )
+
+
+def _longer(bound_e_per_s: float, longest_s: float | None) -> str:
+    """Return how long dark exposures would show a dark current as cameras have it."""
+    if not longest_s:
+        return "longer dark exposures measure it"
+    wanted_s = float(np.clip(longest_s * bound_e_per_s / _SMALL_E_PER_S, 2.0 * longest_s, max(60.0, 2.0 * longest_s)))
+    return f"dark frames of {float(f'{wanted_s:.1g}'):g} s would show more than {_SMALL_E_PER_S:g} e-/s"

@@ -15,7 +15,7 @@ SingleArray = NDArray[np.float32]
 _DEFECT_SIGMA = 6.0
 _SIGMA_OF_MEDIAN = 1.4826
 # More than this share is no matter of single pixels, but of shading or structure: nothing is left out then.
-_MOST_DEFECTS = 0.01
+_MOST_DEFECTS = 0.03
 # So many pixels show the median well enough: to 2 % of a standard deviation.
 _SHOWN = 4096
 _ROUNDING_STD_DN = 12.0**-0.5

@@ -30,13 +30,21 @@ class CurveModel:
         Columns of a linear model.
     scatter_shape : (n,) array
         Standard deviation of one unit of extra, independent scatter of each point, > 0.
+    first_term_std : float or None
+        What the first term is expected to be at most (one standard deviation about 0); None where it is free.
     is_usual : bool
         False for a curve that is believed where it explains more than one wrong point would.
     """
 
     design: FloatArray
     scatter_shape: FloatArray
+    first_term_std: float | None = None
     is_usual: bool = True
+
+    @property
+    def n_free(self) -> int:
+        """Number of terms of which nothing is expected."""
+        return int(self.design.shape[1]) - (self.first_term_std is not None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,8 +53,8 @@ class PointInfluence:
 
     Attributes
     ----------
-    values : (n,) array
-        The points.
+    abscissa, values, variance : (n,) arrays
+        The points, and the variance of each by its own sampling.
     outlying : (n,) array of bool
         The point stands off by more than chance allows in the stated share of sets.
     deviation, std_error : (n,) arrays
@@ -59,7 +67,9 @@ class PointInfluence:
         That cost: twice the negative logarithm of the likelihood, with Occam's factors.
     """
 
+    abscissa: FloatArray
     values: FloatArray
+    variance: FloatArray
     outlying: Mask
     deviation: FloatArray
     std_error: FloatArray
@@ -69,7 +79,12 @@ class PointInfluence:
 
 
 def point_influence(
-    models: Sequence[CurveModel], values: FloatArray, sampling_variance: FloatArray, *, p_false: float
+    models: Sequence[CurveModel],
+    values: FloatArray,
+    sampling_variance: FloatArray,
+    *,
+    abscissa: FloatArray,
+    p_false: float,
 ) -> PointInfluence | None:
     """Return which points stand off the simplest curve that explains the others; None with too few points.
 
@@ -81,6 +96,8 @@ def point_influence(
         The points.
     sampling_variance : (n,) array
         Variance of each by its own sampling, > 0.
+    abscissa : (n,) array
+        What the models are functions of; kept with the result.
     p_false : float
         Chance that any point of a sound set is called outlying, within (0, 1).
 
@@ -97,11 +114,11 @@ def point_influence(
     Rosner, Technometrics 25, 165 (1983), doi:10.1080/00401706.1983.10487848; Cook and Weisberg, Residuals and Influence
     in Regression (1982), chapter 2.
     """
-    possible = [model for model in models if len(values) - model.design.shape[1] > _LEAST_FREEDOM]
+    possible = [model for model in models if len(values) - model.n_free > _LEAST_FREEDOM]
     best: PointInfluence | None = None
     for model in sorted(possible, key=lambda one: not one.is_usual):
         if model.is_usual or best is None or best.outlying.any():
-            found = _eliminate(model, values, sampling_variance, p_false)
+            found = _eliminate(model, values, sampling_variance, abscissa, p_false)
             best = found if best is None or found.cost < best.cost else best
     return best
 
@@ -116,12 +133,14 @@ class _Fit:
     scatter_variance: float
 
 
-def _eliminate(model: CurveModel, values: FloatArray, sampling: FloatArray, p_false: float) -> PointInfluence:
-    n, n_terms = model.design.shape
+def _eliminate(
+    model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, p_false: float
+) -> PointInfluence:
+    n = len(values)
     active = np.ones(n, dtype=bool)
     chosen, scatter_variance = active, 0.0
     for _ in range(max(1, int(_LARGEST_SHARE * n))):
-        freedom = int(active.sum()) - n_terms - 1
+        freedom = int(active.sum()) - model.n_free - 1
         if freedom < _LEAST_FREEDOM - 1:
             break
         fit = _fit(model, values, sampling, active, scatter_variance)
@@ -132,7 +151,7 @@ def _eliminate(model: CurveModel, values: FloatArray, sampling: FloatArray, p_fa
         if off[worst] > limit[worst]:
             chosen = active
         scatter_variance = fit.scatter_variance
-    return _beside_the_others(model, values, sampling, chosen)
+    return _beside_the_others(model, values, sampling, abscissa, chosen)
 
 
 def _distances(fit: _Fit, sampling: FloatArray, freedom: int, p_one: float) -> tuple[FloatArray, FloatArray]:
@@ -152,11 +171,11 @@ def _fit(model: CurveModel, values: FloatArray, sampling: FloatArray, active: Ma
     """Return the weighted fit through the active points, with the scatter that makes chi-squared what it should be."""
     design, y = model.design[active], values[active]
     shape_variance, own = np.square(model.scatter_shape[active]), sampling[active]
-    freedom = len(y) - design.shape[1]
+    freedom = len(y) - model.n_free
     scatter = start
     for _ in range(_SCATTER_STEPS):
         variance = own + scatter * shape_variance
-        parameters, covariance, residual = _weighted(design, y, variance)
+        parameters, covariance, residual = _weighted(design, y, variance, model.first_term_std)
         excess = float(np.sum(np.square(residual) / variance)) - freedom
         if abs(excess) <= _CONVERGED * freedom or (scatter == 0.0 and excess < 0.0):
             break
@@ -174,15 +193,24 @@ def _fit(model: CurveModel, values: FloatArray, sampling: FloatArray, active: Ma
     )
 
 
-def _weighted(design: FloatArray, values: FloatArray, variance: FloatArray) -> tuple[FloatArray, ...]:
+def _weighted(
+    design: FloatArray, values: FloatArray, variance: FloatArray, first_term_std: float | None
+) -> tuple[FloatArray, ...]:
     root = 1.0 / np.sqrt(variance)
-    orthogonal, triangle = np.linalg.qr(design * root[:, None])
+    white, white_values = design * root[:, None], values * root
+    if first_term_std is not None:
+        # What is expected of a term is one more point.
+        white = np.vstack([white, np.eye(1, design.shape[1]) / first_term_std])
+        white_values = np.append(white_values, 0.0)
+    orthogonal, triangle = np.linalg.qr(white)
     inverse = np.linalg.inv(triangle)
-    parameters = inverse @ (orthogonal.T @ (values * root))
+    parameters = inverse @ (orthogonal.T @ white_values)
     return parameters, inverse @ inverse.T, values - design @ parameters
 
 
-def _beside_the_others(model: CurveModel, values: FloatArray, sampling: FloatArray, sound: Mask) -> PointInfluence:
+def _beside_the_others(
+    model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, sound: Mask
+) -> PointInfluence:
     fit = _fit(model, values, sampling, sound)
     variance = sampling + fit.scatter_variance * np.square(model.scatter_shape)
     residual = values - model.design @ fit.parameters
@@ -193,11 +221,13 @@ def _beside_the_others(model: CurveModel, values: FloatArray, sampling: FloatArr
     cost = np.where(sound, np.log(variance) + np.square(residual) / variance, of_wrong)
     unusual = 0.0 if model.is_usual else float(np.median(of_wrong - np.log(variance)))
     return PointInfluence(
+        abscissa=abscissa,
         values=values,
+        variance=sampling,
         outlying=~sound,
         deviation=np.where(sound, residual / open_, residual),
         std_error=np.sqrt(np.where(sound, variance / open_, variance * (1.0 + leverage))),
         scatter=float(np.sqrt(fit.scatter_variance)),
         model=model,
-        cost=float(cost.sum()) + unusual + model.design.shape[1] * float(np.log(len(values))),
+        cost=float(cost.sum()) + unusual + model.n_free * float(np.log(len(values))),
     )

@@ -4,8 +4,6 @@ from calibration.estimate import Estimate
 from calibration.flags import Flag
 
 _SIGMA = 5.0
-# Warm cameras for visible light have tens to thousands of electrons a second.
-_ABSURD_E_PER_S = 1e5
 
 
 def parameter_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
@@ -18,19 +16,8 @@ def parameter_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency
     quantum_efficiency : Estimate or None
         Electrons per photon, where photons are stated.
     """
-    found = (_absurd(dark_current_e_per_s), _negative(dark_current_e_per_s), _too_efficient(quantum_efficiency))
+    found = (_negative(dark_current_e_per_s), _too_efficient(quantum_efficiency))
     return tuple(flag for flag in found if flag is not None)
-
-
-def _absurd(found: Estimate | None) -> Flag | None:
-    if found is None or found.value - _SIGMA * found.std_error < _ABSURD_E_PER_S:
-        return None
-    return Flag(
-        name="wrong_time_unit",
-        message=f"the dark current is {found.value:.3g} +- {found.std_error:.2g} e-/s (a camera for visible light has "
-        f"less than {_ABSURD_E_PER_S:g}): are the exposures stated in another unit than is wanted (a descriptor of "
-        f"EMVA 1288 wants nanoseconds), or did light reach the dark frames? Check both",
-    )
 
 
 def _negative(found: Estimate | None) -> Flag | None:

@@ -80,6 +80,8 @@ class PhotonTransfer:
         The sensor's response, where the light of the levels is known; the cubic term is then its.
     saturation : SaturationLevel or None
         Where the variance is largest; None where it never falls.
+    relative_gain_error_of_change : float
+        Part of the gain's relative error by a change of gain that cannot be told from one of the lamp.
     """
 
     points: TransferPoints
@@ -87,6 +89,7 @@ class PhotonTransfer:
     fit: ScatterFit
     linearity: LinearityCurve | None
     saturation: SaturationLevel | None
+    relative_gain_error_of_change: float = 0.0
 
     @property
     def gain_dn_per_e(self) -> float:

@@ -57,11 +57,12 @@ def measured_covariance(
     covariance[:4, :4] = response @ statistics @ response.T
     scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
     covariance[GAIN, GAIN] += float(scattered @ scattered) * transfer.fit.scatter**2
+    covariance[GAIN, GAIN] += (transfer.relative_gain_error_of_change * transfer.gain_dn_per_e) ** 2
     covariance[GAIN, GAIN] += transfer.gain_error_of_linearity_dn_per_e**2 + transfer.gain_error_of_black_dn_per_e**2
     # The fixed pattern with light is what is left within blocks, which have fewer degrees of freedom.
     covariance[FLAT_SPATIAL, FLAT_SPATIAL] /= small_scale_freedom(flats[spatial.flat].shape)
-    size = len(dark.mean_fit.parameters)
-    covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance
+    size = 2 if dark.has_slope else 1
+    covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance[:size, :size]
     level = darks[spatial.dark]
     if dark.quantisation_limited:
         covariance[DARK_SPATIAL, DARK_SPATIAL] += QUANTISATION_VAR_DN2**2

@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 _SIGMA = 5.0
 # Spreading charge correlates the noise of neighbours by a per cent at most.
 _CORRELATION, _FILTERED = 0.02, 0.1
+# Dark noise is of the amplifiers: neighbours share none of it.
+_DARK_CORRELATION = 0.05
 # Lag of a detector leaves less than a per cent of a frame in the next.
 _MEMORY = 0.03
 # Two readout channels differ by a per cent or two, pixels behind colour filters by tens.
@@ -34,6 +36,7 @@ def row_column_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
     """
     found = (
         _correlated_noise(levels),
+        _smoothed_darks(levels),
         _frames_go_together(levels),
         _colour_mosaic(levels),
         _row_noise(levels),
@@ -76,6 +79,30 @@ def _correlated_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
         f"compressed with loss (JPEG), and the gain is too small by about twice their sum: switch noise reduction and "
         f"sharpening off, and save raw frames",
         refuses=largest > _FILTERED,
+    )
+
+
+def _smoothed_darks(levels: Sequence[LevelStatistics]) -> Flag | None:
+    """Return a flag if dark noise, which a coder throws away first, is shared by neighbours."""
+    darks = [v for v in levels if v.kind == "dark" and v.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
+    shares = [
+        (
+            one.row_column.horizontal - one.row_column.row_variance_dn2 / one.temporal_variance_dn2,
+            one.row_column.vertical - one.row_column.column_variance_dn2 / one.temporal_variance_dn2,
+            one.row_column.std_error,
+        )
+        for one in darks
+    ]
+    smoothed = [one for one in shares if max(abs(one[0]), abs(one[1])) > max(_DARK_CORRELATION, _SIGMA * one[2])]
+    if not darks or len(smoothed) <= len(darks) // 2:
+        return None
+    horizontal, vertical = (float(np.median([one[axis] for one in shares])) for axis in (0, 1))
+    return Flag(
+        name="compressed_frames",
+        message=f"the noise of neighbouring pixels of dark frames goes together by {horizontal:+.2f} along rows and "
+        f"{vertical:+.2f} down columns (at most {_DARK_CORRELATION} either way is expected): frames were compressed "
+        f"with loss or filtered, and the noise is not the sensor's: save raw frames, without noise reduction",
+        refuses=True,
     )
 
 

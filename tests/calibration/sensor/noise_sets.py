@@ -117,7 +117,7 @@ def noise_set(sensor: Sensor, exposures: Sequence[Exposure], *, wrong: Sequence[
         "gain_dn_per_e": sensor.gain,
         "read_noise_e": float(np.hypot(sensor.read_e, sensor.row_e)),
         "black_level_dn": sensor.black_dn,
-        "prnu": sensor.prnu,
+        "prnu": float(np.hypot(sensor.prnu, sensor.gain_spread)),
         "dsnu_e": sensor.dsnu_e,
         "dark_current_e_per_s": sensor.dark_e_per_s,
     }
@@ -254,7 +254,7 @@ def clipped_black(seed: int) -> NoiseSet:
 
 def hardly_clipped(seed: int) -> NoiseSet:
     """0.3 % of the dark samples are cut off at 0."""
-    sensor = Sensor(seed=seed, black_dn=5.4)
+    sensor = Sensor(seed=seed, black_dn=6.4)
     return noise_set(sensor, sweep(sensor))
 
 
