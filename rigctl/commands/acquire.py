@@ -72,7 +72,8 @@ def command(
     if dry_run:
         _print_steps(prepared)
         return
-    outcome = acquire(prepared, out, at_ns=time_option("--at", at), until_ns=time_option("--until", until))
+    at_ns, until_ns = time_option("--at", at), time_option("--until", until)
+    outcome = acquire(prepared, out, warn=warn, at_ns=at_ns, until_ns=until_ns)
     say_outcome(outcome, out)
 
 

@@ -7,7 +7,7 @@ import typer
 
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results
+from rigctl.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
     from rigctl.devices.characterise import Characterisation, Side
@@ -71,7 +71,7 @@ def _measured(request: "CharacteriseRequest") -> "CharacterisedStage":
         def advance(visits: int) -> None:
             bar.update(task, advance=1, total=visits)
 
-        return characterise_stage(request, progress=advance)
+        return characterise_stage(request, progress=advance, warn=warn)
 
 
 def _angle_table(result: "Characterisation") -> Table[float]:

@@ -1,7 +1,7 @@
 """Taking a session: rig and session file and calibrations in; the run folder, and how it went, out."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,8 +22,9 @@ from rigctl.session.planning.drift_cost import grouping_cost, missing_axes
 from rigctl.session.planning.session_steps import Need, Step, estimate, plan_steps
 from rigctl.session.reconnect_loop import Outcome
 from rigctl.session.take_session import take_session
-from rigctl.terminal import warn
 from rigctl.utc_time import utc_text
+
+Warn = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +132,9 @@ def with_target(
     return with_cycles_for(session, load_scene(scene), noise, target_dolp_sigma=target_dolp_sigma)
 
 
-def acquire(prepared: PreparedSession, out: Path, *, at_ns: int | None = None, until_ns: int | None = None) -> Outcome:
+def acquire(
+    prepared: PreparedSession, out: Path, *, warn: Warn, at_ns: int | None = None, until_ns: int | None = None
+) -> Outcome:
     """Take a session into a new run folder; return how it went.
 
     Parameters
@@ -140,6 +143,8 @@ def acquire(prepared: PreparedSession, out: Path, *, at_ns: int | None = None, u
         What is taken.
     out : Path
         Run folder to make.
+    warn : callable
+        Told what is doubtful of the calibrations, once the devices are open.
     at_ns, until_ns : int, optional
         When to begin, and from when on no frame is taken [ns since 1970 UTC].
 
@@ -161,13 +166,13 @@ def acquire(prepared: PreparedSession, out: Path, *, at_ns: int | None = None, u
         at_ns=at_ns,
         until_ns=until_ns,
         noise=None if noise is None else noise_numbers(noise),
-        opener=lambda: _open_calibrated_rig(prepared, out, polarizer=polarizer, now_utc=now_utc),
+        opener=lambda: _open_calibrated_rig(prepared, out, polarizer=polarizer, now_utc=now_utc, warn=warn),
     )
 
 
 @contextmanager
 def _open_calibrated_rig(
-    prepared: PreparedSession, run: Path, *, polarizer: PolarizerParameters | None, now_utc: str
+    prepared: PreparedSession, run: Path, *, polarizer: PolarizerParameters | None, now_utc: str, warn: Warn
 ) -> Iterator[Rig]:
     """Give the open devices of a rig, once calibrations are found to be theirs; warn of what is doubtful."""
     rig_file = prepared.rig_file

@@ -12,7 +12,6 @@ from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG, load_session
-from rigctl.terminal import warn
 
 # So wide that a landing is measured as it is: a correction would come from the other side.
 _TOLERANCE_DEG = 1.0
@@ -57,9 +56,10 @@ class CharacterisedStage:
 
 # Told after each visit how many there will be in all.
 Progress = Callable[[int], None]
+Warn = Callable[[str], None]
 
 
-def characterise_stage(request: CharacteriseRequest, *, progress: Progress) -> CharacterisedStage:
+def characterise_stage(request: CharacteriseRequest, *, progress: Progress, warn: Warn) -> CharacterisedStage:
     """Return what a stage's own readings say of it; write what was asked for.
 
     Raises
@@ -69,7 +69,7 @@ def characterise_stage(request: CharacteriseRequest, *, progress: Progress) -> C
     """
     _require_folders(request.out, request.plot)
     rig_file = load_rig(request.rig)
-    result = _measured(rig_file, _stage_angles_deg(rig_file, request.session), request, progress)
+    result = _measured(rig_file, _stage_angles_deg(rig_file, request.session), request, progress, warn)
     content = as_json(result)
     if request.out is not None:
         write_durably(request.out, as_text(content))
@@ -102,7 +102,11 @@ def _stage_angles_deg(rig: RigFile, session: Path | None) -> tuple[float, ...]:
 
 
 def _measured(
-    rig: RigFile, angles_deg: tuple[float, ...], request: CharacteriseRequest, progress: Progress
+    rig: RigFile,
+    angles_deg: tuple[float, ...],
+    request: CharacteriseRequest,
+    progress: Progress,
+    warn: Warn,
 ) -> Characterisation:
     section = rig.stage.model_copy(update={"characterisation": None, "tolerance_deg": _TOLERANCE_DEG})
     visits = len(angles_deg) * request.repeats * len(SIDES)
