@@ -1,7 +1,7 @@
 """``rigctl calibrate flat``: the response of each pixel behind the polarizer at each of its angles."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -9,14 +9,17 @@ from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, results, warn
 
-_COLUMNS: tuple[Column[dict[str, Any]], ...] = (
-    Column(title="angle [deg]", text=lambda row: f"{row['polarizer_angle_deg']:.1f}"),
-    Column(title="frames", text=lambda row: str(row["frames"])),
-    Column(title="mean [DN]", text=lambda row: f"{row['mean_dn']:.1f}"),
-    Column(title="light over mean", text=lambda row: f"{row['throughput']['value']:.5f}"),
-    Column(title="std error", text=lambda row: f"{row['throughput']['std_error']:.2g}"),
-    Column(title="pattern [%]", text=lambda row: f"{100.0 * row['pattern_rms']:.3f}"),
-    Column(title="own noise [%]", text=lambda row: f"{100.0 * row['noise_rms']:.3f}"),
+if TYPE_CHECKING:
+    from rigctl.calibrations.flat.run_flat import FlatAngle
+
+_COLUMNS: tuple["Column[FlatAngle]", ...] = (
+    Column(title="angle [deg]", text=lambda row: f"{row.polarizer_angle_deg:.1f}"),
+    Column(title="frames", text=lambda row: str(row.frames)),
+    Column(title="mean [DN]", text=lambda row: f"{row.mean_dn:.1f}"),
+    Column(title="light over mean", text=lambda row: f"{row.throughput.value:.5f}"),
+    Column(title="std error", text=lambda row: f"{row.throughput.std_error:.2g}"),
+    Column(title="pattern [%]", text=lambda row: f"{100.0 * row.pattern_rms:.3f}"),
+    Column(title="own noise [%]", text=lambda row: f"{100.0 * row.noise_rms:.3f}"),
 )
 
 
@@ -41,6 +44,6 @@ def flat(
     if as_json:
         print_json(found.facts)
         return
-    results().print(terminal_table(Table(columns=_COLUMNS, rows=tuple(found.facts["angles"]))))
+    results().print(terminal_table(Table(columns=_COLUMNS, rows=found.found.rows())))
     if found.doubt is not None:
         warn(found.doubt)

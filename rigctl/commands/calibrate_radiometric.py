@@ -1,13 +1,17 @@
 """``rigctl calibrate radiometric``: the counts that a radiance makes, by a panel of known reflectance."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rigctl.reports.table import Table, text_columns
 from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results, warn
+
+if TYPE_CHECKING:
+    from rigctl.calibrations.radiometric_file import Response
+    from rigctl.jobs.calibrate_radiometric import CalibratedResponse
 
 _SHOWN = 6
 _LEAST_SHARE = 0.01
@@ -41,26 +45,22 @@ def radiometric(
     if as_json:
         print_json(found.content)
     else:
-        _print(found.content)
+        _print(found)
 
 
-def _print(content: dict[str, Any]) -> None:
-    console = results()
-    rows = [
-        (f"{channel['polarizer_angle_deg']:.2f}", *_response(channel["response_dn_per_radiance"]))
-        for channel in content["channels"]
-    ]
-    rows.append(("all", *_response(content["response_dn_per_radiance"])))
+def _print(found: "CalibratedResponse") -> None:
+    console, scale = results(), found.found.scale
+    rows = [(f"{one.polarizer_angle_deg:.2f}", *_texts(one.response_dn_per_radiance)) for one in found.channels]
+    rows.append(("all", *_texts(found.response)))
     columns = text_columns("angle [deg]", "DN per W m-2 sr-1", "std error", left=())
     console.print(terminal_table(Table(columns=columns, rows=tuple(rows))))
-    ratio = content["over_scene_file"]
-    console.print(f"{ratio['value']:.4g} +- {ratio['std_error']:.2g} times what the scene file says of the sensor")
-    shares = [(name, part) for name, part in content["variance_shares"].items() if part >= _LEAST_SHARE]
+    console.print(f"{scale.common:.4g} +- {scale.common_error:.2g} times what the scene file says of the sensor")
+    shares = [(name, part) for name, part in found.found.shares.items() if part >= _LEAST_SHARE]
     if shares:
         console.print("variance: " + ", ".join(f"{part:.0%} {name}" for name, part in shares[:_SHOWN]))
-    for remark in content["remarks"]:
+    for remark in found.found.remarks:
         progress().print(remark)
 
 
-def _response(response: dict[str, float]) -> tuple[str, str]:
-    return f"{response['value']:.5g}", f"{response['std_error']:.2g}"
+def _texts(response: "Response") -> tuple[str, str]:
+    return f"{response.value:.5g}", f"{response.std_error:.2g}"

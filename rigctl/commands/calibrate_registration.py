@@ -1,7 +1,7 @@
 """``rigctl calibrate registration``: how far the picture walks while the polarizer turns."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -9,8 +9,11 @@ from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, results
 
-_COLUMNS: tuple[Column[dict[str, Any]], ...] = (
-    Column(title="angle [deg]", text=lambda row: f"{row['angle_deg']:.2f}"),
+if TYPE_CHECKING:
+    from rigctl.calibrations.registration.register_run import AngleShift
+
+_COLUMNS: tuple["Column[AngleShift]", ...] = (
+    Column(title="angle [deg]", text=lambda row: f"{row.angle_deg:.2f}"),
     Column(title="right [pixel]", text=lambda row: _shift(row, 0)),
     Column(title="down [pixel]", text=lambda row: _shift(row, 1)),
     Column(title="std errors [pixel]", text=lambda row: _errors(row)),
@@ -38,24 +41,22 @@ def registration(
     from rigctl.jobs.calibrate_registration import calibrate_registration
 
     calibrated = calibrate_registration(run, cycle=cycle, out=out, valid_days=valid_days)
-    content = calibrated.content
     if as_json:
-        print_json(content)
+        print_json(calibrated.content)
         return
-    results().print(terminal_table(Table(columns=_COLUMNS, rows=tuple(content["angles"]))))
-    wander = content["wander"]
-    if wander is not None:
-        results().print(
-            f"circle of {wander['radius_pixels']:.3f} pixel, residual {wander['residual_pixels']:.3f} pixel"
-        )
-    if calibrated.found.finding is not None:
-        results().print(calibrated.found.finding)
+    found = calibrated.found
+    results().print(terminal_table(Table(columns=_COLUMNS, rows=found.rows())))
+    if found.wander is not None:
+        radius = abs(found.wander.turning_pixels)
+        results().print(f"circle of {radius:.3f} pixel, residual {found.wander.residual_pixels:.3f} pixel")
+    if found.finding is not None:
+        results().print(found.finding)
 
 
-def _shift(row: dict[str, Any], axis: int) -> str:
-    return f"{row['shift_pixels'][axis]:+.3f}"
+def _shift(row: "AngleShift", axis: int) -> str:
+    return f"{row.shift_pixels[axis]:+.3f}"
 
 
-def _errors(row: dict[str, Any]) -> str:
-    x_error, y_error = row["std_error_pixels"]
+def _errors(row: "AngleShift") -> str:
+    x_error, y_error = row.std_error_pixels or (0.0, 0.0)
     return f"{x_error:.3f}, {y_error:.3f}"

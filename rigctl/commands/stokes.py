@@ -1,13 +1,15 @@
 """``rigctl stokes``: Stokes, DoLP and AoLP images of a run."""
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rigctl.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
+    from model.processing.texture import Texture
     from rigctl.jobs.stokes import StokesOfRun
 
 
@@ -52,17 +54,17 @@ def _print(found: "StokesOfRun", out: Path) -> None:
 
     for table in quantity_tables(found.content["regions"]):
         results().print(terminal_table(table))
-    for name, texture in found.content.get("texture", {}).items():
+    for name, texture in (found.textures or {}).items():
         results().print(texture_line(name, texture), markup=False)
     progress().print(f"{', '.join(found.files)} in {out}", markup=False)
 
 
-def texture_line(name: str, texture: dict[str, Any]) -> str:
+def texture_line(name: str, texture: "Texture") -> str:
     """Return the texture of a region in a line."""
-    share = texture["rank_one_share"]
-    if share is None:
+    if math.isnan(texture.rank_one_share):
         return f"{name}: no texture above the noise"
     return (
-        f"{name}: texture of {100 * texture['common_factor_rms']:.2f} % as a factor common to S0, S1, S2; "
-        f"{100 * share:.0f} % of it is one common variation" + (f" ({texture['remark']})" if texture["remark"] else "")
+        f"{name}: texture of {100 * texture.common_factor_rms:.2f} % as a factor common to S0, S1, S2; "
+        f"{100 * texture.rank_one_share:.0f} % of it is one common variation"
+        + (f" ({texture.remark})" if texture.remark else "")
     )

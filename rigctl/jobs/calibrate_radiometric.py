@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.made_for import made_for
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
-from rigctl.calibrations.radiometric_file import SCHEMA_VERSION
+from rigctl.calibrations.radiometric_file import SCHEMA_VERSION, Response
 from rigctl.comparison.panel_response import PanelResponse, panel_response
 from rigctl.config import sha256_of
 from rigctl.files.scene_file import load_scene
@@ -49,11 +49,36 @@ class RadiometricRequest:
     valid_days: float | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class ChannelResponse:
+    """Response at one polarizer angle, in the order in which its file has it."""
+
+    name: str
+    polarizer_angle_deg: float
+    response_dn_per_radiance: Response
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedResponse:
-    """A radiometric calibration, the content of its file, and what is doubtful about the noise calibration."""
+    """A radiometric calibration.
+
+    Attributes
+    ----------
+    found : PanelResponse
+        As the panel gave it.
+    response : Response
+        Of all angles [DN per W m-2 sr-1].
+    channels : tuple of ChannelResponse
+        Of each.
+    content : dict
+        What its file holds.
+    doubts : tuple of str
+        What is doubtful about the noise calibration.
+    """
 
     found: PanelResponse
+    response: Response
+    channels: tuple[ChannelResponse, ...]
     content: dict[str, Any]
     doubts: tuple[str, ...]
 
@@ -74,7 +99,13 @@ def calibrate_radiometric(request: RadiometricRequest) -> CalibratedResponse:
     files = {"scene": request.scene} | ({} if request.noise is None else {"noise": request.noise})
     content = radiometric_json(found, measurement, files=files, valid_days=request.valid_days)
     write_content(request.out, content)
-    return CalibratedResponse(found=found, content=content, doubts=doubts)
+    return CalibratedResponse(
+        found=found,
+        response=_response(found, measurement),
+        channels=_channels(found, measurement),
+        content=content,
+        doubts=doubts,
+    )
 
 
 def radiometric_json(
@@ -101,7 +132,6 @@ def radiometric_json(
         The clock that dates it [ns].
     """
     run, records = measurement.run, [record for cycle in measurement.grid.records for record in cycle]
-    frames = len(records)
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": "radiometric",
@@ -118,21 +148,8 @@ def radiometric_json(
         "exposure_s": found.exposure_s,
         "f_number": found.f_number,
         "response": "counts of a pixel and frame per W m-2 sr-1 of unpolarized light in band, dark level off",
-        "response_dn_per_radiance": _response(found, found.scale.common, found.scale.common_error, frames),
-        "channels": [
-            {
-                "name": name,
-                "polarizer_angle_deg": float(np.degrees(angle)) % 180.0,
-                "response_dn_per_radiance": _response(found, ratio, error, frames // len(found.channel_names)),
-            }
-            for name, angle, ratio, error in zip(
-                found.channel_names,
-                found.polarizer_angles_rad.tolist(),
-                found.scale.channel.tolist(),
-                found.scale.channel_error.tolist(),
-                strict=True,
-            )
-        ],
+        "response_dn_per_radiance": asdict(_response(found, measurement)),
+        "channels": [asdict(channel) for channel in _channels(found, measurement)],
         "channels_agree": found.scale.channels_agree,
         "over_scene_file": {"value": found.scale.common, "std_error": found.scale.common_error},
         "variance_shares": found.shares,
@@ -140,6 +157,28 @@ def radiometric_json(
     }
 
 
-def _response(found: PanelResponse, ratio: float, error: float, frames: int) -> dict[str, Any]:
+def _response(found: PanelResponse, measurement: Measurement) -> Response:
+    scale, frames = found.scale, measurement.grid.cycles * measurement.grid.angles
+    return _of_ratio(found, scale.common, scale.common_error, frames)
+
+
+def _channels(found: PanelResponse, measurement: Measurement) -> tuple[ChannelResponse, ...]:
+    return tuple(
+        ChannelResponse(
+            name=name,
+            polarizer_angle_deg=float(np.degrees(angle)) % 180.0,
+            response_dn_per_radiance=_of_ratio(found, ratio, error, measurement.grid.cycles),
+        )
+        for name, angle, ratio, error in zip(
+            found.channel_names,
+            found.polarizer_angles_rad.tolist(),
+            found.scale.channel.tolist(),
+            found.scale.channel_error.tolist(),
+            strict=True,
+        )
+    )
+
+
+def _of_ratio(found: PanelResponse, ratio: float, error: float, frames: int) -> Response:
     unit = found.modelled_dn_per_radiance
-    return {"value": ratio * unit, "std_error": error * unit, "n": frames}
+    return Response(value=ratio * unit, std_error=error * unit, n=frames)

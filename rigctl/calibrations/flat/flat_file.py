@@ -5,7 +5,7 @@ import json
 import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -102,7 +102,6 @@ def flat_facts(
     found: RunFlat, run: Run, *, valid_days: float | None = None, utc_ns: Callable[[], int] = time.time_ns
 ) -> dict[str, Any]:
     """Return what the file says beside its pictures."""
-    throughput, errors = found.throughput()
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": "flat",
@@ -111,19 +110,7 @@ def flat_facts(
         "source": {"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)},
         "made_for": made_for(run, found.records).as_json() | {"valid_days": valid_days},
         "exposure_s": found.exposure_s,
-        "angles": [
-            {
-                "polarizer_angle_deg": angle,
-                "frames": flat.frames,
-                "mean_dn": flat.mean_dn,
-                "throughput": {"value": value, "std_error": error},
-                "pattern_rms": flat.pattern_rms,
-                "noise_rms": flat.noise_rms,
-            }
-            for angle, flat, value, error in zip(
-                found.angles_deg.tolist(), found.flats, throughput.tolist(), errors.tolist(), strict=True
-            )
-        ],
+        "angles": [asdict(row) for row in found.rows()],
         "throughput": "over the mean of the angles; the polarizer's own only if the light is unpolarized and steady",
     }
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.polarimeter.flat_field import FlatField, flat_field
+from rigctl.calibrations.checked_values import Measured
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import FrameRecord, Run
 
@@ -16,6 +17,32 @@ FloatArray = NDArray[np.float64]
 
 # Share of saturated pixels in a frame beyond which it is no flat.
 _MOST_SATURATED = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatAngle:
+    """Numbers of the flat field at one polarizer angle, in the order in which its file has them.
+
+    Attributes
+    ----------
+    polarizer_angle_deg : float
+        0 to 180 [deg].
+    frames : int
+        Of the angle.
+    mean_dn : float
+        Mean count, dark level off [DN].
+    throughput : Measured
+        Light of the angle over the mean of all angles.
+    pattern_rms, noise_rms : float
+        Relative deviation over the pixels, of the response and of its error.
+    """
+
+    polarizer_angle_deg: float
+    frames: int
+    mean_dn: float
+    throughput: Measured[float]
+    pattern_rms: float
+    noise_rms: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +65,23 @@ class RunFlat:
     flats: tuple[FlatField, ...]
     exposure_s: float
     records: tuple[FrameRecord, ...]
+
+    def rows(self) -> tuple[FlatAngle, ...]:
+        """Return the numbers of each angle."""
+        values, errors = self.throughput()
+        return tuple(
+            FlatAngle(
+                polarizer_angle_deg=angle,
+                frames=flat.frames,
+                mean_dn=flat.mean_dn,
+                throughput=Measured(value=value, std_error=error),
+                pattern_rms=flat.pattern_rms,
+                noise_rms=flat.noise_rms,
+            )
+            for angle, flat, value, error in zip(
+                self.angles_deg.tolist(), self.flats, values.tolist(), errors.tolist(), strict=True
+            )
+        )
 
     def throughput(self) -> tuple[FloatArray, FloatArray]:
         """Return the light of each angle over the mean of all, and its error: of unpolarized, steady light."""

@@ -1,12 +1,14 @@
 """Image registration of a run: the shift of its picture at each stage angle."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from calibration.polarimeter.registration import Registration, Wander, fit_wander, register
+from rigctl.calibrations.checked_values import Bounded, NotNegative
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import FrameRecord, Run
 
@@ -15,6 +17,19 @@ FloatArray = NDArray[np.float64]
 # A false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
 _WORTH_A_WORD_PIXELS = 0.1
 _SIGMAS = 4.0
+
+
+# No picture is larger.
+Pixels = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleShift:
+    """Shift (x, y) of the picture at an angle against that at the first, in the order in which its file has it."""
+
+    angle_deg: Bounded
+    shift_pixels: tuple[Pixels, Pixels]
+    std_error_pixels: tuple[NotNegative, NotNegative] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,18 +53,22 @@ class RunRegistration:
     found: Registration
     wander: Wander | None
 
+    def rows(self) -> tuple[AngleShift, ...]:
+        """Return the shift at each angle."""
+        return tuple(
+            AngleShift(angle_deg=angle, shift_pixels=(x, y), std_error_pixels=(x_error, y_error))
+            for angle, (x, y), (x_error, y_error) in zip(
+                self.angle_deg.tolist(),
+                self.found.shift_pixels.tolist(),
+                self.found.std_error_pixels.tolist(),
+                strict=True,
+            )
+        )
+
     def as_json(self) -> dict[str, Any]:
         """Return the numbers as JSON."""
         return {
-            "angles": [
-                {"angle_deg": angle, "shift_pixels": shift, "std_error_pixels": error}
-                for angle, shift, error in zip(
-                    self.angle_deg.tolist(),
-                    self.found.shift_pixels.tolist(),
-                    self.found.std_error_pixels.tolist(),
-                    strict=True,
-                )
-            ],
+            "angles": [asdict(row) for row in self.rows()],
             "wander": None if self.wander is None else _wander_json(self.wander),
             "finding": self.finding,
         }

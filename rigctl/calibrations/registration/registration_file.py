@@ -12,11 +12,11 @@ from pydantic import Field
 
 from calibration.polarimeter.registration import Wander
 from rigctl.angles import wrapped
-from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText, at_least
+from rigctl.calibrations.checked_values import NotNegative, UtcText, at_least
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
-from rigctl.calibrations.registration.register_run import RunRegistration
+from rigctl.calibrations.registration.register_run import AngleShift, Pixels, RunRegistration
 from rigctl.config import sha256_of
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
@@ -31,23 +31,13 @@ VALID_DAYS = 180.0
 _CIRCLE_PIXELS = 0.05
 # A frame this near to an angle of the table has its shift.
 _NEAR_DEG = 1.0
-# No picture is larger.
-_Pixels = Annotated[float, Field(ge=-1e5, le=1e5)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class AngleShift:
-    """Shift (x, y) of the picture at an angle against that at the first."""
-
-    angle_deg: Bounded
-    shift_pixels: tuple[_Pixels, _Pixels]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Circle:
     """The circle that the picture walks on, as `Wander` has it."""
 
-    turning_pixels: tuple[_Pixels, _Pixels]
+    turning_pixels: tuple[Pixels, Pixels]
     sense: Literal[1, -1]
     residual_pixels: NotNegative
 
