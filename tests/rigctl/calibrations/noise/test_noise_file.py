@@ -111,7 +111,9 @@ def test_the_file_says_what_it_was_made_from_and_when() -> None:
 
 
 def test_flags_have_name_message_and_refusal() -> None:
-    assert [set(flag) for flag in content()["flags"]] == [{"name", "level", "message", "refuses"}] * len(calibration().flags)
+    assert [set(flag) for flag in content()["flags"]] == [{"name", "level", "message", "refuses"}] * len(
+        calibration().flags
+    )
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
