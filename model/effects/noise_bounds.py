@@ -6,7 +6,7 @@ from model.effects.bound import NOTHING, Disturbance
 from model.effects.radiance_bounds import RegionBounds
 from model.effects.sun_light import SunLight
 from model.scene.lit_scene import LitScene
-from model.sensor.noise import saturation_probability
+from model.sensor.pixel_noise import saturation_probability
 
 
 def dark_current(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 from model.effects.air_bounds import bound_air
 from model.effects.bound import Bound, Disturbance
-from model.effects.consequences import bound_of, detection_bound
+from model.effects.bound_of_change import bound_of, detection_bound
 from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import ALL, Effect
 from model.effects.radiance_bounds import RegionBounds, radiance_bounds

@@ -11,7 +11,7 @@ from model.processing.reconstruction import design
 from model.scene.falloff import cosine_fourth
 from model.scene.lit_scene import LitRegion, LitScene
 from model.sensor.electrons import electrons_per_radiance
-from model.sensor.noise import temporal_variance_dn2
+from model.sensor.pixel_noise import temporal_variance_dn2
 from model.stokes import analyzer_row
 
 FloatArray = NDArray[np.float64]

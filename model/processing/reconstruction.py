@@ -67,7 +67,7 @@ class Design:
 
 
 def equispaced_rad(frames: int, *, start_rad: float = 0.0) -> FloatArray:
-    """Return angles that are equally spaced over 180 deg.
+    """Return angles that are equally spaced over 180 deg, shape (frames,) [rad].
 
     Parameters
     ----------
@@ -75,11 +75,6 @@ def equispaced_rad(frames: int, *, start_rad: float = 0.0) -> FloatArray:
         Number of frames, at least 3.
     start_rad
         First angle [rad].
-
-    Returns
-    -------
-    ndarray
-        Shape (frames,) [rad].
 
     Raises
     ------

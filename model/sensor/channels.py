@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from model.moments import Moments
 from model.sensor.electrons import electrons_per_radiance
 from model.sensor.imperfections import PERFECT, Imperfections, angle_variance
-from model.sensor.noise import saturation_probability, temporal_variance_dn2, unquantised_variance_dn2
+from model.sensor.pixel_noise import saturation_probability, temporal_variance_dn2, unquantised_variance_dn2
 from model.sensor.sensor import Sensor, SensorNoise
 from model.stokes import analyzer_row
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.surface.angles import checked_zenith
+from model.surface.angle_checks import checked_zenith
 from model.surface.diffuse import diffuse_row
 from model.surface.pbrdf import Surface
 from model.surface.reflectance import HemisphericalReflectance, lobe_reflectance

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.surface.angles import checked_azimuth, checked_zenith
+from model.surface.angle_checks import checked_azimuth, checked_zenith
 
 FloatArray = NDArray[np.float64]
 

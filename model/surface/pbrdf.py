@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.surface.angles import checked_azimuth, checked_zenith
+from model.surface.angle_checks import checked_azimuth, checked_zenith
 from model.surface.diffuse import DIFFUSE, Diffuse, DiffuseKind, add_diffuse, reflectance_at
 from model.surface.half_vector import half_vector_geometry
 from model.surface.lobe import Lobe, write_specular

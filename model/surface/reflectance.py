@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.surface import fresnel
-from model.surface.angles import checked_zenith
+from model.surface.angle_checks import checked_zenith
 from model.surface.facet_quadrature import facet_nodes
 from model.surface.lobe import Lobe
 from model.surface.shadowing import shadowed_prefactor

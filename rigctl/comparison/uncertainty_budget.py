@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.registration import Registration
+from model.prediction.mean_uncertainty import budget, noise_causes, shift_cause
 from model.prediction.prediction import RegionPrediction
-from model.prediction.uncertainty_budget import budget, noise_causes, shift_cause
 from model.processing.input_propagation import Propagation
 from model.sensor.channels import ChannelMoments
 from rigctl.comparison.rows import Row

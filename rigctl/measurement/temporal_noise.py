@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.sensor.noise import temporal_variance_dn2
+from model.sensor.pixel_noise import temporal_variance_dn2
 from model.sensor.sensor import SensorNoise
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import DataError

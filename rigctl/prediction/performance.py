@@ -3,8 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from model.prediction.performance import PairDetection, PolarizationStrength, pair_detections, polarization_strength
 from model.prediction.prediction import RegionPrediction
+from model.prediction.region_performance import (
+    PairDetection,
+    PolarizationStrength,
+    pair_detections,
+    polarization_strength,
+)
 
 # Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.
 FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)

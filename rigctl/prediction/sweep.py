@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.performance import PairDetection, pair_detections
 from model.prediction.prediction import Quantities
+from model.prediction.region_performance import PairDetection, pair_detections
 from rigctl.errors import ConfigError
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.scene_prediction import ScenePredictor

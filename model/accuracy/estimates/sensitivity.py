@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
-from model.prediction.performance import PairDetection, detections_of_pair, pair_detection
 from model.prediction.prediction import RegionPrediction, predict
+from model.prediction.region_performance import PairDetection, detections_of_pair, pair_detection
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
 

@@ -11,8 +11,8 @@ from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import Settings
 from model.effects.acting import acting
 from model.effects.names import ALL, Effect
-from model.prediction.performance import PairDetection, pair_detection
 from model.prediction.prediction import RegionPrediction, predict
+from model.prediction.region_performance import PairDetection, pair_detection
 from model.scene.adjacency import with_surroundings
 from model.scene.falloff import cosine_fourth
 from model.scene.field_light import FieldLight

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from model.prediction.performance import PairDetection, PolarizationStrength
 from model.prediction.prediction import RegionPrediction
+from model.prediction.region_performance import PairDetection, PolarizationStrength
 from model.processing.texture import Texture
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.comparison.rows import Row, measured_with_ratios

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from model.prediction.performance import PairDetection, PolarizationStrength
 from model.prediction.prediction import RegionPrediction
+from model.prediction.region_performance import PairDetection, PolarizationStrength
 from rigctl.prediction.performance import STATED_RATES, Performance
 from rigctl.reports.table import NOTHING, Column, Table
 

@@ -1,8 +1,13 @@
 import numpy as np
 import pytest
 
-from model.prediction.performance import detections_of_pair, pair_detection, pair_detections, polarization_strength
 from model.prediction.prediction import predict
+from model.prediction.region_performance import (
+    detections_of_pair,
+    pair_detection,
+    pair_detections,
+    polarization_strength,
+)
 from model.scene.scenario import RegionLight, Scenario
 from tests.model.prediction.test_whole_chain import READOUT, SENSOR
 
