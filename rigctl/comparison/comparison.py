@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ class Comparison:
 
     Attributes
     ----------
-    kind : str
+    kind : {"scene", "closed loop"}
         "scene": predicted from a scene file. "closed loop": predicted from the run's own means and texture.
     alpha : float
         Family-wise error rate: chance that any row is called a disagreement where all agree.
@@ -68,7 +69,7 @@ class Comparison:
         Region to its light, of the regions that are given by a material.
     """
 
-    kind: str
+    kind: Literal["scene", "closed loop"]
     alpha: float
     rows: tuple[Row, ...]
     diagnosis: Diagnosis

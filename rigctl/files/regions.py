@@ -3,7 +3,7 @@
 x runs right, y down, (0, 0) is the centre of the top left pixel.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,6 +17,7 @@ from rigctl.config import Section, load
 from rigctl.errors import ConfigError
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+_HEAD = "# Regions of interest. x runs right, y down, (0, 0) is the centre of the top left pixel.\n"
 
 
 class Rectangle(Section):
@@ -174,3 +175,33 @@ def _mask(region: Region, *, width: int, height: int) -> NDArray[np.bool_]:
         if y1 != y2:
             inside ^= crosses & (x < (x2 - x1) * (y - y1) / (y2 - y1) + x1)
     return inside
+
+
+def regions_text(file: RegionsFile) -> str:
+    """Return the TOML that `load_regions` reads back as the same regions."""
+    blocks = [_HEAD + f"schema_version = {file.schema_version}\n", *map(_region, file.regions)]
+    return "\n".join([*blocks, *([] if file.markers is None else _markers(file.markers))])
+
+
+def _region(region: Region) -> str:
+    lines = ["[[regions]]", f'name = "{region.name}"']
+    if region.rectangle is not None:
+        r = region.rectangle
+        lines.append(f"rectangle = {{ x = {r.x}, y = {r.y}, width = {r.width}, height = {r.height} }}")
+    if region.polygon is not None:
+        lines.append(f"polygon = {_points(region.polygon)}")
+    if region.edge_px:
+        lines.append(f"edge_px = {region.edge_px}")
+    return "\n".join(lines) + "\n"
+
+
+def _markers(markers: Markers) -> Iterable[str]:
+    yield f'[markers]\ndictionary = "{markers.dictionary}"\n'
+    for marker in markers.seen:
+        names = ", ".join(f'"{name}"' for name in marker.regions)
+        led = f"regions = [{names}]\n" if names else ""
+        yield f"[[markers.seen]]\nid = {marker.id}\ncorners = {_points(marker.corners)}\n{led}"
+
+
+def _points(points: Iterable[Vertex]) -> str:
+    return "[" + ", ".join(f"[{x:.10g}, {y:.10g}]" for x, y in points) + "]"

@@ -10,12 +10,10 @@ from rigctl.choices import Dictionary
 from rigctl.config import load
 from rigctl.durable_file import write_durably
 from rigctl.errors import DataError
-from rigctl.files.regions import Markers, RegionsFile
+from rigctl.files.regions import Markers, RegionsFile, regions_text
 from rigctl.outlines.follow import FollowedRegion, follow_markers, moved_markers
-from rigctl.outlines.markers import search_markers
+from rigctl.outlines.markers import grey_picture, search_markers
 from rigctl.outlines.picker import Picker
-from rigctl.outlines.picture import grey_picture
-from rigctl.outlines.regions_text import regions_text
 from rigctl.runs.run_folder import read_run
 
 

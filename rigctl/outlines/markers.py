@@ -1,4 +1,4 @@
-"""Finds ArUco markers in a picture."""
+"""ArUco markers in the picture of a run."""
 
 import cv2
 import numpy as np
@@ -6,6 +6,11 @@ from numpy.typing import NDArray
 
 from rigctl.choices import Dictionary
 from rigctl.files.regions import Marker
+from rigctl.measurement.measurement import measure
+from rigctl.runs.run_folder import Run
+
+# Shares of the pixels that may be darker than black and lighter than white.
+_DARKEST, _LIGHTEST = 0.1, 99.9
 
 
 def search_markers(picture: NDArray[np.uint8], dictionary: Dictionary) -> list[Marker]:
@@ -37,3 +42,18 @@ def search_markers(picture: NDArray[np.uint8], dictionary: Dictionary) -> list[M
         ),
         key=lambda marker: marker.id,
     )
+
+
+def grey_picture(run: Run) -> NDArray[np.uint8]:
+    """Return the mean of a run over all angles, shape (H, W), stretched to 0..255.
+
+    Raises
+    ------
+    DataError
+        The frames cannot give Stokes parameters.
+    """
+    mean = measure(run, regions=[]).channels.mean(axis=0)
+    low, high = np.percentile(mean, (_DARKEST, _LIGHTEST))
+    if not high > low:
+        return np.zeros(mean.shape, dtype=np.uint8)
+    return np.asarray(255.0 * np.clip((mean - low) / (high - low), 0.0, 1.0)).astype(np.uint8)

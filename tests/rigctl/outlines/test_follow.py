@@ -9,8 +9,7 @@ from rigctl.choices import Dictionary
 from rigctl.errors import DataError
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile
 from rigctl.outlines.follow import follow_markers, moved_markers
-from rigctl.outlines.markers import search_markers
-from rigctl.outlines.picture import grey_picture
+from rigctl.outlines.markers import grey_picture, search_markers
 from tests.rigctl.outlines.marked_pictures import MOVED, panels, run_of, seen_after_move
 
 MARKERS = {3: (60, 50), 7: (360, 260)}

@@ -4,8 +4,7 @@ from pathlib import Path
 
 from rigctl.choices import Dictionary
 from rigctl.config import load
-from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile
-from rigctl.outlines.regions_text import regions_text
+from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile, regions_text
 
 
 def test_it_is_read_back_as_it_was(tmp_path: Path) -> None:
