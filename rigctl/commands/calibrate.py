@@ -101,6 +101,6 @@ def _print_table(found: "CalibratedNoise") -> None:
     from rigctl.reports.writers.terminal_table import terminal_table
 
     console = results()
-    console.print(terminal_table(calibration_table(calibration_rows(found.content))))
+    console.print(terminal_table(calibration_table(calibration_rows(found.calibration.noise))))
     for flag in found.calibration.noise.flags:
         console.print(f"{flag.name}: {flag.message}", markup=False)

@@ -41,21 +41,20 @@ def surface(
     from rigctl.reports.tables.surface_fit_tables import fit_json, fit_tables
 
     fitted = fit_surface_file(file, profile=profile, out=out)
-    content = fit_json(fitted)
+    fit = fitted.fit
     if as_json:
-        print_json(content)
+        print_json(fit_json(fitted))
     else:
-        for table in fit_tables(content):
+        for table in fit_tables(fitted):
             results().print(terminal_table(table))
             results().print()
         results().print(
-            f"chi-square {content['chi_square']:.4g} with {content['degrees_of_freedom']} degrees of freedom, "
-            f"p = {content['p_value']:.2g}"
+            f"chi-square {fit.chi_square:.4g} with {fit.degrees_of_freedom} degrees of freedom, p = {fit.p_value:.2g}"
         )
-        for words in (*content["findings"], *content["assumptions"]):
+        for words in (*fit.findings, *fitted.assumptions):
             results().print(words)
     if out is None:
         return
     if fitted.material is None:
-        raise DataError(f"{out} is not written: {'; '.join(content['findings'])}")
+        raise DataError(f"{out} is not written: {'; '.join(fit.findings)}")
     progress().print(f"material: {out}")

@@ -82,7 +82,7 @@ def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = Non
         from rigctl.reports.pages.calibration_page import calibration_report
         from rigctl.reports.writers.report_file import report_file
 
-        report = calibration_report(calibration, found.content)
+        report = calibration_report(calibration, created_utc=found.content["created_utc"])
         write_whole(request.report, report_file(report, request.report))
     if request.defects is not None:
         write_whole(request.defects, _defects_png(request.defects, calibration))

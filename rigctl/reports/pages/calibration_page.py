@@ -2,23 +2,26 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.performance import Performance
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration
+from rigctl.calibrations.noise.noise_frames import FrameSource
 from rigctl.reports.figures.calibration_figures import dark_png, linearity_png, snr_png
 from rigctl.reports.figures.calibration_pictures import histograms_png, maps_png, spectrograms_png
 from rigctl.reports.figures.photon_transfer_figure import photon_transfer_png
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Terms
 from rigctl.reports.table import Table, text_columns
 from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table, sheet_table
+from rigctl.version import VERSION
 
 _DECIBEL = 20.0
 _MS_PER_S = 1e3
+_MADE_FOR = ("camera_model", "camera_serial", "gain_db", "pixel_format", "binning")
 _NUMBERS = (
     "Left what the model uses (best: weighted fits, response of the sensor taken into account); right the fits of EMVA "
     "Standard 1288, Release 4.0 Linear, to set beside data sheets. Errors are standard errors; those of the standard's "
@@ -47,22 +50,22 @@ _SHEET = (
 )
 
 
-def calibration_report(calibration: FrameCalibration, content: dict[str, Any]) -> Report:
+def calibration_report(calibration: FrameCalibration, *, created_utc: str) -> Report:
     """Return the report of a noise calibration.
 
     Parameters
     ----------
     calibration : FrameCalibration
         The calibration.
-    content : dict
-        What ``noise.json`` holds of it.
+    created_utc : str
+        When it was made, as its file says it.
     """
-    noise, remarks = calibration.noise, _remarks(content)
-    rows = calibration_rows(content)
+    noise, remarks = calibration.noise, _remarks(calibration.noise.performance)
+    rows = calibration_rows(noise)
     numbers = (Paragraph(text=_NUMBERS), calibration_table(rows))
     return Report(
         title=f"Sensor noise: {Path(calibration.frames.source.path).name}",
-        source=_facts(content),
+        source=_facts(calibration.frames.source, created_utc),
         sections=[
             Section(title="Numbers", blocks=(*numbers, Bullets(items=tuple(remarks))) if remarks else numbers),
             Section(title="What is to be known of the frames", blocks=(_flags(noise.flags),)),
@@ -73,7 +76,7 @@ def calibration_report(calibration: FrameCalibration, content: dict[str, Any]) -
                 blocks=(
                     Table(
                         columns=text_columns("operation point", "", left=(0, 1)),
-                        rows=tuple(_sheet_facts(calibration, content)),
+                        rows=tuple(_sheet_facts(calibration)),
                     ),
                     sheet_table(rows),
                     Paragraph(text=_SHEET),
@@ -115,52 +118,56 @@ def _pattern(pattern: FixedPattern | None) -> Iterable[Section]:
     yield Section(title="Fixed pattern", blocks=blocks)
 
 
-def _facts(content: dict[str, Any]) -> str:
-    source = content["source"]
+def _facts(source: FrameSource, created_utc: str) -> str:
     facts = [
-        f"from {source['path']}",
-        f"SHA-256 over all frames {source['frames_sha256'][:16]}",
-        f"made {content['created_utc'][:19]}Z by {content['created_by']}",
+        f"from {source.path}",
+        f"SHA-256 over all frames {source.frames_sha256[:16]}",
+        f"made {created_utc[:19]}Z by rigctl {VERSION}",
     ]
     return f"{'; '.join(facts)}."
 
 
-def _remarks(content: dict[str, Any]) -> list[str]:
+def _remarks(best: Performance) -> list[str]:
     """Return numbers in other units, and what two ways to one number say of each other."""
-    found, best = [], content["performance"]
-    if best["dynamic_range"] is not None:
-        value = best["dynamic_range"]["value"]
-        found.append(f"dynamic range {_DECIBEL * np.log10(value):.1f} dB, {np.log2(value):.1f} bits")
-    if best["snr_max"] is not None:
-        value = best["snr_max"]["value"]
-        found.append(f"largest SNR {_DECIBEL * np.log10(value):.1f} dB, {np.log2(value):.1f} bits")
-    if best["dark_current_disagreement"] is not None:
-        score = best["dark_current_disagreement"]
+    found = []
+    if best.dynamic_range is not None:
+        found.append(f"dynamic range {_decibels_and_bits(best.dynamic_range.value)}")
+    if best.snr_max is not None:
+        found.append(f"largest SNR {_decibels_and_bits(best.snr_max.value)}")
+    if best.dark_current_disagreement is not None:
+        score = best.dark_current_disagreement
         word = (
             "consistent" if abs(score) < 3.0 else "in disagreement: the camera clamps its black level, or light got in"
         )
         found.append(f"dark current by mean and by variance are {score:+.1f} standard errors apart, {word}")
-    if best["quantum_efficiency"] is not None:
+    if best.quantum_efficiency is not None:
         found.append("the error of the quantum efficiency does not hold that of the photons as stated")
     return found
 
 
-def _sheet_facts(calibration: FrameCalibration, content: dict[str, Any]) -> list[tuple[str, str]]:
-    noise, made_for = calibration.noise, content["made_for"]
+def _decibels_and_bits(ratio: float) -> str:
+    return f"{_DECIBEL * np.log10(ratio):.1f} dB, {np.log2(ratio):.1f} bits"
+
+
+def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
+    noise, made_for = calibration.noise, calibration.frames.made_for
     frames = [level.n_frames for level in (*noise.flats, *noise.darks)]
     exposures = [level.exposure_s for level in (*noise.flats, *noise.darks) if level.exposure_s is not None]
     flat, dark = noise.flats[noise.spatial.flat], noise.darks[noise.spatial.dark]
     rows, columns = flat.shape
-    known = {name: made_for[name] for name in ("camera_model", "camera_serial", "gain_db", "pixel_format", "binning")}
     return [
-        *((name.replace("_", " "), "not known" if value is None else str(value)) for name, value in known.items()),
-        ("temperature", "not known" if made_for["temperature_c"] is None else f"{made_for['temperature_c']:.1f} °C"),
+        *((name.replace("_", " "), _known(getattr(made_for, name))) for name in _MADE_FOR),
+        ("temperature", "not known" if made_for.temperature_c is None else f"{made_for.temperature_c:.1f} °C"),
         ("picture", f"{columns} x {rows} pixels, {calibration.frames.camera.bit_depth} bits"),
         ("levels", f"{len(noise.flats)} with light, {len(noise.darks)} dark, {sum(frames)} frames"),
         ("exposures", f"{_ms(min(exposures))} to {_ms(max(exposures))}" if exposures else "not known"),
         ("light varied by", "exposure time" if len(set(exposures)) > len(noise.darks) // 2 > 0 else "lamp"),
         ("fixed pattern from", f"{flat.n_frames} flats at {flat.mean_dn:.0f} DN and {dark.n_frames} darks"),
     ]
+
+
+def _known(value: str | float | None) -> str:
+    return "not known" if value is None else str(value)
 
 
 def _ms(time_s: float) -> str:

@@ -1,8 +1,10 @@
 """The numbers of a noise calibration as tables: the standard's beside the best ones; those that a comparison used."""
 
 from dataclasses import dataclass
-from typing import Any
 
+from calibration.estimate import Estimate
+from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
+from calibration.sensor.noise import NoiseCalibration
 from rigctl.calibrations.checked_values import MeasuredOverFrames
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.files.scene_file import NoiseSection
@@ -113,30 +115,17 @@ def parameter_table(noise: NoiseParameters) -> Table[_Known]:
     return Table(columns=columns, rows=rows)
 
 
-def calibration_rows(content: dict[str, Any]) -> list[CalibrationRow]:
-    """Return the numbers of a calibration.
-
-    Parameters
-    ----------
-    content : dict
-        Of ``noise.json``.
-    """
-    best = content | content["performance"]
-    return [_row(best, content["emva1288"], *row) for row in _ROWS]
+def calibration_rows(noise: NoiseCalibration) -> list[CalibrationRow]:
+    """Return the numbers of a calibration."""
+    return [_row(noise, *row) for row in _ROWS]
 
 
 def _row(
-    best: dict[str, Any],
-    emva: dict[str, Any],
-    title: str,
-    unit: str,
-    factor: float,
-    key: str | None,
-    emva_key: str | None,
+    noise: NoiseCalibration, title: str, unit: str, factor: float, key: str | None, emva_key: str | None
 ) -> CalibrationRow:
-    value, error, frames = ("", "", "") if key is None else _cells(best[key], factor)
-    emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(emva[emva_key], factor)
-    figure = emva[emva_key] if emva_key else None
+    value, error, frames = ("", "", "") if key is None else _cells(_best(noise, key), factor)
+    standard = None if emva_key is None else noise.emva1288[emva_key]
+    emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(standard, factor)
     return CalibrationRow(
         title=title,
         unit=unit,
@@ -146,20 +135,25 @@ def _row(
         emva_value=emva_value,
         emva_error=emva_error,
         emva_frames=emva_frames,
-        symbol=figure["symbol"] if figure else "",
+        symbol="" if emva_key is None or standard is None else EMVA_SYMBOLS[emva_key],
     )
 
 
-def _cells(found: dict[str, Any] | None, factor: float) -> tuple[str, str, str]:
+def _best(noise: NoiseCalibration, key: str) -> Estimate | None:
+    found: Estimate | None = getattr(noise if hasattr(noise, key) else noise.performance, key)
+    return found
+
+
+def _cells(found: Estimate | EmvaFigure | None, factor: float) -> tuple[str, str, str]:
     """Return value and standard error to two digits of the error, and the number of frames."""
     if found is None:
         return _NOT_KNOWN, "", ""
-    value = factor * found["value"]
-    if not found["std_error"]:
-        return f"{value:.4g}", "", str(found["n"])
-    error = factor * found["std_error"]
+    value = factor * found.value
+    if not found.std_error:
+        return f"{value:.4g}", "", str(found.n)
+    error = factor * found.std_error
     digits = max(0, 1 - _exponent(error))
-    return f"{value:.{digits}f}", f"{error:.{digits}f}", str(found["n"])
+    return f"{value:.{digits}f}", f"{error:.{digits}f}", str(found.n)
 
 
 def _exponent(number: float) -> int:

@@ -1,13 +1,15 @@
 """A fitted surface as JSON and as tables for the terminal."""
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from model.surface.materials import properties
-from rigctl.comparison.surface_fit import FittedMaterial
-from rigctl.reports.table import Table, text_columns
+from rigctl.comparison.surface_fit import FittedMaterial, FittedRegion
+from rigctl.reports.table import Column, Table, text_columns
+from rigctl.reports.writers.json_rows import finite
 
 
 def fit_json(fitted: FittedMaterial) -> dict[str, Any]:
@@ -43,44 +45,47 @@ def fit_json(fitted: FittedMaterial) -> dict[str, Any]:
     }
 
 
-def fit_tables(content: dict[str, Any]) -> Iterable[Table[Any]]:
-    """Return the parameters and the observations of `fit_json` as tables."""
+def fit_tables(fitted: FittedMaterial) -> Iterable[Table[Any]]:
+    """Return the parameters of a surface, those fitted and those held, and the observations."""
     yield Table(
-        title=f"95 % interval: {content['interval_method']}",
+        title=f"95 % interval: {fitted.interval_method}",
         columns=text_columns("parameter", "value", "± std", "from", "to"),
-        rows=tuple(_parameter_rows(content)),
+        rows=(*_fitted_rows(fitted), *_held_rows(fitted)),
     )
-    yield Table(
-        title="normalised Stokes parameters in the camera's axes",
-        columns=text_columns("region", "S1/S0 measured", "fitted", "S2/S0 measured", "fitted", "chi-square"),
-        rows=tuple(_observation_cells(seen) for seen in content["observations"]),
+    columns: tuple[Column[FittedRegion], ...] = (
+        Column(title="region", text=lambda seen: f"{seen.run}: {seen.region}", left=True),
+        Column(title="S1/S0 measured", text=partial(_measured, component=0)),
+        Column(title="fitted", text=lambda seen: f"{seen.fitted[0]:+.4f}"),
+        Column(title="S2/S0 measured", text=partial(_measured, component=1)),
+        Column(title="fitted", text=lambda seen: f"{seen.fitted[1]:+.4f}"),
+        Column(title="chi-square", text=lambda seen: f"{seen.chi_square:.3g}"),
     )
+    yield Table(title="normalised Stokes parameters in the camera's axes", columns=columns, rows=tuple(fitted.regions))
 
 
-def _parameter_rows(content: dict[str, Any]) -> Iterable[tuple[str, ...]]:
-    for name, found in content["parameters"].items():
-        numbers = (found["value"], found["std_error"], *found["interval_95"])
-        yield name, *("unknown" if number is None else f"{number:.5g}" for number in numbers)
-    for name, held in content["held"].items():
-        yield name, f"{held['value']:.5g}", "held, assumed" if held["assumed"] else "held", "", ""
+def _fitted_rows(fitted: FittedMaterial) -> Iterable[tuple[str, ...]]:
+    fit = fitted.fit
+    for name, value, error, ends in zip(
+        fit.names, fit.values, fit.information.standard_uncertainty, fitted.intervals, strict=True
+    ):
+        yield name, *(f"{number:.5g}" if np.isfinite(number) else "unknown" for number in (value, error, *ends))
 
 
-def _observation_cells(seen: dict[str, Any]) -> tuple[str, ...]:
-    cells = (
-        text
-        for mean, error, model in zip(seen["measured"], seen["std_error"], seen["fitted"], strict=True)
-        for text in (f"{mean:+.4f} ± {error:.1g}", f"{model:+.4f}")
-    )
-    return f"{seen['run']}: {seen['region']}", *cells, f"{seen['chi_square']:.3g}"
+def _held_rows(fitted: FittedMaterial) -> Iterable[tuple[str, ...]]:
+    for name, given in properties(fitted.start).items():
+        if name not in fitted.fit.names:
+            value = f"{getattr(fitted.fit.surface, name):.5g}"
+            yield name, value, "held, assumed" if given.assumed else "held", "", ""
+
+
+def _measured(seen: FittedRegion, component: int) -> str:
+    error = float(np.sqrt(seen.measured.cov[component, component]))
+    return f"{seen.measured.mean[component]:+.4f} ± {error:.1g}"
 
 
 def _parameter(fitted: FittedMaterial, index: int) -> dict[str, Any]:
     return {
         "value": float(fitted.fit.values[index]),
-        "std_error": _finite(float(fitted.fit.information.standard_uncertainty[index])),
-        "interval_95": [_finite(end) for end in fitted.intervals[index]],
+        "std_error": finite(float(fitted.fit.information.standard_uncertainty[index])),
+        "interval_95": [finite(float(end)) for end in fitted.intervals[index]],
     }
-
-
-def _finite(number: float) -> float | None:
-    return number if np.isfinite(number) else None

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from rigctl.calibrations.noise.calibrate_files import calibrate_frames
+from rigctl.calibrations.noise.noise_frames import emva_frames
 from rigctl.cli import main
 from rigctl.reports.tables.calibration_table import calibration_rows
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
@@ -42,7 +44,8 @@ def test_the_page_of_a_run_says_which_camera(tmp_path: Path) -> None:
 
 def test_numbers_are_shown_to_the_digits_of_their_errors(tmp_path: Path) -> None:
     content = json.loads(write(tmp_path).read_text())
-    rows = {(row.title, row.unit): row for row in calibration_rows(content)}
+    noise = calibrate_frames(emva_frames(write_emva_set(tmp_path))).noise
+    rows = {(row.title, row.unit): row for row in calibration_rows(noise)}
     gain = rows["gain", "DN/e-"]
     assert gain.symbol == "K"
     assert float(gain.value) == pytest.approx(
