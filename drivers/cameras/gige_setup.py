@@ -1,6 +1,5 @@
 """All that is written to a GigE Vision camera when it is opened, each thing read back, and what it then is."""
 
-import socket
 from dataclasses import dataclass, replace
 
 from drivers.cameras.aravis_library import AravisLibrary
@@ -10,6 +9,7 @@ from drivers.cameras.gige_options import GigeOptions
 from drivers.cameras.known_formats import GENICAM
 from drivers.cameras.pixel_format import PixelFormat
 from drivers.errors import LimitError
+from drivers.network_path import path_mtu
 
 _AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "ContrastAuto")
 _PROCESSING = ("GammaEnable", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
@@ -22,8 +22,6 @@ _BEST_FIRST = ("Mono14", "Mono12", "Mono12p", "Mono12Packed", "Mono10", "Mono10p
 _RATE = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _RATE_TOLERANCE = 0.01
 _ETHERNET_MTU = 1500
-_IP_MTU = 14  # of Linux; the socket module has no name for it
-_CONTROL_PORT = 3956
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,16 +120,6 @@ def set_packet_size(
     with features.told("packet size"):
         library.call("camera_gv_set_packet_size", camera, size)
         features.used["GevSCPSPacketSize"] = str(library.call("camera_gv_get_packet_size", camera))
-
-
-def path_mtu(address: str) -> int:
-    """Return the bytes that the interface to an IP address sends in one piece."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect((address, _CONTROL_PORT))
-            return int(probe.getsockopt(socket.IPPROTO_IP, _IP_MTU))
-        except OSError as error:
-            raise LimitError(f"{address}: there is no way to this address: {error.strerror}") from error
 
 
 def _switch_off(features: GigeFeatures) -> bool | None:

@@ -107,11 +107,12 @@ def _stage_port(rig: RigFile, simulation: Simulation | None) -> str:
 
 
 def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
-    scheme, _, place = rig.camera.address.partition(":")
-    if scheme == "sim" and simulation is not None:
-        if simulation.gige_place is None:
+    address = rig.camera.address
+    if address.startswith(SIMULATED) and simulation is not None:
+        if simulation.network_address is None:
             return simulation.camera
-        scheme, place = "gige", simulation.gige_place
+        address = simulation.network_address
+    scheme, _, place = address.partition(":")
     factory = find_driver("rigctl.cameras", scheme, key="camera.address").load()
     camera: Camera = factory(place)
     return camera

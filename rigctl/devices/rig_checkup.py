@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from drivers.cameras.gige_setup import path_mtu
 from drivers.interfaces import Camera, ReportingCamera, RotationStage
+from drivers.network_path import path_mtu
 from drivers.serial_ports import resolve_port
 from rigctl.devices.host_checkup import Finding
 from rigctl.devices.rig import open_rig

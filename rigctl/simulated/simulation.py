@@ -45,8 +45,8 @@ class Simulation:
         Looks at it.
     stage_port : str
         Pseudo-terminal on which the simulated stage answers.
-    gige_place : str or None
-        Where the camera is served as a GigE Vision camera, with its driver's options; None if it is not.
+    network_address : str or None
+        Address of the camera for its driver, where it is served as a GigE Vision camera; None where it is not.
     begin_step : callable
         To be told, by its sequence number, of each step before its first frame: the noise of frames hangs on it.
         Says whether the numbers of the camera's frames jump there.
@@ -55,7 +55,7 @@ class Simulation:
     world: World
     camera: SimCamera
     stage_port: str
-    gige_place: str | None
+    network_address: str | None
     begin_step: Callable[[int], bool]
 
 
@@ -89,10 +89,10 @@ def simulate(rig: RigFile, *, session_name: str, run: Path | None = None) -> Ite
         camera = _camera(rig.simulation, world, session_name, log)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
-    with serve_on_pty(stage, clock=clock) as port, camera, _serve_if_gige(address, camera) as gige_place:
-        noise = NoiseNumbers(camera, run) if gige_place is None else FreshNoise(camera, run)
+    with serve_on_pty(stage, clock=clock) as port, camera, _serve_if_gige(address, camera) as network_address:
+        noise = NoiseNumbers(camera, run) if network_address is None else FreshNoise(camera, run)
         yield Simulation(
-            world=world, camera=camera, stage_port=port, gige_place=gige_place, begin_step=noise.begin_step
+            world=world, camera=camera, stage_port=port, network_address=network_address, begin_step=noise.begin_step
         )
 
 
@@ -122,7 +122,7 @@ def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
     faults, rest = split_faults(tail)
     serial_number = camera.identify().serial_number
     with serve_gige_camera(camera, address=THIS_MACHINE, serial_number=serial_number, faults=faults):
-        yield f"{THIS_MACHINE}?{rest}"
+        yield f"gige:{THIS_MACHINE}?{rest}"
 
 
 def _stage_options(port: str, seed: int) -> StageOptions:
