@@ -101,6 +101,11 @@ class AptOptions:
     seed: int = 0
     speed: float = 1.0
 
+    @property
+    def counts_per_turn(self) -> float:
+        """Counts of a turn of the ring."""
+        return MODELS[self.model].counts_per_deg * 360.0
+
 
 def _status_bits(text: str) -> int:
     bits = int(text, 0)

@@ -1,26 +1,42 @@
 """Simulated stages by the address that describes them."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from sim_devices.clock import Clock
 from sim_devices.stages import apt_address, ellx_address, zaber_address
 from sim_devices.stages.apt_address import AptOptions
 from sim_devices.stages.apt_language import AptLanguage
+from sim_devices.stages.drive import Drive
 from sim_devices.stages.ellx_address import EllxOptions
 from sim_devices.stages.ellx_language import EllxLanguage
-from sim_devices.stages.simulated_stage import SimulatedStage, assemble
+from sim_devices.stages.simulated_stage import Language, SimulatedStage, assemble
 from sim_devices.stages.zaber_address import ZaberOptions
 from sim_devices.stages.zaber_language import ZaberLanguage
 
 StageOptions = EllxOptions | ZaberOptions | AptOptions
 
-_PARSERS: dict[str, Callable[[str], StageOptions]] = {
-    ellx_address.SCHEME: ellx_address.parse_address,
-    zaber_address.SCHEME: zaber_address.parse_address,
-    apt_address.SCHEME: apt_address.parse_address,
+
+@dataclass(frozen=True, kw_only=True)
+class _Family:
+    parse: Callable[[str], StageOptions]
+    options: type
+    language: Callable[[Any, Drive], Language]
+    baud: int
+
+
+_FAMILIES: dict[str, _Family] = {
+    ellx_address.SCHEME: _Family(
+        parse=ellx_address.parse_address, options=EllxOptions, language=EllxLanguage, baud=9600
+    ),
+    zaber_address.SCHEME: _Family(
+        parse=zaber_address.parse_address, options=ZaberOptions, language=ZaberLanguage, baud=115200
+    ),
+    apt_address.SCHEME: _Family(parse=apt_address.parse_address, options=AptOptions, language=AptLanguage, baud=115200),
 }
-SCHEMES = tuple(_PARSERS)
+SCHEMES = tuple(_FAMILIES)
 
 
 def parse_stage_address(text: str) -> StageOptions:
@@ -32,9 +48,9 @@ def parse_stage_address(text: str) -> StageOptions:
         There is no such kind of stage, or the address has a key or value that it does not allow; all are named.
     """
     scheme = text.partition("?")[0]
-    if scheme not in _PARSERS:
+    if scheme not in _FAMILIES:
         raise ValueError(f"stage address {text!r}: there is no {scheme!r}; there are {', '.join(SCHEMES)}")
-    return _PARSERS[scheme](text)
+    return _FAMILIES[scheme].parse(text)
 
 
 def make_stage(options: StageOptions, *, clock: Clock) -> SimulatedStage:
@@ -47,10 +63,6 @@ def make_stage(options: StageOptions, *, clock: Clock) -> SimulatedStage:
     clock : Clock
         The time that it lives in.
     """
-    if isinstance(options, EllxOptions):
-        return assemble(options, partial(EllxLanguage, options), counts_per_turn=options.pulses, baud=9600, clock=clock)
-    if isinstance(options, ZaberOptions):
-        turn = options.counts_per_turn
-        return assemble(options, partial(ZaberLanguage, options), counts_per_turn=turn, baud=115200, clock=clock)
-    counts_per_turn = apt_address.MODELS[options.model].counts_per_deg * 360.0
-    return assemble(options, partial(AptLanguage, options), counts_per_turn=counts_per_turn, baud=115200, clock=clock)
+    family = next(family for family in _FAMILIES.values() if isinstance(options, family.options))
+    speak = partial(family.language, options)
+    return assemble(options, speak, counts_per_turn=options.counts_per_turn, baud=family.baud, clock=clock)

@@ -46,6 +46,11 @@ class EllxOptions:
     seed: int = 0
     speed: float = 1.0
 
+    @property
+    def counts_per_turn(self) -> int:
+        """Encoder counts of a turn of the ring."""
+        return self.pulses
+
 
 def _status_code(text: str) -> int:
     code = int(text, 0)
