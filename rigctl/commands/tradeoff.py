@@ -47,9 +47,9 @@ def command(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for table, numbers and plot.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
-    """Print error against time: of each numerical knob and of the whole chain, and the floor of uncertain inputs.
+    """Print error against time: of each numerical setting and of the whole chain, and the floor of uncertain inputs.
 
-    Times are measured on this machine, now. True errors are against finer settings of every knob.
+    Times are measured on this machine, now. True errors are against finer settings of all.
 
     Example: rigctl tradeoff examples/scene-airborne.toml --out tradeoff
 

@@ -42,7 +42,7 @@ class RxOnRun:
     empirical_p_false_alarm : (K,) array
         Share of the background's own pixels above the threshold for pixels of the sample: what p_false_alarm came to.
     predicted_p_detection : (K,) array
-        By the exact law.
+        By the exact distribution.
     auc : float
         Area under the predicted curve of a known background.
     predicted_from : str

@@ -1,4 +1,4 @@
-"""Error against time for a scene: of the whole chain, of each knob, and the floor that uncertain inputs set."""
+"""Error against time for a scene: of the whole chain, of each numerical setting, and the floor of uncertain inputs."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +26,7 @@ Clock = Callable[[], float]
 
 # The reference is of a tenth of the smallest tolerance shown.
 _FINER = 0.1
-# Levels of a knob that are shown below that of the plan.
+# Levels of a setting that are shown below that of the plan.
 _BELOW = 2
 WHOLE_CHAIN = "whole chain"
 
@@ -37,21 +37,21 @@ class CurvePoint:
 
     Attributes
     ----------
-    knob
-        What was turned; `WHOLE_CHAIN` for a prediction to a tolerance.
-    setting
+    varied
+        Which numerical setting was varied; `WHOLE_CHAIN` for a prediction to a tolerance.
+    level
         To what.
     seconds
         That it took, without anything kept from another.
     true, estimated
-        Largest error of any reading that is promised: true and as estimated. Of one knob its own, against finer levels
-        of that knob alone.
+        Largest error of any reading that is guaranteed: true and as estimated. Of one setting its own, against finer
+        levels of it alone.
     whole
-        Largest true error of all knobs together, against finer settings of all.
+        Largest true error of all settings together, against finer settings of all.
     """
 
-    knob: str
-    setting: str
+    varied: str
+    level: str
     seconds: float
     true: float
     estimated: float
@@ -65,7 +65,7 @@ class Curves:
     Attributes
     ----------
     points
-        Of the whole chain and of each knob.
+        Of the whole chain and of each setting.
     stages
         For each tolerance its prediction.
     floor
@@ -118,9 +118,9 @@ def accuracy_curves(
     truth = _readings(reference)
     points = [_of_chain(found, truth) for found in predictions]
     middle = predictions[(len(predictions) - 1) // 2]
-    for knob in NUMERICAL_SETTINGS:
-        yield knob
-        points += _of_knob(scene, knob, middle, truth, clock)
+    for name in NUMERICAL_SETTINGS:
+        yield name
+        points += _of_setting(scene, name, middle, truth, clock)
     yield Curves(
         points=tuple(points),
         predictions=tuple(predictions),
@@ -177,41 +177,41 @@ def _slope(value: Value, above: Value | None, below: Value | None, step: float) 
 
 def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePoint:
     true = differences(_readings(found.result), truth)
-    promised = [key for key in true if key not in found.not_guaranteed]
-    largest = max((true[key] for key in promised), default=np.nan)
+    guaranteed = [key for key in true if key not in found.not_guaranteed]
+    largest = max((true[key] for key in guaranteed), default=np.nan)
     return CurvePoint(
-        knob=WHOLE_CHAIN,
-        setting=f"tolerance {found.tolerance:g}",
+        varied=WHOLE_CHAIN,
+        level=f"tolerance {found.tolerance:g}",
         seconds=sum(found.stage_s.values()),
         true=largest,
         whole=largest,
-        estimated=max((found.budget.total[key] for key in promised), default=np.nan),
+        estimated=max((found.budget.total[key] for key in guaranteed), default=np.nan),
     )
 
 
-def _of_knob(
-    scene: LitScene, knob: str, middle: AccuratePrediction, whole: dict[Reading, Value], clock: Clock
+def _of_setting(
+    scene: LitScene, varied: str, middle: AccuratePrediction, whole: dict[Reading, Value], clock: Clock
 ) -> list[CurvePoint]:
-    """One knob over its levels about that of a plan; the finest is the truth.
+    """One setting over its levels about that of a plan; the finest is the truth.
 
     The others are finer than the plan has them, so that what they leave does not show in the curve.
     """
-    top = min(middle.plan[knob] + 2, len(NUMERICAL_SETTINGS[knob].levels) - 1)
-    levels = range(max(middle.plan[knob] - _BELOW, 0), top + 1)
+    top = min(middle.plan[varied] + 2, len(NUMERICAL_SETTINGS[varied].levels) - 1)
+    levels = range(max(middle.plan[varied] - _BELOW, 0), top + 1)
     others = _finer(middle.plan)
-    found = [_at_level(scene, {**others, knob: level}, middle.tolerance, clock) for level in levels]
+    found = [_at_level(scene, {**others, varied: level}, middle.tolerance, clock) for level in levels]
     truth = _readings(found[-1][0])
     points = []
     for level, (result, errors) in zip(levels, found[:-1], strict=False):
         own = _readings(result)
         points.append(
             CurvePoint(
-                knob=knob,
-                setting=NUMERICAL_SETTINGS[knob].levels[level].label,
+                varied=varied,
+                level=NUMERICAL_SETTINGS[varied].levels[level].label,
                 seconds=sum(result.stage_s.values()),
                 true=_largest(own, truth),
                 whole=_largest(own, whole),
-                estimated=max(errors[knob].values(), default=0.0),
+                estimated=max(errors[varied].values(), default=0.0),
             )
         )
     return points
@@ -229,13 +229,13 @@ def _at_level(
     result = evaluate(scene, settings_at(plan, tolerance, face_m=scene.sensor_height_m), store=store, clock=clock)
     lights = light_errors(scene, plan, result, store, tolerance=tolerance)
     budget = error_budget(scene, result, lights, tolerance=tolerance)
-    return result, {knob: dict(errors) for knob, errors in budget.by_setting.items()}
+    return result, {name: dict(errors) for name, errors in budget.by_setting.items()}
 
 
 def _finer(plan: Plan) -> dict[str, int]:
-    """Return a plan one level finer in each knob, the wavelengths two: about a tenth of the errors that count."""
+    """Return a plan one level finer in each setting, the wavelengths two: about a tenth of the errors that count."""
     more = dict.fromkeys(NUMERICAL_SETTINGS, 1) | {WAVELENGTHS: 2}
-    return {name: min(plan[name] + more[name], len(knob.levels) - 1) for name, knob in NUMERICAL_SETTINGS.items()}
+    return {name: min(plan[name] + more[name], len(one.levels) - 1) for name, one in NUMERICAL_SETTINGS.items()}
 
 
 def _readings(result: ChainResult) -> dict[Reading, Value]:

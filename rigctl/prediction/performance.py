@@ -24,7 +24,7 @@ class Performance:
     Attributes
     ----------
     strengths : dict
-        Region to the law of its DoLP in a few numbers; None where there is no light.
+        Region to the distribution of its DoLP in a few numbers; None where there is no light.
     detections : tuple of PairDetection
         Every ordered pair of regions, at `STATED_RATES`.
     """
@@ -34,7 +34,7 @@ class Performance:
 
 
 def performance_of(predictions: Mapping[str, RegionPrediction]) -> Performance:
-    """Return the law of DoLP of every region, and the detection of each on every other."""
+    """Return the distribution of DoLP of every region, and the detection of each on every other."""
     return Performance(
         strengths={name: _strength(prediction) for name, prediction in predictions.items()},
         detections=pair_detections(predictions, STATED_RATES),

@@ -38,16 +38,16 @@ def curve_png(curves: Curves) -> bytes:
 
 
 def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:
-    for place, knob in enumerate(dict.fromkeys(point.knob for point in curves.points)):
-        points = [point for point in curves.points if point.knob == knob]
+    for place, name in enumerate(dict.fromkeys(point.varied for point in curves.points)):
+        points = [point for point in curves.points if point.varied == name]
         axis.plot(
             [point.seconds for point in points],
             [_shown(getattr(point, kind)) for point in points],
             marker=_MARKERS[place % len(_MARKERS)],
             markersize=4,
-            label=knob,
+            label=name,
             color=f"C{place}",
-            linewidth=2.2 if knob == WHOLE_CHAIN else 1.0,
+            linewidth=2.2 if name == WHOLE_CHAIN else 1.0,
         )
     floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
     least = min((floor for floor in floors if floor > 0.0), default=None)

@@ -38,8 +38,8 @@ def _six_digits(one: _Point, name: str) -> str:
 
 # CSV has six figures: times are measured, errors estimated.
 _COLUMNS: tuple[Column[_Point], ...] = (
-    Column(title="knob", key="knob", value=lambda one: one.point.knob, left=True),
-    Column(title="setting", key="setting", value=lambda one: one.point.setting, left=True),
+    Column(title="knob", key="knob", value=lambda one: one.point.varied, left=True),
+    Column(title="setting", key="setting", value=lambda one: one.point.level, left=True),
     Column(
         title="seconds",
         key="seconds",
