@@ -67,7 +67,7 @@ def test_largest_degree_of_polarization_of_the_rural_sky():
 def test_it_lights_a_band():
     wavelength_m = np.linspace(500e-9, 600e-9, 11)
     band = SolarBand(wavelength_m=wavelength_m, irradiance_w_per_m3=np.full(11, 1.8e9), response=np.ones(11))
-    arguments = {"tier": Fidelity.FAST, "band": band, "mu0": 0.9, "albedo": 0.2, "wavelengths": 1}
+    arguments = {"fidelity": Fidelity.FAST, "band": band, "mu0": 0.9, "albedo": 0.2, "wavelengths": 1}
     state = AtmosphereState(visibility_m=23e3)
     ours = compute_lighting(state, **arguments)
     theirs = compute_lighting(state, solver=sasktran2_solution, **arguments)

@@ -58,7 +58,7 @@ def test_the_largest_error_of_a_knob_is_found(knob, seed):
     assert true > 1e-6 or knob == TILES
 
 
-@pytest.mark.parametrize("tier", [Fidelity.SINGLE, Fidelity.ANALYTIC])
+@pytest.mark.parametrize("fidelity", [Fidelity.SINGLE, Fidelity.ANALYTIC])
 def test_light_scattered_once_has_layers_too(fidelity):
     scene, store = random_scene(SEEDS[0]), LightStore()
     scene = replace(scene, air=replace(scene.air, fidelity=fidelity), view=replace(scene.view, height_m=2500.0))
