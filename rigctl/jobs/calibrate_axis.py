@@ -117,7 +117,8 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
     runs = [read_run(run) for run in request.runs]
     found, *_ = each = [_calibrate(runs, request, area, known) for area in areas]
     content = polarizer_json(found, runs, valid_days=request.valid_days)
-    content["regions"] = [region_json(area.name, one) for area, one in zip(areas, each, strict=True) if area]
+    regions = {area.name: one for area, one in zip(areas, each, strict=True) if area}
+    content["regions"] = [region_json(name, one) for name, one in regions.items()]
     if not found.axis.is_decided:
         raise UndecidedSenseError(_undecided(found), content)
     maps = None if request.maps is None else _maps(runs[0], request, known)
@@ -128,7 +129,8 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         from rigctl.reports.pages.polarizer_page import polarizer_report
         from rigctl.reports.writers.report_file import report_file
 
-        write_whole(request.report, report_file(polarizer_report(found, content, maps), request.report))
+        report = polarizer_report(found, content, regions=regions, maps=maps)
+        write_whole(request.report, report_file(report, request.report))
     return CalibratedAxis(
         calibration=found,
         content=content,

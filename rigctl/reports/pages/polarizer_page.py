@@ -1,8 +1,9 @@
 """The page of a polarizer calibration: numbers, scans, harmonics, channels and maps."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from calibration.polarimeter.data_reduction import DataReduction
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
 from rigctl.calibrations.polarizer.polarizer_json import rig_lines
@@ -34,7 +35,13 @@ _CHANNELS = (
 )
 
 
-def polarizer_report(found: PolarizerCalibration, content: dict[str, Any], maps: PolarimeterMaps | None) -> Report:
+def polarizer_report(
+    found: PolarizerCalibration,
+    content: dict[str, Any],
+    *,
+    regions: Mapping[str, PolarizerCalibration],
+    maps: PolarimeterMaps | None,
+) -> Report:
     """Return the report of a polarizer calibration.
 
     Parameters
@@ -42,47 +49,48 @@ def polarizer_report(found: PolarizerCalibration, content: dict[str, Any], maps:
     found : PolarizerCalibration
         The calibration, its sense decided.
     content : dict
-        What ``polarizer.json`` holds of it.
+        What ``polarizer.json`` holds of it: whence, when, and the lines for a rig file.
+    regions : mapping
+        Name to the calibration of a region by itself; may be empty.
     maps : PolarimeterMaps or None
         The same over the picture.
     """
-    axis = (number_table(content), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(content)))
+    axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(content)))
     return Report(
         title=f"Polarizer: {', '.join(source['path'] for source in content['source'])}",
         source=_facts(content),
         sections=[
             Section(title="Axis and extinction", blocks=axis),
             Section(title="Scans", blocks=(Picture(png=curves_png(found), caption=_SCANS),)),
-            Section(title="What Malus' law leaves", blocks=tuple(_left(found, content))),
-            *_channels(found, content),
-            *_reduction(content["data_reduction"]),
-            *([Section(title="Regions", blocks=(region_table(content),))] if content["regions"] else []),
+            Section(title="What Malus' law leaves", blocks=tuple(_left(found, content["harmonics_told_apart"]))),
+            *_channels(found),
+            *_reduction(found.reduction),
+            *([Section(title="Regions", blocks=(region_table(regions),))] if regions else []),
             *_maps(maps),
         ],
     )
 
 
-def _left(found: PolarizerCalibration, content: dict[str, Any]) -> Iterable[Block]:
+def _left(found: PolarizerCalibration, are_told_apart: bool) -> Iterable[Block]:
     if (drawn := harmonics_png(found)) is not None:
         yield Picture(png=drawn, caption=_HARMONICS)
-    yield harmonic_table(content)
-    if content["harmonics"] and not content["harmonics_told_apart"]:
+    yield harmonic_table(found)
+    if found.harmonics and not are_told_apart:
         yield Paragraph(text=_HALF_TURN)
 
 
-def _channels(found: PolarizerCalibration, content: dict[str, Any]) -> Iterable[Section]:
-    if content["channels"]:
-        drawn = channels_png(found)
-        picture = () if drawn is None else (Picture(png=drawn, caption=_CHANNELS),)
-        yield Section(title="Each stage angle", blocks=(*picture, channel_table(content)))
+def _channels(found: PolarizerCalibration) -> Iterable[Section]:
+    if (drawn := channels_png(found)) is not None:
+        blocks = (Picture(png=drawn, caption=_CHANNELS), channel_table(found))
+        yield Section(title="Each stage angle", blocks=blocks)
 
 
-def _reduction(reduction: dict[str, Any] | None) -> Iterable[Section]:
+def _reduction(reduction: DataReduction | None) -> Iterable[Section]:
     if reduction is not None:
-        singular = ", ".join(f"{value:.4g}" for value in reduction["singular_values"])
+        singular = ", ".join(f"{value:.4g}" for value in reduction.singular_values)
         text = (
             f"Stokes parameters = W · (counts over twice their mean), measured with known states; singular values "
-            f"{singular}, of which three are kept; condition {reduction['condition']:.3f}."
+            f"{singular}, of which three are kept; condition {reduction.condition:.3f}."
         )
         yield Section(title="Data reduction matrix", blocks=(Paragraph(text=text), matrix_table(reduction)))
 

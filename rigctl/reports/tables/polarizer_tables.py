@@ -1,83 +1,110 @@
 """A polarizer calibration as tables."""
 
-from collections.abc import Iterable
-from functools import partial
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
+import numpy as np
+
+from calibration.polarimeter.data_reduction import DataReduction
+from calibration.polarimeter.fourier_fit import Harmonic
+from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
 from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
 from rigctl.reports.table import Column, Table, text_columns
 
-_Content = dict[str, Any]
+_TextRow = tuple[str, ...]
 
 
-def number_table(content: _Content) -> Table[Any]:
+def number_table(found: PolarizerCalibration) -> Table[_TextRow]:
     """Return sense, axis offset, diattenuation and extinction."""
     columns = text_columns("quantity", "value", "std error", "unit", left=(0, 3))
-    return Table(columns=columns, rows=tuple(_numbers(content)))
+    return Table(columns=columns, rows=tuple(_numbers(found)))
 
 
-def harmonic_table(content: _Content) -> Table[_Content]:
+def harmonic_table(found: PolarizerCalibration) -> Table[Harmonic]:
     """Return what Malus' law leaves, by cycles a turn."""
-    columns: tuple[Column[_Content], ...] = (
-        Column(title="cycles a turn", text=lambda one: str(one["order"]), left=True),
-        Column(title="amplitude [%]", text=lambda one: f"{100 * one['amplitude']:.3f}"),
-        Column(title="std error [%]", text=lambda one: f"{100 * one['std_error']:.3f}"),
-        Column(title="seen", text=lambda one: HARMONIC_MEANING[one["order"]] if one["is_seen"] else "no", left=True),
+    columns: tuple[Column[Harmonic], ...] = (
+        Column(title="cycles a turn", text=lambda one: str(one.order), left=True),
+        Column(title="amplitude [%]", text=lambda one: f"{100 * one.amplitude:.3f}"),
+        Column(title="std error [%]", text=lambda one: f"{100 * one.std_error:.3f}"),
+        Column(title="seen", text=lambda one: HARMONIC_MEANING[one.order] if one.is_seen else "no", left=True),
     )
-    return Table(columns=columns, rows=tuple(content["harmonics"]))
+    return Table(columns=columns, rows=found.harmonics)
 
 
-def channel_table(content: _Content) -> Table[_Content]:
-    """Return axis, throughput and diattenuation of each stage angle."""
-    columns: tuple[Column[_Content], ...] = (
-        Column(title="stage [deg]", text=lambda one: f"{one['stage_angle_deg']:.3f}", left=True),
-        *_with_error("axis [deg]", "axis_deg", digits=4),
-        *_with_error("throughput", "throughput", digits=5),
-        *_with_error("diattenuation", "diattenuation", digits=5),
+@dataclass(frozen=True, kw_only=True)
+class _Channel:
+    stage_deg: float
+    axis_deg: tuple[float, float]
+    throughput: tuple[float, float]
+    diattenuation: tuple[float, float]
+
+
+def channel_table(found: PolarizerCalibration) -> Table[_Channel]:
+    """Return axis, throughput and diattenuation of each stage angle, each with its standard error."""
+    columns: tuple[Column[_Channel], ...] = (
+        Column(title="stage [deg]", text=lambda one: f"{one.stage_deg:.3f}", left=True),
+        Column(title="axis [deg]", text=lambda one: f"{one.axis_deg[0]:.4f}"),
+        Column(title="std error", text=lambda one: f"{one.axis_deg[1]:.4f}"),
+        Column(title="throughput", text=lambda one: f"{one.throughput[0]:.5f}"),
+        Column(title="std error", text=lambda one: f"{one.throughput[1]:.5f}"),
+        Column(title="diattenuation", text=lambda one: f"{one.diattenuation[0]:.5f}"),
+        Column(title="std error", text=lambda one: f"{one.diattenuation[1]:.5f}"),
     )
-    return Table(columns=columns, rows=tuple(content["channels"]))
+    return Table(columns=columns, rows=tuple(_channels(found)))
 
 
-def region_table(content: _Content) -> Table[_Content]:
+def region_table(regions: Mapping[str, PolarizerCalibration]) -> Table[tuple[str, PolarizerCalibration]]:
     """Return offset and diattenuation of each region by itself."""
-    columns: tuple[Column[_Content], ...] = (
-        Column(title="region", text=lambda one: str(one["name"]), left=True),
-        *_with_error("offset [deg]", "offset_deg", digits=4),
-        *_with_error("diattenuation", "diattenuation", digits=5),
+    columns: tuple[Column[tuple[str, PolarizerCalibration]], ...] = (
+        Column(title="region", text=lambda row: row[0], left=True),
+        Column(title="offset [deg]", text=lambda row: _offset(row[1])[0]),
+        Column(title="std error", text=lambda row: _offset(row[1])[1]),
+        Column(title="diattenuation", text=lambda row: _diattenuation(row[1])[0]),
+        Column(title="std error", text=lambda row: _diattenuation(row[1])[1]),
     )
-    return Table(columns=columns, rows=tuple(content["regions"]))
+    return Table(columns=columns, rows=tuple(regions.items()))
 
 
-def matrix_table(reduction: _Content) -> Table[Any]:
+def matrix_table(reduction: DataReduction) -> Table[_TextRow]:
     """Return the data reduction matrix, its values with their errors."""
     rows = tuple(
         (name, *(f"{value:+.5f} ± {error:.5f}" for value, error in zip(values, errors, strict=True)))
-        for name, values, errors in zip(("S0", "S1", "S2"), reduction["matrix"], reduction["std_error"], strict=True)
+        for name, values, errors in zip(("S0", "S1", "S2"), reduction.matrix, reduction.std_error, strict=True)
     )
     return Table(columns=text_columns(*[""] * len(rows[0])), rows=rows)
 
 
-def _numbers(content: _Content) -> Iterable[tuple[str, str, str, str]]:
-    offset, diattenuation, extinction = (content[name] for name in ("offset_deg", "diattenuation", "extinction_ratio"))
-    yield "sense of rotation", f"{content['sense']:+d}", "", ""
-    yield "axis offset", f"{offset['value']:.4f}", f"{offset['std_error']:.4f}", "deg"
-    if diattenuation is not None:
-        yield "diattenuation", f"{diattenuation['value']:.5f}", f"{diattenuation['std_error']:.5f}", ""
-    if extinction is not None:
-        upper = "no upper limit" if extinction["upper"] is None else f"{extinction['upper']:.4g}"
-        ratio = "not measured" if extinction["ratio"] is None else f"{extinction['ratio']:.4g}"
-        yield "extinction ratio", ratio, f"95 %: {extinction['lower']:.4g} to {upper}", ""
+def _numbers(found: PolarizerCalibration) -> Iterable[_TextRow]:
+    yield "sense of rotation", f"{found.axis.best.sense:+d}", "", ""
+    yield "axis offset", *_offset(found), "deg"
+    if found.diattenuation is not None and found.diattenuation_error is not None:
+        yield "diattenuation", *_diattenuation(found), ""
+    if found.extinction is not None:
+        extinction = found.extinction
+        upper = "no upper limit" if extinction.upper is None else f"{extinction.upper:.4g}"
+        ratio = "not measured" if extinction.ratio is None else f"{extinction.ratio:.4g}"
+        yield "extinction ratio", ratio, f"95 %: {extinction.lower:.4g} to {upper}", ""
 
 
-def _with_error(title: str, key: str, *, digits: int) -> tuple[Column[_Content], Column[_Content]]:
-    """Return the columns of a number and of its standard error."""
-    return (
-        Column(title=title, text=partial(_part, key=key, part="value", digits=digits)),
-        Column(title="std error", text=partial(_part, key=key, part="std_error", digits=digits)),
-    )
+def _offset(found: PolarizerCalibration) -> tuple[str, str]:
+    best = found.axis.best
+    return f"{np.degrees(best.offset_rad):.4f}", f"{np.degrees(best.std_error_rad):.4f}"
 
 
-def _part(one: _Content, key: str, part: str, digits: int) -> str:
-    if one[key] is None:
-        return "not measured" if part == "value" else ""
-    return f"{one[key][part]:.{digits}f}"
+def _diattenuation(found: PolarizerCalibration) -> tuple[str, str]:
+    if found.diattenuation is None or found.diattenuation_error is None:
+        return "not measured", ""
+    return f"{found.diattenuation:.5f}", f"{found.diattenuation_error:.5f}"
+
+
+def _channels(found: PolarizerCalibration) -> Iterable[_Channel]:
+    channels, stage_rad = found.channels, found.stage_rad
+    if channels is None or stage_rad is None:
+        return
+    for k, angle_rad in enumerate(stage_rad):
+        yield _Channel(
+            stage_deg=float(np.degrees(angle_rad)),
+            axis_deg=(float(np.degrees(channels.axis_rad[k]) % 180.0), float(np.degrees(channels.axis_error_rad[k]))),
+            throughput=(float(channels.throughput[k]), float(channels.throughput_error[k])),
+            diattenuation=(float(channels.diattenuation[k]), float(channels.diattenuation_error[k])),
+        )
