@@ -1,4 +1,4 @@
-"""What a report is made of, whatever it is written as: sections of text, tables, lists and pictures."""
+"""Parts of a report, whatever it is written as: sections of text, tables, lists and pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """What one reads first.
+    """Judgement of a report, which one reads first.
 
     Attributes
     ----------

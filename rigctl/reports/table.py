@@ -13,7 +13,7 @@ NOTHING = "–"
 
 
 class Shown(Flag):
-    """Where a column stands."""
+    """Places where a column stands."""
 
     PAGE = auto()
     TERMINAL = auto()

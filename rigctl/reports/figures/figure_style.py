@@ -1,4 +1,4 @@
-"""How figures look: colours, sizes, and their way into PNG bytes."""
+"""Look of the figures: colours, sizes, and their way into PNG bytes."""
 
 import io
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the report of a comparison says, section by section."""
+"""The report of a comparison, section by section."""
 
 import json
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""What the light of each region is made of, as a section of a report: a table and a figure."""
+"""Section on what the light of each region is made of: a table and a figure."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""What sessions give for their time, as tables for the terminal, as CSV and as JSON."""
+"""Errors of sessions beside their time, as tables, as CSV and as JSON."""
 
 import math
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""What would explain the residuals of a comparison, as tables."""
+"""Tables of what would explain the residuals of a comparison."""
 
 from rigctl.comparison.input_attribution import FittedInput, InputAttribution, InputMove
 from rigctl.reports.number_text import to_digits

@@ -1,4 +1,4 @@
-"""What the RX detector found on a run, as tables and as JSON."""
+"""Result of the RX detector on a run, as tables and as JSON."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""What noise does to the degree of polarization, as tables."""
+"""Tables of what noise does to the degree of polarization."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial

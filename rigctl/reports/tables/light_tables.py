@@ -1,4 +1,4 @@
-"""Where the light of a scene's regions comes from, as tables and as JSON."""
+"""Light of a scene's regions by where it comes from, as tables and as JSON."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass

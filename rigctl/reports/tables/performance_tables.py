@@ -1,4 +1,4 @@
-"""What predictions are worth, as tables: the law of each region's DoLP, and detection of each region on every other."""
+"""Tables of what predictions are worth: the law of each region's DoLP, and detection of each region on every other."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a comparison was made from and with: files with their hashes, settings, versions."""
+"""Provenance of a comparison: files with their hashes, settings, versions."""
 
 import platform
 from importlib.metadata import version

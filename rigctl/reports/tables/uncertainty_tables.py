@@ -1,4 +1,4 @@
-"""What uncertain inputs make of predicted numbers, as tables and as JSON."""
+"""Effect of uncertain inputs on predicted numbers, as tables and as JSON."""
 
 from collections.abc import Iterable, Mapping
 from functools import partial
