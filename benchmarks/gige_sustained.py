@@ -62,7 +62,7 @@ def serve() -> None:
     """Serve the camera until it is ended."""
     import signal
 
-    from sim_devices.cameras.gige import serve_gige_camera
+    from sim_devices.cameras.gige_server import serve_gige_camera
 
     with serve_gige_camera(OnePicture(), address=ADDRESS):
         print("ready", flush=True)

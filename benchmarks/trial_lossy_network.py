@@ -29,7 +29,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_events import EVENTS_FILE
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import take_session
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 
 ADDRESS = "127.0.0.1"
 PLACE = f"{ADDRESS}?pixel_format=Mono12Packed"

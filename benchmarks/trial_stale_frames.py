@@ -24,7 +24,7 @@ from drivers.cameras.gige_link import GigeLink
 from drivers.cameras.gige_options import read_gige_place
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, RotationStage
 from drivers.stages.elliptec import open_elliptec
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.pty_server import serve_on_pty

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.cameras.camera_place import one_of, split_place, whole
 from drivers.cameras.pixel_format import Justified
-from drivers.cameras.place import one_of, split_place, whole
 from drivers.cameras.raw_files import RAW_SUFFIXES, read_raw
 from drivers.cameras.raw_planes import PLANES, Plane
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError

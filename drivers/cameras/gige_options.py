@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from drivers.cameras.bayer import PLANES, Plane
+from drivers.cameras.camera_place import one_of, positive, split_place, whole, yes_or_no
 from drivers.cameras.pixel_format import ByteOrder, Justified
-from drivers.cameras.place import one_of, positive, split_place, whole, yes_or_no
 
 Trigger = Literal["software", "free"]
 

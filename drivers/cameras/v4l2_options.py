@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.cameras.bayer import PLANES, Plane
+from drivers.cameras.camera_place import one_of, positive, split_place, whole
 from drivers.cameras.known_formats import V4L2
 from drivers.cameras.pixel_format import Justified, PixelFormat
-from drivers.cameras.place import one_of, positive, split_place, whole
 from drivers.errors import LimitError
 
 

@@ -10,7 +10,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.simulated.camera_address import split_faults
 from rigctl.simulated.simulation import simulate
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 
 _EXAMPLE = "rig-sim.toml"
 

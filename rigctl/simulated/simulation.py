@@ -17,7 +17,7 @@ from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, split_faul
 from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.rendering import rendering_effect
 from sim_devices.camera import SimCamera
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.detector import Detector, Lens
 from sim_devices.scene_truth import Region, Surface, paint_scene

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from drivers.cameras.file_folder import open_folder
 from drivers.cameras.gige import open_gige
 from drivers.interfaces import Camera
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.drivers.cameras.other_program import other_program
 from tests.sim_devices.camera_builders import small_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port

@@ -11,7 +11,7 @@ from drivers.cameras import v4l2_structs as v4l2
 from drivers.cameras.gige_finder import find_gige
 from drivers.cameras.v4l2_finder import find_v4l2
 from drivers.errors import NotConnectedError
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.drivers.cameras.fake_video import FakeVideo
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import KnownPictures

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, NotConnectedError, ProtocolError
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.sim_devices.cameras.camera_process import camera_process
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, KnownPictures, assert_known

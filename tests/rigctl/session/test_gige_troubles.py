@@ -17,8 +17,8 @@ from rigctl.runs.run_description import read_description
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.verification import verify_run
 from rigctl.session.take_session import resume_session, take_session
-from sim_devices.cameras.gige import serve_gige_camera
 from sim_devices.cameras.gige_faults import GigeFaults
+from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.rigctl.session.made_rig import RIG_FILE, events_of
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictures, assert_known

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from contextlib import contextmanager
 
-from sim_devices.cameras.gige import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS
 from tests.sim_devices.cameras.known_pictures import KnownPictures
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import Camera
-from sim_devices.cameras import gige_features as registers
+from sim_devices.cameras import gige_feature_list as registers
 from sim_devices.cameras.aravis_device import AravisDevice
 from sim_devices.cameras.gige_faults import FaultyPower, GigeFaults
 from sim_devices.cameras.sample_bytes import bytes_of
