@@ -17,6 +17,7 @@ _NO_LINE = 0.3
 _BEYOND_SATURATION = 1.5
 _BEND = 0.02
 _BEND_SIGMA = 3.0
+_LEFT_SIGMA = 2.0
 _SCATTER = 0.005
 _NOT_LINEAR = 0.01
 _LAMP = 0.01
@@ -128,16 +129,25 @@ def _bent(transfer: PhotonTransfer) -> Flag | None:
 
 
 def _cause(transfer: PhotonTransfer) -> str:
-    """Return what bends the curve, as far as the response of the sensor tells."""
+    """Return what bends the curve, as far as its direction and the response of the sensor tell."""
     spreading, curve = brighter_fatter(transfer), transfer.linearity
+    rises = _relative_bend(transfer) > 0.0
     if spreading is None or curve is None:
-        return "the sensor is not linear, or charge spreads between pixels"
+        # Charge that spreads between pixels only ever takes variance away.
+        return (
+            "the response is not linear (digital corrections, gamma), or light or gain changed within levels"
+            if rises
+            else "the sensor is not linear, or charge spreads between pixels"
+        )
     top_dn = transfer.top_dn
     response = (curve.quadratic_per_dn + curve.cubic_per_dn2 * top_dn) * top_dn
-    return (
-        f"mean against {curve.light} is {response:+.2%} off its line there, and {spreading.value:+.2%} +- "
-        f"{spreading.std_error:.2%} is left for charge that spreads between pixels"
-    )
+    found = f"mean against {curve.light} is {response:+.2%} off its line there"
+    left = f"{spreading.value:+.1%} +- {spreading.std_error:.1%}"
+    if abs(spreading.value) < _LEFT_SIGMA * spreading.std_error:
+        return f"{found}, and what that does not explain ({left}) is within its error"
+    if spreading.value > 0.0:
+        return f"{found}, and {left} more is left that no spreading of charge makes: another noise grows with the light"
+    return f"{found}, and {left} is left for charge that spreads between pixels"
 
 
 def _scattered(transfer: PhotonTransfer) -> Flag | None:

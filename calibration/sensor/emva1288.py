@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.emva_fits import GAIN_RANGE, linearity_deviation, temporal_figures
+from calibration.sensor.emva_fits import GAIN_RANGE, is_capped, linearity_deviation, temporal_figures
 from calibration.sensor.emva_sweep import EmvaSweep, emva_sweep
 from calibration.sensor.frame_statistics import LevelStatistics
 
@@ -39,6 +40,14 @@ EMVA_SYMBOLS = {
     "prnu_pixel": "PRNU_1288.pixel",
 }
 _OF_SATURATION = {"saturation_photons": 1.0, "saturation_e": 1.0, "dynamic_range": 1.0, "snr_max": 0.5}
+# What the cap of the dark variance makes of the numbers that hold it.
+_CAPPED: dict[str, Literal["<", ">"]] = {
+    "temporal_dark_noise_dn": "<",
+    "temporal_dark_noise_e": "<",
+    "threshold_photons": "<",
+    "threshold_e": "<",
+    "dynamic_range": ">",
+}
 _OF_DARKS = (
     "temporal_dark_noise_dn",
     "temporal_dark_noise_e",
@@ -60,11 +69,14 @@ class EmvaFigure:
         Standard error, which the standard itself does not ask for; None where there are too few levels for it.
     n : int
         Number of frames it was made from.
+    bound : {"<", ">"} or None
+        The number is a limit: the dark variance is below 0.24 DN^2, where the standard caps it.
     """
 
     value: float
     std_error: float | None
     n: int
+    bound: Literal["<", ">"] | None = None
 
 
 def emva1288_figures(
@@ -119,6 +131,7 @@ def _temporal(sweep: EmvaSweep) -> dict[str, EmvaFigure]:
             value=value,
             std_error=_error(name, value, sweep, by_flats, by_darks),
             n=sweep.n_dark_frames if name in _OF_DARKS else n_flat,
+            bound=_CAPPED.get(name) if is_capped(sweep) else None,
         )
         for name, value in values.items()
     }

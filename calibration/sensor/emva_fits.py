@@ -49,6 +49,18 @@ def temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str,
     return found | _saturation_figures(sweep, found)
 
 
+def is_capped(sweep: EmvaSweep) -> bool:
+    """Return whether the dark variance is below 0.24 DN^2, where the standard takes that in its place.
+
+    Parameters
+    ----------
+    sweep : EmvaSweep
+        All levels.
+    """
+    every = np.ones(len(sweep.exposure_s), dtype=bool)
+    return _dark_line(sweep, sweep.dark_variance_dn2, every)[0] < QUANTISATION_LIMIT_DN2
+
+
 def _slope(x: FloatArray, y: FloatArray) -> float:
     """Return the unweighted least-squares slope of a line through the origin."""
     return float(x @ y / (x @ x))

@@ -1,7 +1,7 @@
 """Mean, temporal and spatial variance of one level of light, in one pass over its frames."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from calibration.sensor.variance_moments import variance_moments
 LevelKind = Literal["dark", "flat"]
 
 _LEAST_PIXELS = 4
+_SHARED_SIGMA = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,8 +144,8 @@ def level_statistics(
     The temporal variance is half the mean square of the differences of consecutive frames, each with its mean
     taken off: light that flickers as a whole, and slow drift, leave it alone. The spatial variance is the
     variance of the mean picture less the temporal variance over the number of frames. Standard errors come
-    from how the squares scatter from pixel to pixel, not from an assumed law; noise that neighbours share
-    (rows, stripes) makes them too small.
+    from how the squares scatter from pixel to pixel, not from an assumed law, and hold noise that whole rows or columns
+    share; other noise that neighbours share makes them too small.
 
     A pixel with a difference beyond 6 standard deviations (cosmic hit, telegraph noise) is left out of this
     level. Memory: a few pictures, however many frames there are. Squares are taken in single precision: 1e-7 of
@@ -178,6 +179,15 @@ def _statistics(
     deviations = sums.deviations(mean_dn)
     moments = variance_moments(sums.kept(sums.squares()), sums.kept(deviations), n_frames=n_frames)
     small = small_scale_variance(deviations)
+    of_rows_dn2 = _shared_by_rows_dn2(row_column, sums.shape)
+    ordinary = ordinary_pattern(
+        sums.squares(),
+        deviations,
+        kept=sums.kept_mask(),
+        moments=moments,
+        small_scale_dn2=small,
+        n_frames=n_frames,
+    )
     return LevelStatistics(
         kind=kind,
         exposure_s=exposure_s,
@@ -188,19 +198,12 @@ def _statistics(
         mean_dn=mean_dn,
         frame_means_dn=sums.frame_means_dn,
         temporal_variance_dn2=moments.temporal_dn2,
-        temporal_std_error_dn2=float(np.sqrt(moments.temporal_error_dn4)),
+        temporal_std_error_dn2=float(np.sqrt(moments.temporal_error_dn4 + of_rows_dn2**2 / (n_frames - 1))),
         spatial_variance_dn2=moments.spatial_dn2,
-        spatial_std_error_dn2=float(np.sqrt(moments.spatial_error_dn4)),
+        spatial_std_error_dn2=float(np.sqrt(moments.spatial_error_dn4 + (of_rows_dn2 / n_frames) ** 2)),
         temporal_spatial_cov_dn4=moments.covariance_dn4,
         small_scale_variance_dn2=moments.spatial_dn2 if small is None else small - moments.temporal_dn2 / n_frames,
-        ordinary=ordinary_pattern(
-            sums.squares(),
-            deviations,
-            kept=sums.kept_mask(),
-            moments=moments,
-            small_scale_dn2=small,
-            n_frames=n_frames,
-        ),
+        ordinary=replace(ordinary, std_error_dn2=float(np.hypot(ordinary.std_error_dn2, of_rows_dn2 / n_frames))),
         mosaic_contrast=mosaic_contrast(deviations, mean_dn=mean_dn),
         pattern=pattern_parts(
             deviations,
@@ -212,6 +215,18 @@ def _statistics(
         lag=sums.lag,
         picture=_picture(sums, deviations + np.float32(mean_dn)) if keep_picture else None,
     )
+
+
+def _shared_by_rows_dn2(found: RowColumnNoise, shape: tuple[int, int]) -> float:
+    """Return the error of a variance by noise that rows and columns share, of which there are few [DN^2]."""
+    rows, columns = (
+        variance if variance > _SHARED_SIGMA * error else 0.0
+        for variance, error in (
+            (found.row_variance_dn2, found.row_std_error_dn2),
+            (found.column_variance_dn2, found.column_std_error_dn2),
+        )
+    )
+    return float(np.hypot(rows * np.sqrt(2.0 / shape[0]), columns * np.sqrt(2.0 / shape[1])))
 
 
 def _picture(sums: FrameSums, mean_picture: NDArray[np.float32]) -> LevelPicture:

@@ -14,7 +14,7 @@ _STEP = 0.01
 _STEP_SIGMA = 5.0
 _MIXED_STEP = 0.1
 # Whole frames of coarse counts differ by this by rounding alone; a level that wanders as all do is not mixed.
-_ROUNDING_DN, _WANDER_OF_ALL = 0.3, 5.0
+_ROUNDING_DN, _WANDER_OF_ALL = 0.3, 8.0
 _FLICKER = 0.0015
 _PROPORTIONAL = 0.1
 _LEAST_EXPOSURES = 5

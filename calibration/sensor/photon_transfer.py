@@ -160,9 +160,10 @@ def transfer_points(
     ceiling_dn : int
         Sample of a saturated pixel [DN].
     """
-    total = np.array([flat.temporal_variance_dn2 for flat in flats])
+    signal = np.array([flat.mean_dn for flat in flats]) - match.weights @ dark.means_dn
+    total = np.array([flat.temporal_variance_dn2 for flat in flats]) - _breakthrough_dn2(flats, signal)
     return TransferPoints(
-        signal_dn=np.array([flat.mean_dn for flat in flats]) - match.weights @ dark.means_dn,
+        signal_dn=signal,
         variance_dn2=total - match.weights @ dark.variances_dn2,
         flat_variance_dn2=total,
         flat_std_error_dn2=np.array([flat.temporal_std_error_dn2 for flat in flats]),
@@ -170,6 +171,20 @@ def transfer_points(
         black_error_dn=float(np.sqrt(QUANTISATION_VAR_DN2)) if dark.quantisation_limited else 0.0,
         saturated=np.array([is_saturated(flat, ceiling_dn=ceiling_dn) for flat in flats]),
     )
+
+
+def _breakthrough_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -> FloatArray:
+    """Return the variance that the fixed pattern adds to differences of frames whose light differs [DN^2].
+
+    Pixels differ in their response, and by as much in what they see of a change of the light.
+    """
+    step_dn2 = np.array([0.5 * np.mean(np.square(np.diff(flat.frame_means_dn))) for flat in flats])
+    noise_dn2 = np.array([flat.temporal_variance_dn2 / flat.n_pixels for flat in flats])
+    spatial_dn2 = np.array([flat.spatial_variance_dn2 for flat in flats])
+    bright = signal_dn >= 0.5 * signal_dn.max()
+    pattern = max(float(np.median(spatial_dn2[bright] / np.square(signal_dn[bright]))), 0.0) if bright.any() else 0.0
+    breakthrough: FloatArray = pattern * np.maximum(step_dn2 - noise_dn2, 0.0)
+    return np.minimum(breakthrough, 0.5 * np.array([flat.temporal_variance_dn2 for flat in flats]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

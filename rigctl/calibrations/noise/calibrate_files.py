@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from calibration.errors import CalibrationError, RefusedFramesError
+from calibration.flag_order import by_consequence
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
 from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
-from calibration.sensor.noise import NoiseCalibration, calibrate_noise
-from calibration.sensor.pattern_checks import pattern_flags
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise, with_pattern
 from rigctl.calibrations.noise.noise_frames import FrameGroup, FrameSet
 from rigctl.calibrations.noise.noise_json import noise_json, pattern_json
 from rigctl.errors import DataError
@@ -82,13 +82,11 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
                 level_done(done, len(groups))
     noise = calibrate_noise(levels, bit_depth=frames.camera.bit_depth)
     pattern = _fixed_pattern(noise, dict(zip(map(id, levels), groups, strict=True)))
-    of_pattern = () if pattern is None else pattern_flags(pattern)
-    # The pixel-by-pixel look at defects says more than that at their variance.
-    named = {flag.name for flag in of_pattern}
-    flags = (*(flag for flag in noise.flags if flag.name not in named), *of_pattern, *frames.flags)
+    noise = with_pattern(noise, pattern)
+    flags = (*noise.flags, *frames.flags)
     if singles := len(frames.groups) - len(groups):
         flags += (_single_frames(singles),)
-    return FrameCalibration(noise=replace(noise, flags=flags), pattern=pattern, frames=frames)
+    return FrameCalibration(noise=replace(noise, flags=by_consequence(flags)), pattern=pattern, frames=frames)
 
 
 def _is_the_stack(group: FrameGroup, groups: Sequence[FrameGroup]) -> bool:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.sensor.fixed_pattern import fixed_pattern
 from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise, with_pattern
 
 FloatArray = NDArray[np.float64]
 Frame = NDArray[np.uint16]
@@ -67,7 +69,13 @@ class Exposure:
     photons: float | None = None
 
     def level(self) -> LevelStatistics:
-        return level_statistics(self.frames, kind=self.kind, exposure_s=self.time_s, photons=self.photons)
+        return level_statistics(
+            self.frames,
+            kind=self.kind,
+            exposure_s=self.time_s,
+            photons=self.photons,
+            keep_picture=len(self.frames) > PAIR,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +86,12 @@ class NoiseSet:
     truth: dict[str, float]
     bits: int
     wrong_means_dn: tuple[float, ...] = ()
+
+
+def calibrated(found: NoiseSet) -> NoiseCalibration:
+    """The calibration of a set, with its fixed pattern as from files."""
+    noise = calibrate_noise(found.levels, bit_depth=found.bits)
+    return with_pattern(noise, fixed_pattern(noise.darks[noise.spatial.dark], noise.flats[noise.spatial.flat]))
 
 
 FULL_E_PER_S = 1.0e6
