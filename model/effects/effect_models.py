@@ -49,19 +49,19 @@ class EffectModel:
     removed: Callable[[LitScene], LitScene]
 
 
-def _part(scene: LitScene, parts: LightParts) -> LitScene:
+def _with_parts(scene: LitScene, parts: LightParts) -> LitScene:
     return replace(scene, parts=parts)
 
 
-def _noise(scene: LitScene, noise: SensorNoise) -> LitScene:
-    return _sensor(scene, replace(scene.sensor, noise=noise))
+def _with_noise(scene: LitScene, noise: SensorNoise) -> LitScene:
+    return _with_sensor(scene, replace(scene.sensor, noise=noise))
 
 
-def _sensor(scene: LitScene, sensor: Sensor) -> LitScene:
+def _with_sensor(scene: LitScene, sensor: Sensor) -> LitScene:
     return replace(scene, sensor=sensor)
 
 
-def _session(scene: LitScene, imperfections: Imperfections) -> LitScene:
+def _with_session(scene: LitScene, imperfections: Imperfections) -> LitScene:
     return replace(scene, imperfections=imperfections)
 
 
@@ -82,7 +82,7 @@ EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
             cost="a light for each tile",
             of_light=True,
             bound=light_bounds.field_of_view,
-            removed=lambda scene: _part(scene, replace(scene.parts, field_of_view=False)),
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, field_of_view=False)),
         ),
         Effect.TEXTURE: EffectModel(
             changes="covariance over pixels",
@@ -95,7 +95,7 @@ EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
             cost="sky, and an integral over it a view",
             of_light=True,
             bound=light_bounds.skylight,
-            removed=lambda scene: _part(scene, replace(scene.parts, skylight=False)),
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, skylight=False)),
         ),
         Effect.PATH_RADIANCE: EffectModel(
             changes="mean light",
@@ -103,7 +103,7 @@ EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
             cost="one ray a view",
             of_light=True,
             bound=light_bounds.path_radiance,
-            removed=lambda scene: _part(scene, replace(scene.parts, path_radiance=False)),
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, path_radiance=False)),
         ),
         Effect.LEAKAGE: EffectModel(
             changes="counts, noise of S1 and S2", bound=session_bounds.leakage, removed=_without_leakage
@@ -111,22 +111,22 @@ EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
         Effect.DARK_CURRENT: EffectModel(
             changes="temporal noise",
             bound=noise_bounds.dark_current,
-            removed=lambda scene: _noise(scene, replace(scene.sensor.noise, dark_current_e_per_s=0.0)),
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, dark_current_e_per_s=0.0)),
         ),
         Effect.SHOT_NOISE: EffectModel(
             changes="temporal noise",
             bound=noise_bounds.shot_noise,
-            removed=lambda scene: _noise(scene, replace(scene.sensor.noise, shot_noise=False)),
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, shot_noise=False)),
         ),
         Effect.READ_NOISE: EffectModel(
             changes="temporal noise",
             bound=noise_bounds.read_noise,
-            removed=lambda scene: _noise(scene, replace(scene.sensor.noise, read_noise_e=0.0)),
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, read_noise_e=0.0)),
         ),
         Effect.QUANTISATION: EffectModel(
             changes="temporal noise",
             bound=noise_bounds.quantisation,
-            removed=lambda scene: _noise(scene, replace(scene.sensor.noise, quantisation=False)),
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, quantisation=False)),
         ),
         Effect.WAVELENGTHS: EffectModel(
             changes="light of sky and path",
@@ -134,45 +134,45 @@ EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
             cost="a solution for each",
             of_light=True,
             bound=light_bounds.wavelengths,
-            removed=lambda scene: _part(scene, replace(scene.parts, wavelengths=False)),
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, wavelengths=False)),
         ),
         Effect.POLARIZER_ANGLE: EffectModel(
             changes="degree of polarization, temporal noise",
             bound=session_bounds.polarizer_angle,
-            removed=lambda scene: _session(scene, replace(scene.imperfections, polarizer_angle_std_rad=0.0)),
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, polarizer_angle_std_rad=0.0)),
         ),
         Effect.MISREGISTRATION: EffectModel(
             changes="correlation of texture between frames",
             bound=session_bounds.misregistration,
-            removed=lambda scene: _session(scene, replace(scene.imperfections, misregistration_pixels=0.0)),
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, misregistration_pixels=0.0)),
         ),
         Effect.DRIFT: EffectModel(
             changes="mean Stokes parameters",
             bound=session_bounds.drift,
-            removed=lambda scene: _session(scene, replace(scene.imperfections, drift=0.0)),
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, drift=0.0)),
         ),
         Effect.NONUNIFORMITY: EffectModel(
             changes="covariance over pixels",
             bound=noise_bounds.nonuniformity,
-            removed=lambda scene: _noise(scene, replace(scene.sensor.noise, prnu=0.0, dsnu_e=0.0)),
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, prnu=0.0, dsnu_e=0.0)),
         ),
         Effect.SATURATION: EffectModel(
             changes="warnings; the share of pixels for which the model is void",
             bound=noise_bounds.saturation,
-            removed=lambda scene: _sensor(scene, replace(scene.sensor, saturates=False)),
+            removed=lambda scene: _with_sensor(scene, replace(scene.sensor, saturates=False)),
         ),
         Effect.FALLOFF: EffectModel(
             changes="counts and their spread over a region",
             place=_CHAIN,
             bound=light_bounds.falloff,
-            removed=lambda scene: _session(scene, replace(scene.imperfections, off_axis_falloff=False)),
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, off_axis_falloff=False)),
         ),
         Effect.ADJACENCY: EffectModel(
             changes="mean light",
             place=_CHAIN,
             of_light=True,
             bound=light_bounds.adjacency,
-            removed=lambda scene: _session(scene, replace(scene.imperfections, surround_albedo=None)),
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, surround_albedo=None)),
         ),
     }
 )

@@ -1,4 +1,4 @@
-"""Promises of a tolerance, kept: few of the scenes of `benchmarks.trial_tolerance`."""
+"""Guaranteed tolerances are kept: few of the scenes of `benchmarks.trial_tolerance`."""
 
 import pytest
 
