@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -81,9 +80,8 @@ def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> Sc
     sun = SunSection(
         zenith_deg=Uncertain(value=math.degrees(math.atan2(math.hypot(east, north), up)), std=zenith_std_deg),
         azimuth_deg=Uncertain(value=math.degrees(math.atan2(east, north)) % 360.0, std=azimuth_std_deg),
-        **_distance(frames[0], scene.sun),
     )
-    return scene.model_copy(update={"sun": sun})
+    return scene.model_copy(update={"sun": _at_distance(sun, frames[0], scene.sun)})
 
 
 def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[FrameRecord, ...]) -> tuple[float, float]:
@@ -98,14 +96,14 @@ def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[Fram
     return stds[0], stds[1]
 
 
-def _distance(frame: FrameRecord, stated: SunSection | None) -> dict[str, Any]:
-    """Distance of the sun on the frame's day, as well as the scene file knows it."""
+def _at_distance(sun: SunSection, frame: FrameRecord, stated: SunSection | None) -> SunSection:
+    """Return a sun at its distance on the frame's day, as well as the scene file knows it."""
     day = _day_of_year(frame, stated)
     if stated is None or stated.distance_factor is None:
-        return {"day_of_year": day}
+        return sun.model_copy(update={"day_of_year": day})
     factor = stated.distance_factor
     on_day = factor.value if day is None else distance_factor(day_of_year=day)
-    return {"distance_factor": Uncertain(value=on_day, std=factor.std)}
+    return sun.model_copy(update={"distance_factor": Uncertain(value=on_day, std=factor.std)})
 
 
 def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, float, float] | None:

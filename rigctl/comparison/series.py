@@ -1,11 +1,11 @@
 """Many runs of one rig, such as an afternoon: both sides against time and sun, residuals, drift, trend."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.prediction.quantity_table import CIRCULAR, FOLLOWED
 from model.processing.drift_line import DriftLine, drift_line
@@ -70,7 +70,7 @@ def require_one_instrument(runs: Sequence[Run]) -> None:
     strangers = []
     for run in runs[1:]:
         own = _instrument(run)
-        wrong = [f"{what} {own[what]!r}, not {first[what]!r}" for what in first if own[what] != first[what]]
+        wrong = [f"{what} {own[what]}, not {first[what]}" for what in first if own[what] != first[what]]
         if wrong:
             strangers.append(f"{run.path}: {', '.join(wrong)}")
     if strangers:
@@ -136,7 +136,7 @@ def _complete(points: Sequence[SeriesPoint]) -> Iterable[tuple[str, str, list[Ro
                 yield region, quantity, known
 
 
-def _joint_cov(points: Sequence[SeriesPoint], rows: Sequence[Row]) -> Any:
+def _joint_cov(points: Sequence[SeriesPoint], rows: Sequence[Row]) -> NDArray[np.float64]:
     """Return the covariance of one prediction over the runs: the same inputs are off in all of them."""
     names = list(dict.fromkeys(n for p in points if p.comparison.inputs is not None for n in p.comparison.inputs.names))
     effects = np.zeros((len(points), len(names)))
@@ -147,21 +147,22 @@ def _joint_cov(points: Sequence[SeriesPoint], rows: Sequence[Row]) -> Any:
         place = point.comparison.rows.index(row)
         for name, effect in zip(inputs.names, propagation.effects[place], strict=True):
             effects[k, names.index(name)] = effect
-    return effects @ effects.T
+    return np.asarray(effects @ effects.T)
 
 
-def _instrument(run: Run) -> Mapping[str, object]:
+def _instrument(run: Run) -> dict[str, str]:
+    """Return what runs of one series have in common, as it is said where they have not."""
     scene = next((record for record in run.frames if record.kind == "scene"), None)
     if scene is None:
         raise DataError(f"{run.path}: holds no scene frames")
     polarizer = run.session.polarizer
     return {
-        "camera": (scene.camera_model, scene.camera_serial),
-        "gain [dB]": scene.gain_db,
-        "bit depth": scene.bit_depth,
-        "picture": (scene.width, scene.height),
-        "stage": (scene.stage_model, scene.stage_serial),
-        "polarizer sense": polarizer.sense,
-        "polarizer offset [deg]": polarizer.offset_deg,
-        "extinction ratio": polarizer.extinction_ratio,
+        "camera": repr((scene.camera_model, scene.camera_serial)),
+        "gain [dB]": repr(scene.gain_db),
+        "bit depth": repr(scene.bit_depth),
+        "picture": repr((scene.width, scene.height)),
+        "stage": repr((scene.stage_model, scene.stage_serial)),
+        "polarizer sense": repr(polarizer.sense),
+        "polarizer offset [deg]": repr(polarizer.offset_deg),
+        "extinction ratio": repr(polarizer.extinction_ratio),
     }

@@ -64,7 +64,7 @@ def draw_regions(run: Path, request: DrawRequest, *, out: Path, opened: Callable
         The run gives no picture, or nothing was drawn in time.
     """
     picture = grey_picture(read_run(run))
-    drawn = [] if request.start is None else _read(request.start).model_dump(mode="json", exclude_none=True)["regions"]
+    drawn = [] if request.start is None else _read(request.start).regions
     picker = Picker(cv2.imencode(".png", picture)[1].tobytes(), drawn=drawn, title=str(run), port=request.port)
     opened(picker.address)
     answer = picker.wait(seconds=request.wait_s)

@@ -7,13 +7,12 @@ from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from rigctl.config import describe
 from rigctl.errors import DataError
-from rigctl.files.regions import RegionsFile
+from rigctl.files.regions import Region, RegionsFile
 
 _MOST_BYTES = 1_000_000
 _POLL_S = 0.2
@@ -26,21 +25,21 @@ class Picker:
     ----------
     picture : bytes
         PNG to draw on.
-    drawn : list of dict
-        Regions that are there already, as a regions file has them.
+    drawn : list of Region
+        Regions that are there already.
     title : str
         What the picture is of.
     port : int
         0 for any that is free.
     """
 
-    def __init__(self, picture: bytes, *, drawn: list[dict[str, Any]], title: str, port: int = 0) -> None:
+    def __init__(self, picture: bytes, *, drawn: list[Region], title: str, port: int = 0) -> None:
         self._token = secrets.token_urlsafe(12)
         page = files("rigctl").joinpath("data/picker.html").read_bytes()
         self._pages: dict[str, tuple[str, bytes]] = {
             "": ("text/html; charset=utf-8", page),
             "picture.png": ("image/png", picture),
-            "regions.json": ("application/json", json.dumps({"title": title, "regions": drawn}).encode()),
+            "regions.json": ("application/json", _as_json(title, drawn)),
         }
         self._answer: RegionsFile | None = None
         self._server = HTTPServer(("127.0.0.1", port), self._handler())
@@ -113,3 +112,8 @@ class Picker:
         except ValidationError as error:
             return describe(Path("regions"), error)
         return None
+
+
+def _as_json(title: str, drawn: list[Region]) -> bytes:
+    regions = [region.model_dump(mode="json", exclude_none=True) for region in drawn]
+    return json.dumps({"title": title, "regions": regions}).encode()

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from rigctl.errors import DataError
+from rigctl.files.regions import Region
 from rigctl.outlines.picker import Picker
 
 REGION = {"name": "panel", "edge_px": 2, "rectangle": {"x": 1, "y": 2, "width": 30, "height": 40}}
@@ -28,7 +29,7 @@ class Answer:
 
 @pytest.fixture
 def picker() -> Picker:
-    return Picker(b"PNG", drawn=[REGION], title="runs/panels")
+    return Picker(b"PNG", drawn=[Region.model_validate(REGION)], title="runs/panels")
 
 
 @pytest.fixture
