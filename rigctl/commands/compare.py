@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.choices import ScaleKind
-from rigctl.cli import EXIT_DISAGREES
+from rigctl.cli import EXIT_DATA, EXIT_DISAGREES
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, results
+from rigctl.terminal import print_json, results, warn
 
 if TYPE_CHECKING:
     from rigctl.comparison.compared_run import ComparedRun
+    from rigctl.comparison.comparison import Comparison
     from rigctl.jobs.compare import CompareRequest
 
 _SHOWN = 20
@@ -84,8 +85,7 @@ def command(
         print_json(compared_json(compared))
     else:
         show(compared, out)
-    if not compared.comparison.agrees:
-        raise typer.Exit(EXIT_DISAGREES)
+    exit_by(compared.comparison.agrees)
 
 
 def _runs_and_scene(paths: list[Path], scene: Path | None) -> tuple[list[Path], Path | None]:
@@ -103,33 +103,79 @@ def _compare_many(runs: list[Path], request: "CompareRequest", *, out: Path, as_
         print_json(series_json(series))
     else:
         for point in series.points:
-            off = len(point.comparison.disagreements)
-            results().print(f"{point.name}: " + ("agrees" if off == 0 else f"DISAGREES in {off} numbers"), markup=False)
+            results().print(f"{point.name}: {_in_short(point.comparison)}", markup=False)
         results().print(f"report: {out / 'series.html'}, {out / 'series.pdf'}", markup=False)
-    if not series.agrees:
-        raise typer.Exit(EXIT_DISAGREES)
+    exit_by(series.agrees)
+
+
+def exit_by(agrees: bool | None) -> None:
+    """End with the exit code of a verdict: nothing where both sides agree."""
+    if agrees is not True:
+        raise typer.Exit(EXIT_DATA if agrees is None else EXIT_DISAGREES)
+
+
+def _in_short(comparison: "Comparison") -> str:
+    off = len(comparison.disagreements)
+    if comparison.agrees is None:
+        return "CANNOT BE JUDGED"
+    return "agrees" if off == 0 else f"DISAGREES in {off} numbers"
+
+
+def _why_not(comparison: "Comparison") -> tuple[str, ...]:
+    from rigctl.comparison.verdict import refusals
+
+    return refusals(comparison.checks) or tuple(dict.fromkeys(found.reason for found in comparison.regions.values()))
 
 
 def show(compared: "ComparedRun", out: Path) -> None:
-    """Print the verdict, what disagrees, and where that points."""
-    from rigctl.reports.tables.row_table import row_table
-
+    """Print what the run shows of itself, the verdict, what disagrees, and where that points."""
     comparison, console = compared.comparison, results()
     if comparison.scale is not None:
         console.print(comparison.scale.remark)
+    _show_run(comparison)
+    for weak in comparison.weak:
+        console.print(f"hardly tested: {weak}", markup=False)
+    tests = sum(row.agrees is not None for row in comparison.rows)
+    flags = ", ".join(check.name for check in comparison.flags)
+    reserved = f", with reservations (flagged: {flags})" if flags else ""
+    if comparison.agrees is None:
+        for why in _why_not(comparison):
+            warn(why)
+        console.print("model and measurement cannot be judged: the run is unsound", markup=False)
+    elif tests == 0:
+        console.print(f"nothing was tested{reserved}: " + "; ".join(comparison.not_tested), markup=False)
+    elif comparison.agrees:
+        text = f"model and measurement agree{reserved}: {tests} numbers tested at alpha = {comparison.alpha:g}"
+        console.print(text, markup=False)
+    else:
+        _show_disagreements(comparison, tests)
+    console.print(f"report: {out / 'report.html'}, {out / 'report.pdf'}", markup=False)
+
+
+def _show_run(comparison: "Comparison") -> None:
+    from rigctl.measurement.run_diagnosis import term_text
+
+    console = results()
+    if comparison.run_diagnosis is not None:
+        for term in comparison.run_diagnosis.named:
+            console.print(f"the run shows {term_text(term)}", markup=False)
     for check in comparison.flags:
         console.print(f"flagged, {check.name}: {check.text}", markup=False)
-    tests = sum(row.agrees is not None for row in comparison.rows)
-    if tests == 0:
-        console.print("nothing was tested: " + "; ".join(comparison.not_tested), markup=False)
-    elif comparison.agrees:
-        console.print(f"model and measurement agree: {tests} numbers tested at alpha = {comparison.alpha:g}")
-    else:
-        off = sorted(comparison.disagreements, key=lambda row: -abs(row.z or 0.0))
-        console.print(f"model and measurement DISAGREE in {len(off)} of {tests} numbers (alpha = {comparison.alpha:g})")
-        console.print(terminal_table(row_table(off[:_SHOWN])))
-        for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
-            console.print(f"points to {cause}: {advice}", markup=False)
-        if comparison.attribution is not None:
-            console.print(f"what would explain it: {comparison.attribution.remark}", markup=False)
-    console.print(f"report: {out / 'report.html'}, {out / 'report.pdf'}", markup=False)
+    if comparison.agrees is None:
+        return
+    for name, found in comparison.regions.items():
+        if found.verdict == "cannot_be_judged":
+            console.print(f"{name} cannot be judged: {found.reason}", markup=False)
+
+
+def _show_disagreements(comparison: "Comparison", tests: int) -> None:
+    from rigctl.reports.tables.row_table import row_table
+
+    console = results()
+    off = sorted(comparison.disagreements, key=lambda row: -abs(row.z or 0.0))
+    console.print(f"model and measurement DISAGREE in {len(off)} of {tests} numbers (alpha = {comparison.alpha:g})")
+    console.print(terminal_table(row_table(off[:_SHOWN])))
+    for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
+        console.print(f"points to {cause}: {advice}", markup=False)
+    if comparison.attribution is not None:
+        console.print(f"what would explain it: {comparison.attribution.remark}", markup=False)

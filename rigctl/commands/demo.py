@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from rigctl.choices import PERTURBATIONS
-from rigctl.cli import EXIT_DISAGREES
-from rigctl.commands.compare import show
+from rigctl.commands.compare import exit_by, show
 from rigctl.errors import ConfigError
 from rigctl.terminal import print_json, progress
 
@@ -50,5 +49,4 @@ def command(
         print_json(compared_json(compared))
     else:
         show(compared, out)
-    if not compared.comparison.agrees:
-        raise typer.Exit(EXIT_DISAGREES)
+    exit_by(compared.comparison.agrees)

@@ -50,11 +50,17 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
     rows: list[Row] = []
     remarks: list[str] = [] if calibrated is None else list(calibrated.remarks)
     predictions: dict[str, RegionPrediction] = {}
+    unjudged: dict[str, str] = {}
     for name, region in measurement.regions.items():
-        loop = _RegionLoop(name, region, measurement, calibrated)
+        try:
+            loop = _RegionLoop(name, region, measurement, calibrated)
+            own, said = loop.rows(), loop.remarks()
+        except (ValueError, ArithmeticError) as error:
+            unjudged[name] = f"its numbers cannot be predicted: {error}"
+            continue
         predictions[name] = loop.prediction
-        rows += loop.rows()
-        remarks += loop.remarks()
+        rows += own
+        remarks += said
     decided = decide(tuple(rows), alpha=alpha)
     return Comparison(
         kind="closed loop",
@@ -62,6 +68,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         rows=decided,
         diagnosis=diagnose(decided),
         predictions=predictions,
+        unjudged=unjudged,
         budgets=run_budget(
             predictions, measurement, gain_dn_per_e=None if calibrated is None else float(calibrated.values[0])
         ),

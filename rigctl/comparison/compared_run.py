@@ -111,6 +111,9 @@ class ComparedSeries:
     scene: UsedFile
 
     @property
-    def agrees(self) -> bool:
-        """Whether every run agrees."""
-        return all(point.comparison.agrees for point in self.points)
+    def agrees(self) -> bool | None:
+        """Whether every run agrees; None where none disagrees and one cannot be judged."""
+        found = [point.comparison.agrees for point in self.points]
+        if False in found:
+            return False
+        return None if None in found else True

@@ -22,13 +22,18 @@ from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.scale import Scale, scale_inputs
 from rigctl.comparison.trends import Trend, trends_of
 from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
+from rigctl.comparison.verdict import AGREES, RegionVerdict, VerdictName, region_verdicts, verdict_of
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.prediction.propagated_inputs import curved_inputs, propagate_numbers
 from rigctl.scene.scene_inputs import Inputs, only_uncertain
 
 FloatArray = NDArray[np.float64]
+
+
+_POLARIZATION_AND_LIGHT = ("dolp", "dolp_pixels", "s0")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +70,10 @@ class Comparison:
         What each cause makes of the uncertainty of a region's polarization.
     checks : tuple of Check
         What the run says of itself, before any model.
+    unjudged : dict
+        Region that cannot be judged to why.
+    run_diagnosis : RunDiagnosis or None
+        What the redundancy of the run's angles says of its faults.
     lights : dict
         Region to its light, of the regions that are given by a material.
     """
@@ -83,17 +92,39 @@ class Comparison:
     trends: tuple[Trend, ...] = ()
     budgets: tuple[RegionBudget, ...] = ()
     checks: tuple[Check, ...] = ()
+    unjudged: dict[str, str] = field(default_factory=dict)
+    run_diagnosis: RunDiagnosis | None = None
     lights: dict[str, FieldLight] = field(default_factory=dict)
 
     @property
-    def agrees(self) -> bool:
-        """Whether no row disagrees."""
-        return not self.disagreements
+    def verdict(self) -> VerdictName:
+        """The verdict of all of it."""
+        return verdict_of(self.rows, self.checks, self.unjudged)
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether it agrees, with reservations or without; None where it cannot be judged."""
+        return AGREES[self.verdict]
+
+    @property
+    def regions(self) -> dict[str, RegionVerdict]:
+        """The verdict of every region."""
+        return region_verdicts(self.rows, self.checks, self.unjudged)
 
     @property
     def flags(self) -> tuple[Check, ...]:
         """The checks of the run that are flagged."""
         return tuple(check for check in self.checks if check.verdict == "flagged")
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """What this comparison could hardly have seen, in words: tests of polarization and light of each region."""
+        return tuple(
+            f"{row.region}: {row.quantity}, {row.statistic}: only a difference above {row.smallest_difference_90:.2g} "
+            f"would have been seen with a chance of 90 %, of {abs(row.predicted):.2g}"
+            for row in self.rows
+            if row.agrees is not None and row.is_weak and row.quantity in _POLARIZATION_AND_LIGHT
+        )
 
     @property
     def disagreements(self) -> tuple[Row, ...]:
@@ -179,6 +210,8 @@ def _decided(rows: tuple[Row, ...], propagation: Propagation, alpha: float) -> t
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:
     for region, prediction in predictions.items():
+        if region in measurement.unmeasured:
+            continue
         if region not in measurement.regions:
             raise ConfigError(f"region {region} of the scene file was not measured")
         yield from pair(region, prediction.quantities, measured_with_ratios(measurement.regions[region]))

@@ -136,6 +136,8 @@ def _alone(scene: SceneFile, panel: str) -> SceneFile:
 
 
 def _unsaturated(measurement: Measurement, panel: str) -> Any:
+    if panel in measurement.unmeasured:
+        raise DataError(measurement.unmeasured[panel])
     region = measurement.regions[panel]
     share = region.excluded / (region.excluded + region.pixels)
     if share > _MOST_SATURATED:

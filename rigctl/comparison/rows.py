@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from model.moments import Moments
 from model.prediction.prediction import Quantities, RegionPrediction
@@ -13,6 +14,11 @@ from model.processing.sample_moments import Sample
 from model.processing.stokes_ratios import channel_ratios
 from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
 from rigctl.prediction.propagated_inputs import NumberKey
+
+# Chance with which a disagreement is to be seen.
+_POWER = 0.9
+# A difference that is seen only where it is larger than this share of a number tells nothing of it.
+_USELESS_SHARE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +41,8 @@ class Row:
         Difference over both errors together; the decision is taken from this one.
     agrees : bool or None
         By Holm's rule over all rows. None: not a test, since the prediction was made from this very number.
+    smallest_difference_90 : float or None
+        That would have been called a disagreement with a chance of 90 %, were this row the only one that is off.
     """
 
     region: str
@@ -47,6 +55,13 @@ class Row:
     z_measurement: float | None = None
     z: float | None = None
     agrees: bool | None = None
+    smallest_difference_90: float | None = None
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether only a difference larger than half the number would have been seen."""
+        seen = self.smallest_difference_90
+        return seen is not None and seen > _USELESS_SHARE * abs(self.predicted)
 
     @property
     def key(self) -> NumberKey:
@@ -89,11 +104,21 @@ def scored(row: Row, std_error_inputs: float) -> Row:
 
 
 def decide(rows: tuple[Row, ...], *, alpha: float) -> tuple[Row, ...]:
-    """Return the rows with a decision each, by Holm's rule over all that are tests."""
+    """Return the rows with a decision each, by Holm's rule over all that are tests, and what each could have seen."""
     tests = [k for k, row in enumerate(rows) if row.z is not None]
     rejected = holm_rejections(two_sided_p_value([rows[k].z or 0.0 for k in tests]), alpha=alpha)
     verdicts = dict(zip(tests, rejected.tolist(), strict=True))
-    return tuple(replace(row, agrees=not verdicts[k]) if k in verdicts else row for k, row in enumerate(rows))
+    # The first step of Holm's rule: a single row that is off has to pass it.
+    seen = -float(ndtri(0.5 * alpha / max(len(tests), 1))) + float(ndtri(_POWER))
+    return tuple(
+        replace(row, agrees=not verdicts[k], smallest_difference_90=seen * error_of_both(row)) if k in verdicts else row
+        for k, row in enumerate(rows)
+    )
+
+
+def error_of_both(row: Row) -> float:
+    """Return the standard error of both sides together."""
+    return float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0))
 
 
 def with_ratios(predictions: Mapping[str, RegionPrediction]) -> dict[str, RegionPrediction]:

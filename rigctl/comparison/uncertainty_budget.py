@@ -15,11 +15,16 @@ from rigctl.comparison.rows import Row
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.prediction.propagated_inputs import NumberKey
 from rigctl.scene.parameter_table import ANGLE, DRIFT, OFFSET
 from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
+
+
+# Name of the cause: what the faults that a run shows of itself could do, all of them together.
+FAULTS = "faults of the run"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,3 +181,21 @@ def _registered(
     return RegionBudget(
         region=found.region, parts={quantity: parts | own[quantity] for quantity, parts in found.parts.items()}
     )
+
+
+def with_diagnosis(
+    budgets: tuple[RegionBudget, ...], diagnosis: RunDiagnosis, measurement: Measurement
+) -> tuple[RegionBudget, ...]:
+    """Return budgets with what each fault that the run shows could do to the polarization of a region."""
+    return tuple(_with_faults(found, diagnosis, measurement) for found in budgets)
+
+
+def _with_faults(found: RegionBudget, diagnosis: RunDiagnosis, measurement: Measurement) -> RegionBudget:
+    if not found.parts or found.region not in measurement.regions:
+        return found
+    parts = {quantity: dict(causes) for quantity, causes in found.parts.items()}
+    moved = [term.by_region.get(found.region, (None, None)) for term in diagnosis.named]
+    for place, quantity in enumerate(("dolp", "aolp_deg")):
+        if moved and quantity in parts:
+            parts[quantity][FAULTS] = float(np.linalg.norm([shifts[place] or 0.0 for shifts in moved]))
+    return RegionBudget(region=found.region, parts=parts)

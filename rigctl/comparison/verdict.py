@@ -18,6 +18,15 @@ VERDICT_WORDS: dict[VerdictName, str] = {
 }
 
 
+# With reservations is agreement; what cannot be judged is neither.
+AGREES: dict[VerdictName, bool | None] = {
+    "agrees": True,
+    "agrees_with_reservations": True,
+    "disagrees": False,
+    "cannot_be_judged": None,
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class RegionVerdict:
     """Verdict of a region, and why it cannot be judged or is held with reservations."""

@@ -4,16 +4,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rigctl.choices import ScaleKind
-from rigctl.comparison.checks import registration_of, require_sound, run_checks
+from rigctl.comparison.checks import registration_of, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
 from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.comparison.uncertainty_budget import with_registration
+from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registration
+from rigctl.comparison.verdict import refused_regions, without_decisions
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
+from rigctl.measurement.run_diagnosis import diagnose_run
 from rigctl.prediction.performance import performance_of
 from rigctl.reports.outputs.comparison_files import write_comparison
 from rigctl.runs.run_folder import MANIFEST_FILE, read_run
@@ -76,8 +78,8 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     given = read_calibrations(request.calibrations, run)
     measurement = given.measure(run, regions)
     registered = registration_of(measurement)
-    checks = run_checks(measurement, registered)
-    require_sound(checks, run=str(run_path))
+    diagnosis = diagnose_run(measurement)
+    checks = run_checks(measurement, registered, diagnosis)
     comparison = _comparison(measurement, scene, given, request)
     budgets = with_registration(
         comparison.budgets,
@@ -86,9 +88,18 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
         found=registered,
         means={name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()},
     )
+    unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
     remarks = (*given.doubts, *correction_remarks(measurement, regions), *comparison.remarks)
     found = ComparedRun(
-        comparison=replace(comparison, remarks=remarks, checks=checks, budgets=budgets),
+        comparison=replace(
+            comparison,
+            rows=without_decisions(comparison.rows, unjudged),
+            remarks=remarks,
+            checks=checks,
+            budgets=with_diagnosis(budgets, diagnosis, measurement),
+            unjudged=unjudged,
+            run_diagnosis=diagnosis,
+        ),
         measurement=measurement,
         regions=regions,
         performance=performance_of(comparison.predictions),

@@ -1,6 +1,6 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -50,6 +50,8 @@ class Measurement:
         Pixels that are so in any frame.
     regions : dict
         Name to what its pixels say.
+    unmeasured : dict
+        Name of each region that gives no numbers to why.
     corrections : Corrections
         What was done to frames after the dark level.
     """
@@ -63,6 +65,7 @@ class Measurement:
     saturated: NDArray[np.bool_]
     missing: NDArray[np.bool_]
     regions: dict[str, MeasuredRegion]
+    unmeasured: dict[str, str] = field(default_factory=dict)
     corrections: Corrections = NOTHING
 
     @cached_property
@@ -115,7 +118,7 @@ def measure(
     Raises
     ------
     DataError
-        The frames cannot give Stokes parameters, with the reason.
+        The frames cannot give Stokes parameters, with the reason; or not one region gives numbers.
     ConfigError
         A region does not fit the pictures.
     """
@@ -138,17 +141,11 @@ def measure(
             for name, mask in inside.items():
                 pixels[name][cycle, angle] = signal[mask]
     usable = ~(frames.saturated | frames.missing)
-    return Measurement(
-        run=run,
-        grid=grid,
-        plan=plan,
-        extinction_ratio=extinction_ratio,
-        dark_level=dark_level,
-        channels=frames.sums / grid.cycles,
-        saturated=frames.saturated,
-        missing=frames.missing,
-        regions={
-            name: measure_region(
+    measured: dict[str, MeasuredRegion] = {}
+    unmeasured: dict[str, str] = {}
+    for name, mask in inside.items():
+        try:
+            measured[name] = measure_region(
                 name=name,
                 pixels=pixels[name][:, :, usable[mask]],
                 inside=mask & usable,
@@ -159,8 +156,22 @@ def measure(
                 level_std_error=dark_level.std_error_dn * grid.to_unit,
                 relative_error=corrections.relative_error(grid.angles),
             )
-            for name, mask in inside.items()
-        },
+        except (DataError, ValueError, ArithmeticError) as error:
+            # One region that gives no numbers says nothing of the others.
+            unmeasured[name] = str(error)
+    if unmeasured and not measured:
+        raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
+    return Measurement(
+        run=run,
+        grid=grid,
+        plan=plan,
+        extinction_ratio=extinction_ratio,
+        dark_level=dark_level,
+        channels=frames.sums / grid.cycles,
+        saturated=frames.saturated,
+        missing=frames.missing,
+        regions=measured,
+        unmeasured=unmeasured,
         corrections=corrections,
     )
 

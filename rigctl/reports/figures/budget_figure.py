@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from model.prediction.quantity_table import FOLLOWED, QUANTITIES
-from rigctl.comparison.uncertainty_budget import RegionBudget
+from rigctl.comparison.uncertainty_budget import FAULTS, RegionBudget
 from rigctl.reports.figures.figure_style import png, subplots
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ _LOOKS = {
     "noise and texture": ("#0072b2", "\\\\"),
     "dark level": ("#999999", ""),
     "registration": ("#999999", ".."),
+    FAULTS: ("#000000", "//"),
     "angle": ("#e69f00", "//"),
     "drift": ("#cc79a7", ""),
     "inputs": ("#d55e00", ""),

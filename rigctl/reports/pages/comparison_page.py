@@ -7,8 +7,10 @@ from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.input_attribution import InputAttribution
+from rigctl.comparison.verdict import VERDICT_WORDS, refusals
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.run_diagnosis import UNSEEN
 from rigctl.prediction.performance import Performance
 from rigctl.reports.figures import budget_figure, comparison_figures
 from rigctl.reports.pages.light_section import light_section
@@ -19,6 +21,7 @@ from rigctl.reports.tables.attribution_tables import fitted_table, move_table
 from rigctl.reports.tables.calibration_table import parameter_table
 from rigctl.reports.tables.comparison_json import STATISTICS
 from rigctl.reports.tables.effects_tables import taken_table
+from rigctl.reports.tables.fault_table import fault_table
 from rigctl.reports.tables.performance_tables import detection_table, strength_table
 from rigctl.reports.tables.provenance_json import provenance_json
 from rigctl.reports.tables.row_table import mixed_row_table, row_table
@@ -40,7 +43,7 @@ def comparison_report(found: ComparedRun) -> Report:
     return Report(
         title=f"{measurement.run.path.name} beside the model",
         source=_SOURCE.format(kind=comparison.kind.capitalize(), origin=_SIMULATED if simulated else ""),
-        verdict=Verdict(good=comparison.agrees, text=verdict(comparison), reasons=tuple(_reasons(comparison))),
+        verdict=Verdict(good=comparison.agrees is True, text=verdict(comparison), reasons=tuple(_reasons(comparison))),
         sections=[
             *_first(comparison, measurement),
             *_attributed(comparison.attribution),
@@ -48,7 +51,7 @@ def comparison_report(found: ComparedRun) -> Report:
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
             *_effects(found.effects),
-            Section(title="The run by itself", blocks=(comparison_tables.check_table(comparison.checks),)),
+            *_by_itself(comparison),
             *_strength(comparison, found.performance),
             *_numbers(comparison, measurement),
             *_limits(comparison),
@@ -59,13 +62,25 @@ def comparison_report(found: ComparedRun) -> Report:
 
 
 def verdict(comparison: Comparison) -> str:
-    """Return the verdict in a sentence."""
+    """Return the verdict in a sentence, with what it is held with."""
+    found = comparison.verdict
+    flags = ", ".join(check.name for check in comparison.flags)
+    flagged = f" Flagged: {flags}." if flags else ""
+    if found == "cannot_be_judged":
+        return f"Model and measurement cannot be judged: the run is unsound.{flagged}"
     if not any(row.agrees is not None for row in comparison.rows):
-        return "Nothing was tested."
-    return "Model and measurement agree." if comparison.agrees else "Model and measurement disagree."
+        return f"Nothing was tested.{flagged}"
+    return f"Model and measurement {VERDICT_WORDS[found].lower()}.{flagged}"
 
 
 def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
+    for refusal in refusals(comparison.checks):
+        yield "Refused:", refusal
+    for name, found in comparison.regions.items():
+        if found.verdict == "cannot_be_judged":
+            yield f"{name} cannot be judged:", found.reason
+    for weak in comparison.weak:
+        yield "Hardly tested:", weak
     tests = sum(row.agrees is not None for row in comparison.rows)
     alpha = f"{comparison.alpha:g}"
     rule = (
@@ -75,7 +90,7 @@ def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
     yield "", rule
     for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
         yield f"Points to {cause}:", advice
-    if comparison.attribution is not None and not comparison.agrees:
+    if comparison.attribution is not None and comparison.disagreements:
         yield "What would explain it:", comparison.attribution.remark + "."
     for check in comparison.flags:
         yield f"Flagged: {check.name}:", check.text
@@ -173,6 +188,20 @@ def _effects(effects: EffectsTaken | None) -> Iterable[Section]:
         "nobody left out by request (rigctl effects, --without)."
     )
     yield Section(title="Effects taken and skipped", blocks=(taken_table(effects), note))
+
+
+def _by_itself(comparison: Comparison) -> Iterable[Section]:
+    blocks: tuple[Block, ...] = (comparison_tables.check_table(comparison.checks),)
+    found = comparison.run_diagnosis
+    if found is not None and found.terms:
+        blocks += (
+            Paragraph(
+                text="What more than three angles leave over, fitted by every fault at once; those that explain it "
+                f"best stand first. {UNSEEN[:1].upper()}{UNSEEN[1:]}."
+            ),
+            fault_table(found.terms),
+        )
+    yield Section(title="The run by itself", blocks=blocks)
 
 
 def _strength(comparison: Comparison, performance: Performance) -> Iterable[Section]:

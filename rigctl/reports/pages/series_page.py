@@ -6,22 +6,34 @@ from collections.abc import Iterable, Sequence
 from model.prediction.quantity_table import FOLLOWED
 from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.series import SeriesPoint, hours_of
+from rigctl.comparison.verdict import refusals
 from rigctl.reports.figures import series_figure
 from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
 from rigctl.reports.tables.comparison_tables import trend_table
 from rigctl.reports.tables.provenance_json import provenance_json
 from rigctl.reports.tables.series_tables import DRIFTS, drift_table, mean_table
 
+_VERDICTS = {
+    True: "Model and measurement agree.",
+    False: "Model and measurement disagree.",
+    None: "Not every run can be judged; the others agree.",
+}
+
 
 def series_report(series: ComparedSeries) -> Report:
     """Return what the report of many runs says."""
     points = series.points
-    off = [point for point in points if not point.comparison.agrees]
+    off = [point for point in points if point.comparison.agrees is False]
     drifting = [d for d in series.drifts if abs(d.z) > DRIFTS]
     reasons = [
         (
             "",
             f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together.",
+        ),
+        *(
+            ("Cannot be judged:", f"{point.name}: {'; '.join(refusals(point.comparison.checks))}")
+            for point in points
+            if point.comparison.agrees is None
         ),
         *(("Disagrees:", f"{point.name}: {_why(point)}") for point in off),
         *(
@@ -36,8 +48,8 @@ def series_report(series: ComparedSeries) -> Report:
         title=f"{len(points)} runs beside the model",
         source="Each run with its own sun, time and exposure, and one scene file for all.",
         verdict=Verdict(
-            good=series.agrees,
-            text="Model and measurement agree." if series.agrees else "Model and measurement disagree.",
+            good=series.agrees is True,
+            text=_VERDICTS[series.agrees],
             reasons=tuple(reasons),
         ),
         sections=[

@@ -4,7 +4,7 @@
 beside it; in a comparison it is a row.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -14,8 +14,10 @@ from model.processing.texture import Texture
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.comparison.rows import Row, measured_with_ratios
 from rigctl.comparison.trends import Trend
+from rigctl.comparison.verdict import RegionVerdict
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.measurement.run_diagnosis import UNSEEN, FaultTerm, RunDiagnosis
 from rigctl.prediction.performance import Performance
 from rigctl.reports.table import Table
 from rigctl.reports.tables.provenance_json import provenance_json
@@ -113,13 +115,15 @@ def compared_json(found: ComparedRun) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "kind": comparison.kind,
         "agrees": comparison.agrees,
+        "verdict": comparison.verdict,
+        "flags": [check.name for check in comparison.flags],
         "alpha": comparison.alpha,
         "scale": None if comparison.scale is None else asdict(comparison.scale),
         "disagreements": json_rows(row_table(comparison.disagreements)),
-        "diagnosis": asdict(comparison.diagnosis),
+        "diagnosis": asdict(comparison.diagnosis) | diagnosis_json(comparison.run_diagnosis),
         "statistics": STATISTICS,
         "unit": measurement.grid.unit,
-        "regions": _rows_by_name(comparison.rows),
+        "regions": _with_verdicts(_rows_by_name(comparison.rows), comparison.regions),
         "rows": json_rows(row_table(comparison.rows)),
         "pixels": {name: _pixels(region) for name, region in measurement.regions.items()},
         "explanation": None if comparison.attribution is None else asdict(comparison.attribution),
@@ -130,6 +134,43 @@ def compared_json(found: ComparedRun) -> dict[str, Any]:
         "not_tested": list(comparison.not_tested),
         "provenance": provenance_json(found),
     }
+
+
+def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Any]:
+    """Return what a run says of its own faults as JSON holds it."""
+    if found is None:
+        return {"terms": [], "first": None, "named": [], "reason": "not asked"}
+    first = found.first
+    return {
+        "terms": [_fault(term) for term in found.terms],
+        "first": None if first is None else first.name,
+        "named": [term.title for term in found.named],
+        "reason": found.reason,
+        "unseen": UNSEEN,
+    }
+
+
+def _fault(term: FaultTerm) -> dict[str, Any]:
+    return {
+        "name": term.name,
+        "angle_deg": term.angle_deg,
+        "value": term.value,
+        "std_error": term.std_error,
+        "unit": term.unit,
+        "testable": term.testable,
+        "reason": term.reason,
+        "confused_with": list(term.confused_with),
+        "dolp_shift": term.dolp_shift,
+        "aolp_shift_deg": term.aolp_shift_deg,
+        "named": term.named,
+    }
+
+
+def _with_verdicts(
+    regions: dict[str, dict[str, Any]], verdicts: Mapping[str, RegionVerdict]
+) -> dict[str, dict[str, Any]]:
+    """Return regions with their verdict and its reason beside their quantities."""
+    return {name: asdict(verdict) | regions.get(name, {}) for name, verdict in verdicts.items()}
 
 
 def _rows_by_name(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Any]]]:

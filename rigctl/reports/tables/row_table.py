@@ -3,9 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-
-from rigctl.comparison.rows import Row
+from rigctl.comparison.rows import Row, error_of_both
 from rigctl.reports.number_text import signed, to_digits
 from rigctl.reports.table import NOTHING, Column, Shown, Table
 
@@ -14,7 +12,7 @@ _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 
 def error_of(row: Row) -> float:
     """Return the standard error of both sides together."""
-    return float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0))
+    return error_of_both(row)
 
 
 def predicted_text(row: Row) -> str:
@@ -67,6 +65,12 @@ ROW_COLUMNS: tuple[Column[Row], ...] = (
         key="agrees",
         text=lambda row: _VERDICTS[row.agrees],
         left=True,
+        shown=Shown.PAGE | Shown.PROGRAMS,
+    ),
+    Column(
+        title="seen at 90 %",
+        key="smallest_difference_90",
+        text=lambda row: _two_digits(row.smallest_difference_90),
         shown=Shown.PAGE | Shown.PROGRAMS,
     ),
 )

@@ -80,7 +80,10 @@ def test_json_has_the_documented_shape(compared):
     assert content["disagreements"] == []
     row = content["regions"]["left"]["dolp"]["mean"]
     assert set(row) >= {"predicted", "measured", "std_error", "std_error_inputs", "z", "agrees"}
-    assert len(content["rows"]) == sum(len(s) for q in content["regions"].values() for s in q.values())
+    numbers = [s for q in content["regions"].values() for s in q.values() if isinstance(s, dict)]
+    assert len(content["rows"]) == sum(len(statistics) for statistics in numbers)
+    assert {region["verdict"] for region in content["regions"].values()} <= {"agrees", "agrees_with_reservations"}
+    assert row.keys() >= {"smallest_difference_90"}
 
 
 def test_prediction_and_measurement_have_the_same_names(compared):
