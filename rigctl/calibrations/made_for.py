@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import fmean
 from typing import Annotated, Any, TypeVar
+from urllib.parse import parse_qsl
 
 from pydantic import Field
 
@@ -141,11 +142,12 @@ def made_for_of_file(made_for: MadeFor | None, *, created_utc: str | None, valid
 
 def _options(address: str) -> dict[str, str]:
     """Return the options of a camera's address in the rig file: ``gige:NAME?pixel_format=Mono12&binning=2``."""
-    return dict(item.split("=", 1) for item in address.partition("?")[2].split("&") if "=" in item)
+    return dict(parse_qsl(address.partition("?")[2]))
 
 
 def _binning(options: Mapping[str, str]) -> int | None:
-    return int(options["binning"]) if "binning" in options else None
+    text = options.get("binning", "")
+    return int(text) if text.isdecimal() else None
 
 
 def _shared(facts: Iterable[_Fact | None]) -> _Fact | None:

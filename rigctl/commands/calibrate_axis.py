@@ -1,5 +1,6 @@
 """``rigctl calibrate axis``: sense, axis offset and extinction of the polarizer in its stage."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +9,7 @@ import typer
 from rigctl.terminal import print_json, results
 
 if TYPE_CHECKING:
+    from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
     from rigctl.jobs.calibrate_axis import CalibratedAxis
 
 
@@ -84,35 +86,40 @@ def axis(
         _print(found)
 
 
-def _print(found: "CalibratedAxis") -> None:
-    from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING, rig_lines
+def _print(axis: "CalibratedAxis") -> None:
+    from rigctl.calibrations.polarizer.polarizer_json import rig_lines
 
-    console, content = results(), found.content
-    offset, extinction = content["offset_deg"], content["extinction_ratio"]
-    console.print(f"sense {content['sense']:+d}, offset {offset['value']:.4f} +- {offset['std_error']:.4f} deg")
-    if found.directions_disagree:
+    console, found = results(), axis.calibration
+    console.print(f"sense {found.axis.best.sense:+d}, offset {_offset(found)}")
+    if axis.directions_disagree:
         console.print(
-            f"the directions disagree by {content['scatter_deg']:.2f} deg (rms), which is in the error: check each, "
-            f"and that light and polarizers stayed as they were"
+            f"the directions disagree by {math.degrees(found.axis.scatter_rad):.2f} deg (rms), which is in the error: "
+            f"check each, and that light and polarizers stayed as they were"
         )
-    if extinction is not None:
-        upper = "no upper limit" if extinction["upper"] is None else f"{extinction['upper']:.4g}"
-        ratio = "not measured" if extinction["ratio"] is None else f"{extinction['ratio']:.4g}"
-        console.print(f"extinction ratio {ratio} (95 %: {extinction['lower']:.4g} to {upper})")
-    for one in content["harmonics"]:
-        seen = f"seen: {HARMONIC_MEANING[one['order']]}" if one["is_seen"] else "not seen"
-        console.print(
-            f"residual, {one['order']} cycles a turn: {one['amplitude']:.2%} +- {one['std_error']:.2%} ({seen})",
-            markup=False,
-        )
-    if content["harmonics"] and not content["harmonics_told_apart"]:
-        console.print("a scan of half a turn does not tell these apart: take it over a whole turn to see which it is")
-    for one in content["regions"]:
-        angle = one["offset_deg"]
-        console.print(
-            f"region {one['name']}: offset {angle['value']:.4f} +- {angle['std_error']:.4f} deg", markup=False
-        )
+    if found.extinction is not None:
+        upper = "no upper limit" if found.extinction.upper is None else f"{found.extinction.upper:.4g}"
+        ratio = "not measured" if found.extinction.ratio is None else f"{found.extinction.ratio:.4g}"
+        console.print(f"extinction ratio {ratio} (95 %: {found.extinction.lower:.4g} to {upper})")
+    _print_harmonics(found)
+    for name, region in axis.regions.items():
+        console.print(f"region {name}: offset {_offset(region)}", markup=False)
     console.print("for the rig file:")
-    console.print(rig_lines(content), markup=False)
-    if found.is_generator_taken_as_perfect:
+    console.print(rig_lines(found), markup=False)
+    if axis.is_generator_taken_as_perfect:
         console.print("the generator is taken as perfect: what it leaks is in the extinction ratio; give --dolp")
+
+
+def _offset(found: "PolarizerCalibration") -> str:
+    return f"{found.offset_deg.value:.4f} +- {found.offset_deg.std_error:.4f} deg"
+
+
+def _print_harmonics(found: "PolarizerCalibration") -> None:
+    from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
+
+    console = results()
+    for one in found.harmonics:
+        seen = f"seen: {HARMONIC_MEANING[one.order]}" if one.is_seen else "not seen"
+        text = f"residual, {one.order} cycles a turn: {one.amplitude:.2%} +- {one.std_error:.2%} ({seen})"
+        console.print(text, markup=False)
+    if found.harmonics and not found.harmonics_told_apart:
+        console.print("a scan of half a turn does not tell these apart: take it over a whole turn to see which it is")

@@ -88,6 +88,8 @@ class CalibratedAxis:
     ----------
     calibration : PolarizerCalibration
         Of the first region, or of the whole picture.
+    regions : dict
+        Name to the calibration of each region by itself.
     content : dict
         What the file holds.
     directions_disagree : bool
@@ -97,6 +99,7 @@ class CalibratedAxis:
     """
 
     calibration: PolarizerCalibration
+    regions: dict[str, PolarizerCalibration]
     content: dict[str, Any]
     directions_disagree: bool
     is_generator_taken_as_perfect: bool
@@ -133,6 +136,7 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         write_whole(request.report, report_file(report, request.report))
     return CalibratedAxis(
         calibration=found,
+        regions=regions,
         content=content,
         directions_disagree=found.axis.scatter_rad > _DISAGREEING_RAD,
         is_generator_taken_as_perfect=request.generator is not None and request.dolp is None,

@@ -13,9 +13,16 @@ from calibration.polarimeter.analyzer import (
     extinction,
     pooled_diattenuation,
 )
-from calibration.polarimeter.axis import AxisFit, fit_axis
+from calibration.polarimeter.axis import AxisCandidate, AxisFit, fit_axis
 from calibration.polarimeter.data_reduction import DataReduction, linear_states, measured_data_reduction
-from calibration.polarimeter.fourier_fit import FourierFit, Harmonic, fit_fourier, residual_harmonics
+from calibration.polarimeter.fourier_fit import (
+    FourierFit,
+    Harmonic,
+    fit_fourier,
+    harmonics_are_told_apart,
+    residual_harmonics,
+)
+from rigctl.calibrations.checked_values import Measured
 from rigctl.calibrations.polarizer.scan_frames import AnalyzerScan, GeneratorScan
 from rigctl.config import Uncertain
 from rigctl.errors import DataError
@@ -130,6 +137,22 @@ class PolarizerCalibration:
     harmonics: tuple[Harmonic, ...]
     curves: tuple[ScanCurve, ...]
     frames: int
+
+    @property
+    def offset_deg(self) -> Measured[float]:
+        """Polarizer angle where the stage stands at 0, of the sense that fits better [deg]."""
+        return candidate_offset_deg(self.axis.best)
+
+    @property
+    def harmonics_told_apart(self) -> bool:
+        """The scans go far enough round to tell the harmonics apart."""
+        return all(harmonics_are_told_apart(curve.angle_rad) for curve in self.curves)
+
+
+def candidate_offset_deg(candidate: AxisCandidate) -> Measured[float]:
+    """Return the offset of a sense [deg]."""
+    value, error = np.degrees([candidate.offset_rad, candidate.std_error_rad]).tolist()
+    return Measured(value=value, std_error=error)
 
 
 def from_references(

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.axis import AxisCandidate
-from calibration.polarimeter.fourier_fit import harmonics_are_told_apart
 from rigctl.calibrations.made_for import made_for
-from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
+from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, candidate_offset_deg
 from rigctl.calibrations.polarizer.polarizer_file import SCHEMA_VERSION
 from rigctl.config import sha256_of
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
@@ -42,15 +40,18 @@ def polarizer_json(
         "frames": found.frames,
         "axis": "polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene",
         "sense": best.sense if found.axis.is_decided else None,
-        "offset_deg": _offset(best) if found.axis.is_decided else None,
+        "offset_deg": asdict(found.offset_deg) if found.axis.is_decided else None,
         "scatter_deg": float(np.degrees(found.axis.scatter_rad)),
-        "candidates": [{"sense": one.sense, **_offset(one), "chi2": one.chi2} for one in (best, found.axis.other)],
+        "candidates": [
+            {"sense": one.sense, **asdict(candidate_offset_deg(one)), "chi2": one.chi2}
+            for one in (best, found.axis.other)
+        ],
         "diattenuation": _value(found.diattenuation, found.diattenuation_error),
         "extinction_ratio": None if found.extinction is None else asdict(found.extinction),
         "channels": _channels(found),
         "data_reduction": _reduction(found),
         "harmonics": [asdict(one) | {"is_seen": one.is_seen} for one in found.harmonics],
-        "harmonics_told_apart": all(harmonics_are_told_apart(curve.angle_rad) for curve in found.curves),
+        "harmonics_told_apart": found.harmonics_told_apart,
     }
 
 
@@ -59,24 +60,18 @@ def region_json(name: str, found: PolarizerCalibration) -> dict[str, Any]:
     return {
         "name": name,
         "sense": found.axis.best.sense if found.axis.is_decided else None,
-        "offset_deg": _offset(found.axis.best),
+        "offset_deg": asdict(found.offset_deg),
         "diattenuation": _value(found.diattenuation, found.diattenuation_error),
         "harmonics": [asdict(one) | {"is_seen": one.is_seen} for one in found.harmonics],
     }
 
 
-def rig_lines(content: dict[str, Any]) -> str:
-    """Return the table for the rig file."""
-    lines = ["[polarizer]", f"sense = {content['sense']}", f"offset_deg = {content['offset_deg']['value']:.4f}"]
-    extinction = content["extinction_ratio"]
-    if extinction is not None and extinction["ratio"] is not None:
-        lines.append(f"extinction_ratio = {extinction['ratio']:.4g}")
+def rig_lines(found: PolarizerCalibration) -> str:
+    """Return the table for the rig file, of a calibration whose sense is decided."""
+    lines = ["[polarizer]", f"sense = {found.axis.best.sense}", f"offset_deg = {found.offset_deg.value:.4f}"]
+    if found.extinction is not None and found.extinction.ratio is not None:
+        lines.append(f"extinction_ratio = {found.extinction.ratio:.4g}")
     return "\n".join(lines)
-
-
-def _offset(candidate: AxisCandidate) -> dict[str, float]:
-    value, error = np.degrees([candidate.offset_rad, candidate.std_error_rad]).tolist()
-    return {"value": value, "std_error": error}
 
 
 def _value(value: float | None, error: float | None) -> dict[str, float] | None:

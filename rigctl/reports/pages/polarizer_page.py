@@ -55,14 +55,14 @@ def polarizer_report(
     maps : PolarimeterMaps or None
         The same over the picture.
     """
-    axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(content)))
+    axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(found)))
     return Report(
         title=f"Polarizer: {', '.join(source['path'] for source in content['source'])}",
         source=_facts(content),
         sections=[
             Section(title="Axis and extinction", blocks=axis),
             Section(title="Scans", blocks=(Picture(png=curves_png(found), caption=_SCANS),)),
-            Section(title="What Malus' law leaves", blocks=tuple(_left(found, content["harmonics_told_apart"]))),
+            Section(title="What Malus' law leaves", blocks=tuple(_left(found))),
             *_channels(found),
             *_reduction(found.reduction),
             *([Section(title="Regions", blocks=(region_table(regions),))] if regions else []),
@@ -71,11 +71,11 @@ def polarizer_report(
     )
 
 
-def _left(found: PolarizerCalibration, are_told_apart: bool) -> Iterable[Block]:
+def _left(found: PolarizerCalibration) -> Iterable[Block]:
     if (drawn := harmonics_png(found)) is not None:
         yield Picture(png=drawn, caption=_HARMONICS)
     yield harmonic_table(found)
-    if found.harmonics and not are_told_apart:
+    if found.harmonics and not found.harmonics_told_apart:
         yield Paragraph(text=_HALF_TURN)
 
 
