@@ -71,7 +71,7 @@ SCENE_ROWS = (
     _row("sensor.pixel_pitch_um", "um", "distance of the pixels' centres"),
     _row("sensor.f_number", "", "focal length over the diameter of the entrance pupil"),
     _row(TRANSMITTANCE, "", "transmittance of the optics", most=1.0),
-    _row(EFFICIENCY, "e", "electrons per photon at the effective wavelength", most=1.0),
+    _row(EFFICIENCY, "", "electrons per photon at the effective wavelength", most=1.0),
     _row("sensor.wavelength_nm", "nm", "effective wavelength of the sensor's band"),
     _row("sensor.polarizer_transmittance", "", "transmittance of the polarizer along its axis", most=1.0),
     _row("sensor.extinction_ratio", "", "transmittance of the polarizer along its axis over that across", least=1.0),
@@ -146,8 +146,8 @@ MATERIAL_ROWS = (
     _row("n", "", "index of refraction, real part", _LEAST_INDEX, place="material.n"),
     _row("k", "", "index of refraction, imaginary part", place="material.k"),
     _row("slope_rms", "", "deviation of the facets' slopes, per axis", SLOPE_RMS_MIN, place="material.slope_rms"),
-    _row("dhr", "", "directional-hemispherical reflectance", place="material.dhr"),
-    _row("specular_weight", "", "weight of the specular lobe", place="material.specular_weight"),
+    _row("dhr", "", "directional-hemispherical reflectance", most=1.0, place="material.dhr"),
+    _row("specular_weight", "", "weight of the specular lobe", most=1.0, place="material.specular_weight"),
     _row("dhr_angle_deg", "deg", "zenith angle at which the dhr was measured", place="material.dhr_angle_rad"),
 )
 

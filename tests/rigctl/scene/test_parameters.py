@@ -12,6 +12,7 @@ from rigctl.scene.rig_inputs import cycle_of_file, with_rig
 from rigctl.scene.scene_inputs import gather
 from rigctl.scene.scene_reading import scene_of_file
 from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.scene.parameter_page import page
 from tests.rigctl.scene_texts import SCENE, written
 
 SCENES = sorted(path.name for path in EXAMPLES.glob("scene-*.toml"))
@@ -108,3 +109,8 @@ def test_a_drift_under_both_keys_is_refused(tmp_path):
     both = SCENE + "[rig]\nlight_drift = 0.01\n[errors]\nillumination_drift = 0.01\n"
     with pytest.raises(ConfigError, match=r"rig\.light_drift and errors.illumination_drift are one number"):
         load_scene(written(tmp_path, both))
+
+
+def test_the_page_on_the_parameters_is_that_of_the_table():
+    written_page = (EXAMPLES.parent / "docs" / "parameters.md").read_text(encoding="utf-8")
+    assert written_page == page(), "python -m tests.rigctl.scene.parameter_page > docs/parameters.md"
