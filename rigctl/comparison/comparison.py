@@ -175,21 +175,20 @@ def compare_with_scene(
     uncertain = only_uncertain(inputs)
     propagation = propagate_numbers({row.key: row.predicted for row in rows}, inputs, predicted)
     decided = _decided(rows, propagation, alpha)
+    assumed = (
+        *inputs.remarks,
+        scaled_by.remark,
+        *overruled(scene, measurement, predictor.exposure_s),
+        *predictor.moved,
+        *predictor.light.remarks(inputs.scene),
+    )
     return Comparison(
         kind="scene",
         alpha=alpha,
         rows=decided,
         diagnosis=diagnose(decided),
         predictions=predictions,
-        remarks=(
-            *inputs.remarks,
-            scaled_by.remark,
-            *overruled(scene, measurement, predictor.exposure_s),
-            *predictor.moved,
-            *predictor.light.remarks(inputs.scene),
-            *model_warnings(predictions),
-            *curved_inputs(propagation, uncertain),
-        ),
+        remarks=(*assumed, *model_warnings(predictions), *curved_inputs(propagation, uncertain)),
         not_tested=not_tested(measurement, scene, scaled_by, uncertain),
         scale=scaled_by,
         inputs=uncertain,

@@ -68,38 +68,16 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     ConfigError, DataError
         A file is wrong, or the run is unfit for what is asked.
     """
-    if not 0.0 < request.alpha < 1.0:
-        raise ConfigError(f"--alpha: is {request.alpha:g}; allowed is above 0 and below 1, for instance 0.001")
-    if (request.scene is None) == (request.regions is None):
-        raise ConfigError("give a scene file, or --regions FILE for a comparison without a scene")
+    _require_possible(request)
     scene = None if request.scene is None else load_scene(request.scene)
     regions = _regions(scene, request.regions)
     run = read_run(run_path)
     given = read_calibrations(request.calibrations, run)
     measurement = given.measure(run, regions)
-    registered = registration_of(measurement)
-    diagnosis = diagnose_run(measurement)
-    checks = run_checks(measurement, registered, diagnosis)
-    comparison = _comparison(measurement, scene, given, request)
-    budgets = with_registration(
-        comparison.budgets,
-        measurement,
-        regions=regions,
-        found=registered,
-        means={name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()},
-    )
-    unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
+    comparison = _judged(_comparison(measurement, scene, given, request), measurement, regions)
     remarks = (*given.doubts, *correction_remarks(measurement, regions), *comparison.remarks)
     found = ComparedRun(
-        comparison=replace(
-            comparison,
-            rows=without_decisions(comparison.rows, unjudged),
-            remarks=remarks,
-            checks=checks,
-            budgets=with_diagnosis(budgets, diagnosis, measurement),
-            unjudged=unjudged,
-            run_diagnosis=diagnosis,
-        ),
+        comparison=replace(comparison, remarks=remarks),
         measurement=measurement,
         regions=regions,
         performance=performance_of(comparison.predictions),
@@ -110,6 +88,13 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     if out is not None:
         write_comparison(found, out)
     return found
+
+
+def _require_possible(request: CompareRequest) -> None:
+    if not 0.0 < request.alpha < 1.0:
+        raise ConfigError(f"--alpha: is {request.alpha:g}; allowed is above 0 and below 1, for instance 0.001")
+    if (request.scene is None) == (request.regions is None):
+        raise ConfigError("give a scene file, or --regions FILE for a comparison without a scene")
 
 
 def _comparison(
@@ -127,6 +112,23 @@ def _comparison(
     if request.scale == "absolute" and given.radiometric is None:
         return compare_closed_loop(measurement, noise=given.noise, alpha=request.alpha)
     raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
+
+
+def _judged(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Comparison:
+    """Return a comparison with what the run says of itself: its checks, its faults, and what cannot be judged."""
+    registered, diagnosis = registration_of(measurement), diagnose_run(measurement)
+    checks = run_checks(measurement, registered, diagnosis)
+    means = {name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()}
+    budgets = with_registration(comparison.budgets, measurement, regions=regions, found=registered, means=means)
+    unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
+    return replace(
+        comparison,
+        rows=without_decisions(comparison.rows, unjudged),
+        checks=checks,
+        budgets=with_diagnosis(budgets, diagnosis, measurement),
+        unjudged=unjudged,
+        run_diagnosis=diagnosis,
+    )
 
 
 def _effects(scene: SceneFile, given: RunCalibrations) -> EffectsTaken:
