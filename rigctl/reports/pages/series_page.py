@@ -23,34 +23,13 @@ _VERDICTS = {
 def series_report(series: ComparedSeries) -> Report:
     """Return what the report of many runs says."""
     points = series.points
-    off = [point for point in points if point.comparison.agrees is False]
-    drifting = [d for d in series.drifts if abs(d.z) > DRIFTS]
-    reasons = [
-        (
-            "",
-            f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together.",
-        ),
-        *(
-            ("Cannot be judged:", f"{point.name}: {'; '.join(refusals(point.comparison.checks))}")
-            for point in points
-            if point.comparison.agrees is None
-        ),
-        *(("Disagrees:", f"{point.name}: {_why(point)}") for point in off),
-        *(
-            (
-                "Drifts:",
-                f"{d.quantity} of {d.region} against its prediction, by {d.line.slope:+.3g} an hour ({d.z:+.1f})",
-            )
-            for d in drifting
-        ),
-    ]
     return Report(
         title=f"{len(points)} runs beside the model",
         source="Each run with its own sun, time and exposure, and one scene file for all.",
         verdict=Verdict(
             good=series.agrees is True,
             text=_VERDICTS[series.agrees],
-            reasons=tuple(reasons),
+            reasons=tuple(_reasons(series)),
         ),
         sections=[
             *_figures(points),
@@ -64,6 +43,21 @@ def series_report(series: ComparedSeries) -> Report:
             ),
         ],
     )
+
+
+def _reasons(series: ComparedSeries) -> Iterable[tuple[str, str]]:
+    points = series.points
+    off = [point for point in points if point.comparison.agrees is False]
+    yield "", f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together."
+    for point in points:
+        if point.comparison.agrees is None:
+            yield "Cannot be judged:", f"{point.name}: {'; '.join(refusals(point.comparison.checks))}"
+    for point in off:
+        yield "Disagrees:", f"{point.name}: {_why(point)}"
+    for d in series.drifts:
+        if abs(d.z) > DRIFTS:
+            drift = f"by {d.line.slope:+.3g} an hour ({d.z:+.1f})"
+            yield "Drifts:", f"{d.quantity} of {d.region} against its prediction, {drift}"
 
 
 def _why(point: SeriesPoint) -> str:
