@@ -1,6 +1,6 @@
 """Checks of a run by itself, before any model: pair sums, linear response, registration, drift, residual of the fit."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,7 +19,6 @@ from model.processing.redundancy import pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
 from rigctl.comparison.run_prediction import frame_order
-from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement, signal_of_cycle
 from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
 
@@ -79,19 +78,6 @@ def run_checks(
         _drift(measurement),
         *_usable(measurement),
     )
-
-
-def require_sound(checks: Sequence[Check], *, run: str) -> None:
-    """Refuse a run of which a check was refused.
-
-    Raises
-    ------
-    DataError
-        With the name of the check and what it found.
-    """
-    refused = [f"{check.name}: {check.text}" for check in checks if check.verdict == "refused"]
-    if refused:
-        raise DataError(f"{run}: " + "; ".join(refused))
 
 
 def _pair_sums(measurement: Measurement) -> Iterable[Check]:

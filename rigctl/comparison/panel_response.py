@@ -1,7 +1,6 @@
 """Counts per radiance from a run: a panel of known reflectance under the run's own sun."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from rigctl.comparison.throughput import modelled_response, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.region_numbers import MeasuredRegion
 from rigctl.scene.model_scene import build_scenario
 from rigctl.scene.scene_inputs import Inputs, gather
 from rigctl.scene.scene_light import SceneLight
@@ -135,7 +135,7 @@ def _alone(scene: SceneFile, panel: str) -> SceneFile:
     return scene.model_copy(update={"regions": named})
 
 
-def _unsaturated(measurement: Measurement, panel: str) -> Any:
+def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:
     if panel in measurement.unmeasured:
         raise DataError(measurement.unmeasured[panel])
     region = measurement.regions[panel]

@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 
 DIM = 3
 BAND_LEVEL = 0.95
+_OWN_MOMENTS = "the regions' own sample moments: tests the Gaussian law, not the scene"
 # Below so many false alarms in the background region the empirical curve says nothing.
 _LEAST_EXCEEDANCES = 5
 _POINTS = 200
@@ -98,11 +99,8 @@ def detect(
     n = pixels[background].shape[1]
     lowest = _LEAST_EXCEEDANCES / n
     p_false_alarm = np.union1d(np.geomspace(lowest, 0.5, _POINTS), [p for p in FALSE_ALARM_RATES if p >= lowest])
-    if predicted is None:
-        sample = {name: Moments(mean=p.mean(axis=1), cov=np.cov(p)) for name, p in pixels.items()}
-        moments, source = sample, "the regions' own sample moments: tests the Gaussian law, not the scene"
-    else:
-        moments, source = predicted, "the scene file"
+    own = {name: Moments(mean=p.mean(axis=1), cov=np.cov(p)) for name, p in pixels.items()}
+    moments = own if predicted is None else predicted
     four = (moments[target].mean, moments[target].cov, moments[background].mean, moments[background].cov)
     try:
         curve, known = sample_roc(p_false_alarm, *four, n), rx_roc(np.array([0.01]), *four)
@@ -125,7 +123,7 @@ def detect(
         empirical_p_false_alarm=np.array([np.mean(scores[background] > level) for level in inside]),
         predicted_p_detection=np.asarray(curve.p_detection),
         auc=float(known.auc),
-        predicted_from=source,
+        predicted_from=_OWN_MOMENTS if predicted is None else "the scene file",
         warnings=curve.warnings,
     )
 
