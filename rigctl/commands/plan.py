@@ -1,8 +1,9 @@
 """``rigctl plan``: what a session will take, and what it can give."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +13,12 @@ from rigctl.errors import ConfigError
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
+
+if TYPE_CHECKING:
+    from rigctl.jobs.plan import PlannedSession, Prediction
+    from rigctl.session.planning.session_plan import PlannedRound, PlannedStep, SessionPlan
+
+    _Row = PlannedRound | PlannedStep
 
 _MOST_STEPS = 100
 _SECONDS_A_MINUTE = 60
@@ -52,11 +59,11 @@ def command(
         noise=noise,
         pixels=None if frame is None else _pixels(frame),
     )
-    content = plan(request).content()
+    planned = plan(request)
     if as_json:
-        print_json(content)
+        print_json(planned.content())
     else:
-        _print(content, all_steps=all_steps)
+        _print(planned, all_steps=all_steps)
 
 
 def _pixels(frame: str) -> int:
@@ -66,32 +73,30 @@ def _pixels(frame: str) -> int:
     return int(width) * int(height)
 
 
-def _print(content: dict[str, Any], *, all_steps: bool) -> None:
-    console = results()
-    sun = [column for column in _SUN_COLUMNS if column in content["steps"][0]]
-    if len(content["rounds"]) > 1:
-        console.print(terminal_table(_table(content["rounds"], ("round", "utc", *sun))))
-    steps = content["steps"] if all_steps else content["steps"][:_MOST_STEPS]
-    console.print(
-        terminal_table(_table(steps, ("sequence", "round", "utc", *sun, "kind", "cycle", "angle_deg", "exposure_ms")))
-    )
-    if len(steps) < len(content["steps"]):
-        console.print(f"... and {len(content['steps']) - len(steps)} more; --all prints them", markup=False)
-    for row in content.get("predictions", []):
-        console.print(_prediction_line(row), markup=False)
-    _print_need(content)
+def _print(planned: "PlannedSession", *, all_steps: bool) -> None:
+    from rigctl.session.planning.session_plan import SUN_ANGLES
+
+    console, rounds, steps = results(), planned.plan.planned_rounds(), planned.plan.planned_steps()
+    sun = [name for name in SUN_ANGLES if getattr(steps[0], name) is not None]
+    if len(rounds) > 1:
+        console.print(terminal_table(_table(rounds, ("round", "utc", *sun))))
+    shown = steps if all_steps else steps[:_MOST_STEPS]
+    names = ("sequence", "round", "utc", *sun, "kind", "cycle", "angle_deg", "exposure_ms")
+    console.print(terminal_table(_table(shown, names)))
+    if len(shown) < len(steps):
+        console.print(f"... and {len(steps) - len(shown)} more; --all prints them", markup=False)
+    for prediction in planned.predictions or ():
+        console.print(_prediction_line(prediction), markup=False)
+    _print_need(planned.plan)
 
 
-_SUN_COLUMNS = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
-
-
-def _table(rows: list[dict[str, Any]], names: tuple[str, ...]) -> Table[dict[str, Any]]:
-    columns = tuple(Column[dict[str, Any]](title=name, text=partial(_cell, name=name)) for name in names)
+def _table(rows: Sequence["_Row"], names: tuple[str, ...]) -> Table["_Row"]:
+    columns = tuple(Column["_Row"](title=name, text=partial(_cell, name=name)) for name in names)
     return Table(columns=columns, rows=tuple(rows))
 
 
-def _cell(row: dict[str, Any], name: str) -> str:
-    value = row.get(name)
+def _cell(row: "_Row", name: str) -> str:
+    value = getattr(row, name)
     if value is None:
         return "-"
     if isinstance(value, float):
@@ -99,26 +104,26 @@ def _cell(row: dict[str, Any], name: str) -> str:
     return str(value)[:_UTC_DIGITS]
 
 
-def _prediction_line(row: dict[str, Any]) -> str:
-    where = f"round {row['round']}, {row['exposure_ms']:.3g} ms, {row['region']}"
-    if "problem" in row:
-        return f"{where}: {row['problem']}"
-    counts = ", ".join(f"{angle_of(name)} deg {mean:.0f}" for name, mean in row["mean_dn"].items())
-    saturated = row["saturated_fraction"]
-    snr = "not known" if row["dolp_snr"] is None else f"{row['dolp_snr']:.3g}"
-    snr = snr if saturated <= _MOST_SATURATED else "none, since it saturates"
-    return f"{where}: counts above black [DN] {counts}; saturated {100 * saturated:.1f} %; DoLP SNR {snr}"
+def _prediction_line(row: "Prediction") -> str:
+    from rigctl.jobs.plan import UnpredictedRound
+
+    where = f"round {row.round}, {row.exposure_ms:.3g} ms, {row.region}"
+    if isinstance(row, UnpredictedRound):
+        return f"{where}: {row.problem}"
+    counts = ", ".join(f"{angle_of(name)} deg {mean:.0f}" for name, mean in row.mean_dn.items())
+    snr = "not known" if row.dolp_snr is None else f"{row.dolp_snr:.3g}"
+    snr = snr if row.saturated_fraction <= _MOST_SATURATED else "none, since it saturates"
+    return f"{where}: counts above black [DN] {counts}; saturated {100 * row.saturated_fraction:.1f} %; DoLP SNR {snr}"
 
 
-def _print_need(content: dict[str, Any]) -> None:
+def _print_need(plan: "SessionPlan") -> None:
     console = results()
-    disk = content["disk_bytes"]
-    size = "not known: give --frame" if disk is None else f"{disk / 1e6:.0f} MB"
-    minutes, seconds = divmod(round(content["duration_s"]), _SECONDS_A_MINUTE)
-    frames = len(content["steps"])
+    size = "not known: give --frame" if plan.disk_bytes is None else f"{plan.disk_bytes / 1e6:.0f} MB"
+    minutes, seconds = divmod(round(plan.duration_s), _SECONDS_A_MINUTE)
+    frames = len(plan.steps)
     console.print(f"{frames} frames, {minutes} min {seconds} s until the last is taken, disk {size}", markup=False)
-    if content["false_dolp_per_percent_a_minute"] is not None:
-        cost = content["false_dolp_per_percent_a_minute"]
+    if plan.false_dolp is not None:
+        cost = plan.false_dolp
         console.print(f"light that drifts by 1 % a minute shows a false DoLP of {cost:.2g} in a round", markup=False)
-    for remark in content["remarks"]:
+    for remark in plan.remarks:
         progress().print(remark, markup=False)

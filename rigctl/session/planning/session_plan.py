@@ -1,7 +1,7 @@
 """A session laid out in time: its steps, where the sun stands at them, and what they need."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, TypedDict
 
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
@@ -10,6 +10,42 @@ from rigctl.session.planning.schedule import round_times_ns
 from rigctl.session.planning.session_steps import Step, estimate, plan_steps, step_times_ns
 from rigctl.session.planning.sun_track import SunTrack
 from rigctl.utc_time import NS_PER_S, utc_text
+
+SUN_ANGLES = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
+
+
+class _Moment(TypedDict):
+    utc: str
+    sun_zenith_deg: float | None
+    sun_azimuth_deg: float | None
+    phi_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRound:
+    """Beginning of a round, and the sun then; phi is the sun's azimuth less the camera's, in (-180, 180]."""
+
+    round: int
+    utc: str
+    sun_zenith_deg: float | None
+    sun_azimuth_deg: float | None
+    phi_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedStep:
+    """A frame, about when it is taken, and the sun then; an exposure of None is metered."""
+
+    sequence: int
+    round: int
+    utc: str
+    sun_zenith_deg: float | None
+    sun_azimuth_deg: float | None
+    phi_deg: float | None
+    kind: str
+    cycle: int
+    angle_deg: float | None
+    exposure_ms: float | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,44 +85,64 @@ class SessionPlan:
             begin.setdefault(step.round, time_ns)
         return begin
 
+    @property
+    def duration_s(self) -> float:
+        """Time from the beginning until the last frame is taken [s]."""
+        return (self.times_ns[-1] - self.start_ns) / NS_PER_S
+
+    @property
+    def false_dolp(self) -> float | None:
+        """DoLP that unpolarized light shows in a round if it grows by 1 % a minute."""
+        return false_dolp([step for step in self.steps if step.round == self.steps[0].round])
+
+    def planned_rounds(self) -> tuple[PlannedRound, ...]:
+        """Return the rounds with their times and the sun."""
+        return tuple(PlannedRound(round=number, **self._moment(time_ns)) for number, time_ns in self.rounds().items())
+
+    def planned_steps(self) -> tuple[PlannedStep, ...]:
+        """Return the steps with their times and the sun."""
+        return tuple(self._step(step, time_ns) for step, time_ns in zip(self.steps, self.times_ns, strict=True))
+
     def content(self) -> dict[str, Any]:
         """Return the plan as JSON holds it."""
-        first_round = [step for step in self.steps if step.round == self.steps[0].round]
         return {
             "start_utc": utc_text(self.start_ns),
             "end_utc": utc_text(self.times_ns[-1]),
-            "duration_s": (self.times_ns[-1] - self.start_ns) / NS_PER_S,
+            "duration_s": self.duration_s,
             "disk_bytes": self.disk_bytes,
-            "false_dolp_per_percent_a_minute": false_dolp(first_round),
-            "rounds": [{"round": number, **self._moment(time)} for number, time in self.rounds().items()],
-            "steps": [self._step(step, time) for step, time in zip(self.steps, self.times_ns, strict=True)],
+            "false_dolp_per_percent_a_minute": self.false_dolp,
+            "rounds": [_as_json(one) for one in self.planned_rounds()],
+            "steps": [_as_json(one) for one in self.planned_steps()],
             "remarks": list(self.remarks),
         }
 
-    def _step(self, step: Step, time_ns: int) -> dict[str, Any]:
-        return {
-            "sequence": step.sequence,
-            "round": step.round,
+    def _step(self, step: Step, time_ns: int) -> PlannedStep:
+        return PlannedStep(
+            sequence=step.sequence,
+            round=step.round,
             **self._moment(time_ns),
-            "kind": step.kind,
-            "cycle": step.cycle,
-            "angle_deg": step.polarizer_angle_deg,
-            "exposure_ms": None if step.exposure_s is None else step.exposure_s * 1000.0,
-        }
+            kind=step.kind,
+            cycle=step.cycle,
+            angle_deg=step.polarizer_angle_deg,
+            exposure_ms=None if step.exposure_s is None else step.exposure_s * 1000.0,
+        )
 
-    def _moment(self, time_ns: int) -> dict[str, Any]:
+    def _moment(self, time_ns: int) -> _Moment:
         if self.sun is None:
-            return {"utc": utc_text(time_ns)}
-        sun = self.sun.at(time_ns)
-        moment: dict[str, Any] = {
-            "utc": utc_text(time_ns),
-            "sun_zenith_deg": sun.zenith_deg,
-            "sun_azimuth_deg": sun.azimuth_deg,
-        }
-        if self.camera_azimuth_deg is not None:
+            return _Moment(utc=utc_text(time_ns), sun_zenith_deg=None, sun_azimuth_deg=None, phi_deg=None)
+        sun, camera_deg = self.sun.at(time_ns), self.camera_azimuth_deg
+        return _Moment(
+            utc=utc_text(time_ns),
+            sun_zenith_deg=sun.zenith_deg,
+            sun_azimuth_deg=sun.azimuth_deg,
             # In (-180, 180]: 180 is where the camera looks toward the sun's side.
-            moment["phi_deg"] = 180.0 - (180.0 - (sun.azimuth_deg - self.camera_azimuth_deg)) % 360.0
-        return moment
+            phi_deg=None if camera_deg is None else 180.0 - (180.0 - (sun.azimuth_deg - camera_deg)) % 360.0,
+        )
+
+
+def _as_json(row: PlannedRound | PlannedStep) -> dict[str, Any]:
+    """Return a row without the angles of a sun that is not known."""
+    return {name: value for name, value in asdict(row).items() if value is not None or name not in SUN_ANGLES}
 
 
 def plan_session(
