@@ -44,6 +44,10 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
     ] = None,
     flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
+    correct: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Correct by what the run itself shows: throughput, dark-level, shift."),
+    ] = None,
     alpha: Annotated[float, typer.Option(metavar="A", help="Chance of any false disagreement.")] = 1e-3,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
@@ -64,6 +68,7 @@ def command(
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
     """
     from rigctl.jobs.compare import CompareRequest, compare_run
+    from rigctl.measurement.found_faults import correctable
     from rigctl.measurement.run_calibrations import CalibrationPaths
     from rigctl.reports.tables.comparison_json import compared_json
 
@@ -76,6 +81,7 @@ def command(
         ),
         alpha=alpha,
         scale=scale,
+        correct=() if correct is None else correctable(correct),
     )
     if len(runs) > 1:
         _compare_many(runs, request, out=out, as_json=as_json)

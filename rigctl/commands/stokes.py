@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.cli import EXIT_DATA
 from rigctl.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
@@ -27,6 +28,10 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
     ] = None,
     flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
+    correct: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Correct by what the run itself shows: throughput, dark-level, shift."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Write Stokes, DoLP and AoLP images of a run, masks, pictures, and the numbers of its regions.
@@ -36,27 +41,58 @@ def command(
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
     """
     from rigctl.jobs.stokes import StokesRequest, stokes_of_run
+    from rigctl.measurement.found_faults import correctable
     from rigctl.measurement.run_calibrations import CalibrationPaths
 
     paths = CalibrationPaths(noise=noise, registration=register, flat=flat, polarizer=polarizer)
-    found = stokes_of_run(StokesRequest(run=run, out=out, regions=regions, calibrations=paths))
+    asked = () if correct is None else correctable(correct)
+    found = stokes_of_run(StokesRequest(run=run, out=out, regions=regions, calibrations=paths, correct=asked))
     for remark in found.remarks:
         warn(remark)
     if as_json:
         print_json(found.content)
     else:
         _print(found, out)
+    if found.refused:
+        for refusal in found.refused:
+            warn(refusal)
+        raise typer.Exit(EXIT_DATA)
 
 
 def _print(found: "StokesOfRun", out: Path) -> None:
     from rigctl.reports.tables.quantity_tables import quantity_tables
     from rigctl.reports.writers.terminal_table import terminal_table
 
+    _print_faults(found)
     for table in quantity_tables(found.content["regions"]):
         results().print(terminal_table(table))
     for name, texture in (found.textures or {}).items():
         results().print(texture_line(name, texture), markup=False)
     progress().print(f"{', '.join(found.files)} in {out}", markup=False)
+
+
+def _print_faults(found: "StokesOfRun") -> None:
+    """Print what is wrong with the run, before its numbers."""
+    from rigctl.measurement.run_diagnosis import term_text
+
+    console, measurement = results(), found.measurement
+    if found.refused:
+        console.print("UNSOUND: the numbers below are not those of the light", markup=False)
+    for term in found.diagnosis.named:
+        console.print(f"the run shows {term_text(term)}", markup=False)
+    for check in found.checks:
+        if check.verdict in ("flagged", "refused"):
+            console.print(f"{check.verdict}, {check.name}: {check.text}", markup=False)
+    for name, why in measurement.unmeasured.items():
+        console.print(f"{name} cannot be measured: {why}", markup=False)
+    left_out = int(measurement.saturated.sum()), int(measurement.missing.sum())
+    if any(left_out):
+        total = measurement.saturated.size
+        console.print(
+            f"left out of {total} pixels: {left_out[0]} clipped in one frame or more ({left_out[0] / total:.1%}), "
+            f"{left_out[1]} missing ({left_out[1] / total:.1%})",
+            markup=False,
+        )
 
 
 def texture_line(name: str, texture: "Texture") -> str:

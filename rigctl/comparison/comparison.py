@@ -33,7 +33,7 @@ from rigctl.scene.scene_inputs import Inputs, only_uncertain
 FloatArray = NDArray[np.float64]
 
 
-_POLARIZATION_AND_LIGHT = ("dolp", "dolp_pixels", "s0")
+_FOLLOWED = ("dolp", "dolp_pixels", "s0")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,7 +123,7 @@ class Comparison:
             f"{row.region}: {row.quantity}, {row.statistic}: only a difference above {row.smallest_difference_90:.2g} "
             f"would have been seen with a chance of 90 %, of {abs(row.predicted):.2g}"
             for row in self.rows
-            if row.agrees is not None and row.is_weak and row.quantity in _POLARIZATION_AND_LIGHT
+            if row.agrees is not None and row.is_weak and row.statistic == "mean" and row.quantity in _FOLLOWED
         )
 
     @property

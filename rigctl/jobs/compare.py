@@ -13,9 +13,9 @@ from rigctl.comparison.verdict import refused_regions, without_decisions
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.measurement.diagnosed_run import DiagnosedRun, diagnosed
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
-from rigctl.measurement.run_diagnosis import diagnose_run
 from rigctl.prediction.performance import performance_of
 from rigctl.reports.outputs.comparison_files import write_comparison
 from rigctl.runs.run_folder import MANIFEST_FILE, read_run
@@ -42,6 +42,8 @@ class CompareRequest:
         Family-wise error rate: chance of any false disagreement, in (0, 1).
     scale : {"absolute", "panel", "free"}
         What the counts of a prediction are scaled by.
+    correct : tuple of str
+        Faults that frames are corrected by, as the run itself shows them: "throughput", "dark-level", "shift".
     """
 
     scene: Path | None = None
@@ -49,6 +51,7 @@ class CompareRequest:
     calibrations: CalibrationPaths = field(default_factory=CalibrationPaths)
     alpha: float = 1e-3
     scale: ScaleKind = "absolute"
+    correct: tuple[str, ...] = ()
 
 
 def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = None) -> ComparedRun:
@@ -73,9 +76,10 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     regions = _regions(scene, request.regions)
     run = read_run(run_path)
     given = read_calibrations(request.calibrations, run)
-    measurement = given.measure(run, regions)
-    comparison = _judged(_comparison(measurement, scene, given, request), measurement, regions)
-    remarks = (*given.doubts, *correction_remarks(measurement, regions), *comparison.remarks)
+    seen = diagnosed(run, regions, given, correct=request.correct)
+    measurement = seen.measurement
+    comparison = _judged(_comparison(measurement, scene, given, request), seen, regions)
+    remarks = (*given.doubts, *seen.remarks, *correction_remarks(measurement, regions), *comparison.remarks)
     found = ComparedRun(
         comparison=replace(comparison, remarks=remarks),
         measurement=measurement,
@@ -114,9 +118,10 @@ def _comparison(
     raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
 
 
-def _judged(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Comparison:
+def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -> Comparison:
     """Return a comparison with what the run says of itself: its checks, its faults, and what cannot be judged."""
-    registered, diagnosis = registration_of(measurement), diagnose_run(measurement)
+    measurement, diagnosis = seen.measurement, seen.diagnosis
+    registered = registration_of(measurement)
     checks = run_checks(measurement, registered, diagnosis)
     means = {name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()}
     budgets = with_registration(comparison.budgets, measurement, regions=regions, found=registered, means=means)

@@ -1,18 +1,22 @@
 """Stokes images of a run: run, regions and calibrations in; images, masks and the numbers of the regions out."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from model.processing.texture import Texture, estimate_texture
+from rigctl.comparison.checks import Check, registration_of, run_checks
+from rigctl.comparison.verdict import refused_regions
 from rigctl.files.regions import load_regions
+from rigctl.measurement.diagnosed_run import diagnosed
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
+from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
 from rigctl.reports.outputs.stokes_files import write_stokes
-from rigctl.reports.tables.comparison_json import measurement_json
+from rigctl.reports.tables.comparison_json import diagnosis_json, measurement_json
 from rigctl.runs.run_folder import read_run
 
 
@@ -30,12 +34,15 @@ class StokesRequest:
         Regions file.
     calibrations : CalibrationPaths
         Files of calibrations.
+    correct : tuple of str
+        Faults that frames are corrected by, as the run itself shows them: "throughput", "dark-level", "shift".
     """
 
     run: Path
     out: Path
     regions: Path | None = None
     calibrations: CalibrationPaths = field(default_factory=CalibrationPaths)
+    correct: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +61,10 @@ class StokesOfRun:
         Names of what was written.
     remarks : tuple of str
         What is doubtful, and what was done to frames.
+    diagnosis : RunDiagnosis
+        What the run says of its own faults.
+    checks : tuple of Check
+        Whether it is sound.
     """
 
     measurement: Measurement
@@ -61,6 +72,20 @@ class StokesOfRun:
     content: dict[str, Any]
     files: tuple[str, ...]
     remarks: tuple[str, ...]
+    diagnosis: RunDiagnosis
+    checks: tuple[Check, ...]
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Why the run is unsound; empty where it is not."""
+        regions = {check.region for check in self.checks if check.region is not None}
+        refused = refused_regions(self.checks)
+        every = bool(regions) and regions == set(refused)
+        return tuple(
+            f"{check.name}: {check.text}"
+            for check in self.checks
+            if check.verdict == "refused" and (check.region is None or every)
+        )
 
 
 def stokes_of_run(request: StokesRequest) -> StokesOfRun:
@@ -74,15 +99,25 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
     regions = [] if request.regions is None else load_regions(request.regions)
     run = read_run(request.run)
     given = read_calibrations(request.calibrations, run)
-    measurement = given.measure(run, regions)
+    seen = diagnosed(run, regions, given, correct=request.correct)
+    measurement, diagnosis = seen.measurement, seen.diagnosis
+    checks = run_checks(measurement, registration_of(measurement), diagnosis)
     textures = None if given.noise is None else region_textures(measurement, temporal_noise(given.noise))
-    content = measurement_json(measurement, textures)
+    content = measurement_json(measurement, textures) | {
+        "unmeasured": measurement.unmeasured,
+        "diagnosis": diagnosis_json(diagnosis),
+        "checks": [asdict(check) for check in checks],
+        "flags": [check.name for check in checks if check.verdict == "flagged"],
+        "sound": not any(check.verdict == "refused" for check in checks),
+    }
     return StokesOfRun(
         measurement=measurement,
         textures=textures,
         content=content,
         files=write_stokes(measurement, regions, request.out, numbers=content),
-        remarks=(*given.doubts, *correction_remarks(measurement, regions)),
+        remarks=(*given.doubts, *seen.remarks, *correction_remarks(measurement, regions)),
+        diagnosis=diagnosis,
+        checks=checks,
     )
 
 

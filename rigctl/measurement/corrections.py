@@ -64,4 +64,26 @@ class Corrections:
         return any(part is not None for part in (self.throughput, self.flat, self.shifts))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FoundCorrections:
+    """What a run's own diagnosis has frames corrected by; None is not corrected.
+
+    Attributes
+    ----------
+    throughput : Throughput or None
+        Frames are divided by it.
+    dark : (N,) array or None
+        Taken off the frames of each angle beside the dark level [unit of the measurement].
+    shifts : FrameShifts or None
+        Frames are moved back by them.
+    remarks : tuple of str
+        What was done, or that there was nothing to do, in words.
+    """
+
+    throughput: Throughput | None
+    dark: FloatArray | None
+    shifts: FrameShifts | None
+    remarks: tuple[str, ...]
+
+
 NOTHING = Corrections()

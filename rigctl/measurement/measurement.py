@@ -1,6 +1,6 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,14 +13,14 @@ from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters
 from rigctl.calibrations.registration.registration_file import ImageRegistration
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
-from rigctl.measurement.corrections import NOTHING, Corrections
+from rigctl.measurement.corrections import NOTHING, Corrections, FoundCorrections
 from rigctl.measurement.dark_level import DarkLevel, find_dark_level
 from rigctl.measurement.flat_division import FlatDivision, flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.image_registration import FrameShifts, frame_shifts
 from rigctl.measurement.polarization_images import PolarizationImages, polarization_images
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
-from rigctl.measurement.throughput_division import throughput_of
+from rigctl.measurement.throughput_division import throughput_of, together
 from rigctl.runs.run_folder import FrameRecord, Run
 
 FloatArray = NDArray[np.float64]
@@ -97,6 +97,7 @@ def measure(
     registration: ImageRegistration | None = None,
     flats: FlatFields | None = None,
     polarizer: PolarizerParameters | None = None,
+    found: FoundCorrections | None = None,
 ) -> Measurement:
     """Return the Stokes pictures of a run and the numbers of its regions.
 
@@ -114,6 +115,8 @@ def measure(
         Flat fields: frames are divided by them, before they are moved.
     polarizer : PolarizerParameters or None
         A polarizer calibration: frames are divided by the throughput of their angle.
+    found : FoundCorrections or None
+        What the run's own diagnosis has frames corrected by, beside the calibrations.
 
     Raises
     ------
@@ -125,13 +128,16 @@ def measure(
     grid = arrange(run)
     extinction_ratio = _extinction_ratio(run)
     plan = _plan(run, grid, extinction_ratio)
-    dark_level = find_dark_level(run, grid, noise)
+    dark_level = _with_found(find_dark_level(run, grid, noise), grid, found)
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer)
     corrections = Corrections(
-        throughput=None if polarizer is None else throughput_of(grid, polarizer),
+        throughput=together(
+            None if polarizer is None else throughput_of(grid, polarizer), None if found is None else found.throughput
+        ),
         flat=None if flats is None else flat_division(grid, flats),
-        shifts=None if registration is None else frame_shifts(run, grid, registration),
+        shifts=(None if found is None else found.shifts)
+        or (None if registration is None else frame_shifts(run, grid, registration)),
     )
     frames = _Frames(run, grid, dark_level, corrections)
     pixels = {name: np.empty((grid.cycles, grid.angles, int(mask.sum()))) for name, mask in inside.items()}
@@ -173,6 +179,16 @@ def measure(
         regions=measured,
         unmeasured=unmeasured,
         corrections=corrections,
+    )
+
+
+def _with_found(level: DarkLevel, grid: FrameGrid, found: FoundCorrections | None) -> DarkLevel:
+    if found is None or found.dark is None:
+        return level
+    return replace(
+        level,
+        level_dn=level.level_dn + found.dark / grid.to_unit,
+        source=f"{level.source}; and what the run itself shows of single angles",
     )
 
 

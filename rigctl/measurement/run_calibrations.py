@@ -11,6 +11,7 @@ from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, re
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_fitting_radiometric
 from rigctl.calibrations.registration.registration_file import ImageRegistration, read_fitting_registration
 from rigctl.files.regions import Region
+from rigctl.measurement.corrections import FoundCorrections
 from rigctl.measurement.flat_division import flat_remarks
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.measurement.throughput_division import Throughput
@@ -47,8 +48,8 @@ class RunCalibrations:
     polarizer: PolarizerParameters | None
     doubts: tuple[str, ...]
 
-    def measure(self, run: Run, regions: list[Region]) -> Measurement:
-        """Return what a run measured, processed with them."""
+    def measure(self, run: Run, regions: list[Region], found: FoundCorrections | None = None) -> Measurement:
+        """Return what a run measured, processed with them, and corrected by what it shows of itself."""
         return measure(
             run,
             regions=regions,
@@ -56,6 +57,7 @@ class RunCalibrations:
             registration=self.registration,
             flats=self.flats,
             polarizer=self.polarizer,
+            found=found,
         )
 
 

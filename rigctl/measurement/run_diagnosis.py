@@ -16,6 +16,10 @@ FloatArray = NDArray[np.float64]
 
 # Half turns are looked at frame by frame as long as there are no more frames than this.
 _MOST_FRAMES = 16
+# A power law's size is that of its exponent less one.
+_EXPONENT = "exponent - 1"
+# What walks leaves the mean of an even region where it is.
+_OF_EDGES = ("shift", "wobble")
 _DEG_PER_RAD = float(np.degrees(1.0))
 UNSEEN = (
     "a dark level, a gain or a turn that all frames have in common is light that could have been: nothing in a run of "
@@ -135,7 +139,9 @@ def term_text(term: FaultTerm) -> str:
 
 
 def _number(value: float, unit: str) -> str:
-    return f"{100.0 * value:+.2f} %" if unit.startswith("share") else f"{value:+.3g} {unit}"
+    if unit.startswith("share"):
+        return f"{100.0 * value:+.2f} %"
+    return f"{value:+.3g}" if unit == _EXPONENT else f"{value:+.3g} {unit}"
 
 
 def _frames(measurement: Measurement) -> tuple[Design, FloatArray, FloatArray, list[float]]:
@@ -189,7 +195,7 @@ def _term(
 
 
 def _moved(term: Term, found: Diagnosis, plan: Design, means: FloatArray) -> tuple[float | None, float | None]:
-    if not means.mean() > 0.0 or not np.all(np.isfinite(term.parameters)):
+    if term.name in _OF_EDGES or not means.mean() > 0.0 or not np.all(np.isfinite(term.parameters)):
         return None, None
     moved = consequence(plan.system, means, term.parameters, light=found.light)
     aolp = moved.aolp_shift_rad

@@ -26,6 +26,13 @@ class Throughput:
     error: FloatArray
 
 
+def together(one: Throughput | None, other: Throughput | None) -> Throughput | None:
+    """Return two throughputs as one; None where there is none."""
+    if one is None or other is None:
+        return one or other
+    return Throughput(value=one.value * other.value, error=np.hypot(one.error, other.error))
+
+
 def throughput_of(grid: FrameGrid, polarizer: PolarizerParameters) -> Throughput | None:
     """Return the throughput of each channel of a run; None where the calibration did not measure it.
 
