@@ -21,6 +21,7 @@ ROW = Row(
     z_measurement=63.8,
     z=58.9,
     agrees=False,
+    smallest_difference_90=0.004,
 )
 UNTESTED = Row(region="road", quantity="s0", statistic="mean", predicted=10.0, measured=11.0)
 
@@ -34,7 +35,7 @@ def test_programs_read_every_field_of_a_row_in_its_order(row):
 
 def test_people_read_numbers_to_the_digits_of_their_error():
     (texts,) = row_table([ROW]).texts(Shown.PAGE)
-    assert texts == ("dolp", "mean", "0.1235", "0.2000", "0.0012", "0.0005", "+63.80", "+58.90", "DISAGREES")
+    assert texts == ("dolp", "mean", "0.1235", "0.2000", "0.0012", "0.0005", "+63.80", "+58.90", "DISAGREES", "0.004")
 
 
 def test_the_terminal_says_the_region_and_one_score():
@@ -48,4 +49,4 @@ def test_rows_of_several_regions_say_theirs_on_a_page():
 
 def test_a_number_that_was_not_tested_has_neither_error_nor_score():
     (texts,) = row_table([UNTESTED]).texts(Shown.PAGE)
-    assert texts[4:] == ("–", "–", "–", "–", "no test")
+    assert texts[4:] == ("–", "–", "–", "–", "no test", "–")
