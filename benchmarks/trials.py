@@ -14,6 +14,7 @@ from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_inputs import run_inputs
 from benchmarks.trial_kills import run_kills
 from benchmarks.trial_lossy_network import run_losses
+from benchmarks.trial_noise_sets import run_noise_sets
 from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_stale_frames import run_turns
 from benchmarks.trial_tolerance import run_tolerance
@@ -48,6 +49,7 @@ def main() -> int:
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
+    sound &= run_noise_sets(arguments.seeds)
     sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)
     return 0 if sound else 1
 

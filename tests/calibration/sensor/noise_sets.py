@@ -5,7 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dctn, idctn
 
+from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import fixed_pattern
 from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise, with_pattern
@@ -78,6 +80,9 @@ class Exposure:
         )
 
 
+SetMaker = Callable[[int], "NoiseSet"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class NoiseSet:
     """Levels, what is true of their sensor, and the means of the levels that are wrong."""
@@ -88,6 +93,11 @@ class NoiseSet:
     wrong_means_dn: tuple[float, ...] = ()
 
 
+def names_level(flag: Flag, mean_dn: float) -> bool:
+    """Whether a flag is about the level of this mean."""
+    return flag.level is not None and f"mean {mean_dn:.4g} DN" in flag.level
+
+
 def calibrated(found: NoiseSet) -> NoiseCalibration:
     """The calibration of a set, with its fixed pattern as from files."""
     noise = calibrate_noise(found.levels, bit_depth=found.bits)
@@ -95,7 +105,6 @@ def calibrated(found: NoiseSet) -> NoiseCalibration:
 
 
 FULL_E_PER_S = 1.0e6
-Change = Callable[[int, int, float], float]
 
 
 def sweep(
@@ -282,8 +291,6 @@ def left_justified(seed: int) -> NoiseSet:
 
 def compressed(seed: int) -> NoiseSet:
     """Blocks of 8 x 8 pixels whose smaller cosine terms are thrown away, as a coder does."""
-    from scipy.fft import dctn, idctn
-
     sensor = Sensor(seed=seed)
     exposures = sweep(sensor)
     rows, columns = sensor.shape

@@ -1,0 +1,101 @@
+"""Trial of the noise calibration over simulated sets with known truth: intervals, wrong levels, false names.
+
+Usage: python -m benchmarks.trial_noise_sets [--seeds 200]
+"""
+
+import argparse
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import binom
+
+from calibration.errors import RefusedFramesError
+from calibration.estimate import Estimate
+from calibration.flags import Flag
+from tests.calibration.sensor.noise_sets import GOOD, ONE_WRONG, OUTSIDE, SetMaker, calibrated, names_level
+
+_CHANCE = 1e-3
+_INTERVAL = 1.959964
+# Nothing that is given is further off than this.
+_FURTHEST = 5.0
+_NAMED, _FALSELY_NAMED = 0.99, 0.01
+
+
+@dataclass(kw_only=True)
+class Count:
+    """What was found over the seeds of one kind of set."""
+
+    refused: int = 0
+    named: int = 0
+    falsely_named: int = 0
+    scores: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    causes: Counter[str] = field(default_factory=Counter)
+
+
+def count(make: SetMaker, seeds: int) -> Count:
+    found = Count()
+    for seed in range(seeds):
+        one = make(seed)
+        try:
+            noise = calibrated(one)
+        except RefusedFramesError as error:
+            found.refused += 1
+            found.causes.update(flag.name for flag in error.flags if flag.refuses)
+            continue
+        named = [flag for flag in noise.flags if flag.level is not None]
+        found.causes.update({flag.name for flag in named})
+        found.named += bool(one.wrong_means_dn) and any(_is_of(one.wrong_means_dn, flag) for flag in named)
+        found.falsely_named += any(not _is_of(one.wrong_means_dn, flag) for flag in named)
+        for name, truth in one.truth.items():
+            estimate: Estimate | None = getattr(noise, name)
+            if estimate is not None:
+                found.scores[name].append((estimate.value - truth) / estimate.std_error)
+    return found
+
+
+def _is_of(means_dn: tuple[float, ...], flag: Flag) -> bool:
+    return any(names_level(flag, mean_dn) for mean_dn in means_dn)
+
+
+def is_sound(found: Count, seeds: int, *, has_wrong: bool) -> bool:
+    """Print what was found, and return whether it is as wanted."""
+    left = seeds - found.refused
+    sound = found.falsely_named <= binom.ppf(1.0 - _CHANCE, seeds, _FALSELY_NAMED)
+    if has_wrong:
+        sound &= found.named >= binom.ppf(_CHANCE, left, _NAMED)
+    for name, listed in found.scores.items():
+        scores = np.abs(listed)
+        inside = int(np.sum(scores < _INTERVAL))
+        covers = inside >= binom.ppf(_CHANCE, len(scores), 0.95) and scores.max() < _FURTHEST
+        sound &= bool(covers)
+        print(
+            f"    {name:22s} {len(scores):4d} given, {inside:4d} inside, mean z {np.mean(listed):+.2f}, sd "
+            f"{np.std(listed):.2f}, furthest {scores.max():.1f}{'' if covers else '   <- not as stated'}"
+        )
+    return bool(sound)
+
+
+def run_noise_sets(seeds: int) -> bool:
+    """Run the trial; return whether all is as stated."""
+    all_sound = True
+    for make in (*GOOD, *ONE_WRONG, *OUTSIDE):
+        found = count(make, seeds)
+        wrong = f", wrong level named in {found.named}" if make in ONE_WRONG else ""
+        print(f"{make.__name__}: {seeds} sets, {found.refused} refused{wrong}, false name in {found.falsely_named}")
+        sound = is_sound(found, seeds, has_wrong=make in ONE_WRONG)
+        all_sound &= sound
+        causes = ", ".join(f"{name} {n}" for name, n in found.causes.most_common())
+        print(f"    {'as stated' if sound else 'NOT AS STATED'}{'; ' + causes if causes else ''}", flush=True)
+    return all_sound
+
+
+def main() -> int:
+    """Run the trial; return 1 where it fails."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=200)
+    return 0 if run_noise_sets(parser.parse_args().seeds) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
