@@ -28,6 +28,12 @@ Shadowing = Literal["none", "v-cavity", "smith", "smith-correlated"]
 DiffuseKind = Literal["lambert", "balance", "coupled", "polarised"]
 
 
+# Units of exposures, and seconds in each.
+ExposureUnit = Literal["ns", "us", "ms", "s"]
+EXPOSURE_UNITS: tuple[ExposureUnit, ...] = get_args(ExposureUnit)
+SECONDS_PER_UNIT: dict[ExposureUnit, float] = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
+
+
 class Dictionary(StrEnum):
     """Families of ArUco markers, by cells a side and how many markers they have."""
 

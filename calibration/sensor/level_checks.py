@@ -102,8 +102,8 @@ def _unsteady(levels: Sequence[LevelStatistics]) -> Flag | None:
         return Flag(
             name="mixed_level",
             message=f"frames that should be alike differ by up to {worst:.1%} in their mean: {level_names(unsteady)}; "
-            f"that is another exposure, gain or lamp setting and no flicker (at most {_MIXED_STEP:.0%}): keep "
-            f"automatic exposure and gain off, and give frames of different light as different levels",
+            f"that is another exposure, gain or lamp setting and no flicker (at most {_MIXED_STEP:.0%}): "
+            f"{_advice_on_mixing(unsteady)}",
             refuses=True,
         )
     return Flag(
@@ -112,6 +112,16 @@ def _unsteady(levels: Sequence[LevelStatistics]) -> Flag | None:
         f"than noise): {level_names(unsteady)}; the gain does not suffer from flicker, black level and linearity may: "
         f"let lamp and camera warm up",
     )
+
+
+def _advice_on_mixing(levels: Sequence[LevelStatistics]) -> str:
+    if any(level.exposure_s is None for level in levels):
+        return (
+            "no exposure was recognised for them, so that frames of all exposures count as one level: write it in "
+            "their names with its unit (flat_10ms_001.png, exp000522us), or give a table (--table FILE.csv with the "
+            "columns file, kind, exposure_ms)"
+        )
+    return "keep automatic exposure and gain off, and give frames of different light as different levels"
 
 
 def _flicker(levels: Sequence[LevelStatistics]) -> Flag | None:

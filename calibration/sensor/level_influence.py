@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.sensor.dark_signal import mean_sampling_variance
 from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.light_stability import LightStability
+from calibration.sensor.light_stability import LightStability, wander_variance_dn2
 from calibration.sensor.outlying_points import CurveModel, PointInfluence, point_influence
 from calibration.sensor.photon_transfer import TransferPoints
 from calibration.sensor.rounding_error import mean_rounding_error_dn, variance_rounding_error_dn2
@@ -160,7 +160,9 @@ def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, s
     n_frames = np.array([float(flat.n_frames) for flat in flats])
     n_pixels = np.array([float(flat.n_pixels) for flat in flats])
     rounding = mean_rounding_error_dn(np.maximum(temporal - 1.0 / 12.0, 0.0) + spatial)
-    variance: FloatArray = (temporal / n_pixels + stability.variance_dn2(signal_dn)) / n_frames + np.square(rounding)
+    variance: FloatArray = (
+        temporal / n_pixels + wander_variance_dn2(flats, signal_dn, stability)
+    ) / n_frames + np.square(rounding)
     return variance
 
 

@@ -147,8 +147,8 @@ def _flag(
         f"means: {_cause_of_variance(noise)}; it is left out of the gain: take it again",
         "wrong_light": f"its mean is {mean} off the response to the {light_name} that all others follow"
         + ("" if noise is None else f", while its noise fits its mean ({variance})")
-        + f": the {light_name} stated for it is wrong, or the lamp was another then; it is left out of linearity and "
-        f"quantum efficiency, and stays in the gain: correct what is stated, or take it again",
+        + f": what is stated of its {light_name} is wrong, or the lamp was another then; it is left out of linearity "
+        f"and quantum efficiency, and stays in the gain: correct what is stated, or take it again",
         "another_gain": f"variance over mean is {variance}, mean over {light_name} {mean} off what all others "
         f"follow, by the same share: it was taken at another gain; it is left out of the gain and of linearity: take "
         f"it again",

@@ -11,6 +11,7 @@ from calibration.sensor.frame_statistics import LevelStatistics
 FloatArray = NDArray[np.float64]
 
 _PASSES = 4
+_NEIGHBOURS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +59,34 @@ def light_stability(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -> 
         weight = np.sqrt(freedom) / np.maximum(noise + design @ parts, np.finfo(float).tiny)
         parts = _not_below_zero(design * weight[:, None], (between - noise) * weight)
     return LightStability(relative=float(np.sqrt(parts[1])), constant_dn=float(np.sqrt(parts[0])))
+
+
+def wander_variance_dn2(
+    flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability
+) -> FloatArray:
+    """Return the variance of a single frame's mean by wander of the light, for each level [DN^2].
+
+    Parameters
+    ----------
+    flats : sequence of LevelStatistics
+        By ascending mean.
+    signal_dn : (n,) array
+        Their means, dark taken off [DN].
+    stability : LightStability
+        Of all of them.
+
+    Notes
+    -----
+    By the two parts of the stability, or by what five neighbouring levels show where that is more: the beat of a lamp
+    with the exposure follows neither part.
+    """
+    freedom = np.array([flat.n_frames - 1.0 for flat in flats])
+    between = np.array([np.var(flat.frame_means_dn, ddof=1) for flat in flats])
+    noise = np.array([flat.temporal_variance_dn2 / flat.n_pixels for flat in flats])
+    window = np.ones(_NEIGHBOURS)
+    near = np.convolve((between - noise) * freedom, window, "same") / np.convolve(freedom, window, "same")
+    variance: FloatArray = np.maximum(stability.variance_dn2(signal_dn), near[: len(flats)])
+    return variance
 
 
 def _not_below_zero(design: FloatArray, values: FloatArray) -> FloatArray:

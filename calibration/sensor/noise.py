@@ -37,6 +37,7 @@ from calibration.sensor.sample_checks import sample_flags
 
 # Light in dark frames beyond this is taken for light; below, it may be the dark current of pixels with unlike gains.
 _USUAL_DARK_E_PER_S = 1000.0
+_STANDARD_DARK_CURRENTS = ("dark_current_mean_e_per_s", "dark_current_variance_e_per_s")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,6 +158,10 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     gain, read_noise_e = parameters.estimates["gain_dn_per_e"], parameters.estimates.get("read_noise_e")
     saturation_e = _saturation(flats, transfer)
     merit = performance(transfer, dark, gain=gain, read_noise_e=read_noise_e, saturation_e=saturation_e)
+    standard = emva1288_figures(flats, darks, ceiling_dn=ceiling_dn)
+    if of_unit:
+        merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
+        standard |= dict.fromkeys(_STANDARD_DARK_CURRENTS)
     dark_current_e_per_s = parameters.estimates.get("dark_current_e_per_s")
     flags += (
         *parameters.flags,
@@ -181,7 +186,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         flats=tuple(flats),
         darks=tuple(darks),
         spatial=spatial,
-        emva1288=emva1288_figures(flats, darks, ceiling_dn=ceiling_dn),
+        emva1288=standard,
         influence=curve.levels,
         light_stability=curve.stability,
     )

@@ -8,6 +8,7 @@ from rich.progress import Progress
 
 from calibration.errors import RefusedFramesError
 from drivers.cameras.raw_planes import PLANES
+from rigctl.choices import EXPOSURE_UNITS
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
@@ -42,6 +43,9 @@ def noise(
     table: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Table: file, kind, exposure_ms, ...")] = None,
     bit_depth: Annotated[int | None, typer.Option(min=1, max=16, help="Bits per sample of a folder's images.")] = None,
     plane: Annotated[str | None, typer.Option(metavar="NAME", help="Colour of RAW files, such as green.")] = None,
+    exposure_unit: Annotated[
+        str | None, typer.Option(metavar="ns|us|ms|s", help="Unit of stated exposures, where it is not the usual one.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the photon-transfer curve.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write a page with curves and maps.")] = None,
     defects: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Write the map of defect pixels.")] = None,
@@ -54,6 +58,9 @@ def noise(
 
     A folder's images say in their names what they are (dark_10ms_001.png, flat/10ms/001.fits); a table says it of any
     (columns file, kind, exposure_ms, photons, level). Both need --bit-depth.
+
+    Exposures are read in nanoseconds from a descriptor, milliseconds from a table, seconds from a header, and in the
+    unit that stands beside them in a name; --exposure-unit states another, and the unit of exp000522 in a name.
 
     Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
     """
@@ -70,6 +77,7 @@ def noise(
         table=table,
         bit_depth=bit_depth,
         plane=texts.choice("--plane", plane, PLANES),
+        exposure_unit=texts.choice("--exposure-unit", exposure_unit, EXPOSURE_UNITS),
         plot=plot,
         report=report,
         defects=defects,
@@ -97,10 +105,15 @@ def _calibrated(request: "NoiseRequest") -> "CalibratedNoise":
 
 
 def _print_table(found: "CalibratedNoise") -> None:
-    from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table
+    from calibration.sensor.first_lines import first_lines
+    from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table, unknown_lines
     from rigctl.reports.writers.terminal_table import terminal_table
 
     console = results()
+    for line in first_lines(found.calibration.noise):
+        console.print(line, markup=False)
     console.print(terminal_table(calibration_table(calibration_rows(found.calibration.noise))))
+    for line in unknown_lines(found.calibration.noise):
+        console.print(line, markup=False)
     for flag in found.calibration.noise.flags:
         console.print(f"{flag.name}: {flag.message}", markup=False)

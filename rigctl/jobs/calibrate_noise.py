@@ -12,6 +12,7 @@ from rigctl.calibrations.noise.calibrate_files import FrameCalibration, LevelDon
 from rigctl.calibrations.noise.folder_frames import folder_frames
 from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
+from rigctl.choices import ExposureUnit
 from rigctl.errors import ConfigError, DataError
 
 
@@ -29,6 +30,8 @@ class NoiseRequest:
         Bits per sample of images.
     plane : str or None
         Colour of RAW files.
+    exposure_unit : str or None
+        Unit of the exposures as they are stated (ns, us, ms, s); None is the usual one of each source.
     plot, report, defects : Path or None
         Photon-transfer curve (PNG), page with curves and maps (HTML), map of defect pixels (PNG).
     """
@@ -40,6 +43,7 @@ class NoiseRequest:
     table: Path | None = None
     bit_depth: int | None = None
     plane: Plane | None = None
+    exposure_unit: ExposureUnit | None = None
     plot: Path | None = None
     report: Path | None = None
     defects: Path | None = None
@@ -101,15 +105,20 @@ def _frames(request: NoiseRequest) -> FrameSet:
             "give either --run RUN (a run folder), --emva FILE (the descriptor of an EMVA 1288 data set), "
             "--folder DIR (images) or --table FILE.csv (a list of images)"
         )
+    unit = request.exposure_unit
     if request.run is not None:
+        if unit is not None:
+            raise ConfigError(
+                "--exposure-unit: a run folder has its exposures in seconds, as they were taken; leave it"
+            )
         return run_frames(request.run)
     if request.emva is not None:
-        return emva_frames(request.emva)
+        return emva_frames(request.emva, exposure_unit=unit)
     if request.bit_depth is None:
         raise ConfigError("images do not say how many bits the camera has: give --bit-depth, such as --bit-depth 12")
     if request.folder is not None:
-        return folder_frames(request.folder, bit_depth=request.bit_depth, plane=request.plane)
-    return table_frames(request.table or Path(), bit_depth=request.bit_depth, plane=request.plane)
+        return folder_frames(request.folder, bit_depth=request.bit_depth, plane=request.plane, exposure_unit=unit)
+    return table_frames(request.table or Path(), bit_depth=request.bit_depth, plane=request.plane, exposure_unit=unit)
 
 
 def _defects_png(path: Path, calibration: FrameCalibration) -> bytes:

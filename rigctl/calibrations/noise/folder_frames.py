@@ -18,6 +18,7 @@ from drivers.cameras.raw_files import RAW_SUFFIXES
 from drivers.cameras.raw_planes import Plane
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, files_digest
+from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.errors import ConfigError, DataError
 from rigctl.imports.image_file import read_image
 
@@ -28,9 +29,22 @@ _KIND_WORDS: dict[LevelKind, frozenset[str]] = {
     "dark": frozenset({"dark", "darks", "bias"}),
     "flat": frozenset({"flat", "flats", "bright", "light"}),
 }
-_SECONDS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0}
-# 10ms, 0.5s, 2p5ms; not the s of a word.
-_EXPOSURE = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:[.p]\d+)?)(ns|us|µs|ms|s)(?![A-Za-z0-9])", re.IGNORECASE)
+_SECONDS: dict[str, float] = {
+    "nsec": 1e-9,
+    "usec": 1e-6,
+    "msec": 1e-3,
+    "sec": 1.0,
+    "µs": 1e-6,
+    **{str(unit): seconds for unit, seconds in SECONDS_PER_UNIT.items()},
+}
+# 10ms, 0.5s, 2p5ms, exp000522us; not the s of a word.
+_BEFORE = r"(?<![A-Za-z0-9.])(?:(?:exposuretime|exposure|exptime|expo|exp|texp|tint|int|t)[-=]?)"
+_NUMBER = r"(\d+(?:[.p]\d+)?)"
+_EXPOSURE = re.compile(
+    rf"(?:{_BEFORE}|(?<![A-Za-z0-9.])){_NUMBER}\s?({'|'.join(map(re.escape, _SECONDS))})(?![A-Za-z0-9])", re.IGNORECASE
+)
+_BARE_EXPOSURE = re.compile(rf"{_BEFORE}\s?{_NUMBER}(?![A-Za-z0-9])", re.IGNORECASE)
+_LISTED_PROBLEMS = 5
 _EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
 _KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
 
@@ -60,7 +74,9 @@ class ListedImage:
     level: str
 
 
-def folder_frames(folder: Path, *, bit_depth: int, plane: Plane | None = None) -> FrameSet:
+def folder_frames(
+    folder: Path, *, bit_depth: int, plane: Plane | None = None, exposure_unit: ExposureUnit | None = None
+) -> FrameSet:
     """Return the dark and flat frames of a folder of images, subfolders included.
 
     Parameters
@@ -73,6 +89,8 @@ def folder_frames(folder: Path, *, bit_depth: int, plane: Plane | None = None) -
         Bits per sample of the camera.
     plane : str or None
         Which colour of RAW files.
+    exposure_unit : str or None
+        Unit of exposures in headers, and of numbers in names that have none, such as ``exp000522``.
 
     Raises
     ------
@@ -90,13 +108,13 @@ def folder_frames(folder: Path, *, bit_depth: int, plane: Plane | None = None) -
     for path in paths:
         if path.suffix.lower() in _FITS_SUFFIXES | _PLAIN_SUFFIXES | RAW_SUFFIXES:
             try:
-                images.append(_listed(path, path.relative_to(folder), plane))
+                images.append(_listed(path, path.relative_to(folder), plane, exposure_unit))
             except ConfigError as error:
                 problems.append(str(error))
     if not images and not problems:
         problems.append("it holds no PNG, TIFF, FITS or RAW files")
     if problems:
-        raise ConfigError("\n  ".join([f"{folder}:", *problems]))
+        raise ConfigError("\n  ".join([f"{folder}:", *_shortened(problems)]))
     digest = hashlib.sha256("\n".join(str(image.path.relative_to(folder)) for image in images).encode()).hexdigest()
     source = partial(FrameSource, kind="folder", path=str(folder), sha256=digest)
     return frame_set(images, bit_depth=bit_depth, plane=plane, source=source)
@@ -154,12 +172,19 @@ def _refuse_lossy(paths: Sequence[Path]) -> None:
     )
 
 
-def _listed(path: Path, inside: Path, plane: Plane | None) -> ListedImage:
+def _shortened(problems: Sequence[str]) -> list[str]:
+    """Return problems, the first of many and how many there are."""
+    if len(problems) <= _LISTED_PROBLEMS:
+        return list(problems)
+    return [*problems[:3], f"and {len(problems) - 3} more files of which the same is to be said"]
+
+
+def _listed(path: Path, inside: Path, plane: Plane | None, unit: ExposureUnit | None) -> ListedImage:
     name = inside.as_posix()
-    kind, exposure_s = _kind_of_name(name), _exposure_of_name(name)
+    kind, exposure_s = _kind_of_name(name), _exposure_of_name(name, unit)
     if (kind is None or exposure_s is None) and path.suffix.lower() in _FITS_SUFFIXES | RAW_SUFFIXES:
         header = read_image(path, plane=plane).header
-        kind, exposure_s = kind or _kind_of_header(header), exposure_s or _exposure_of_header(header)
+        kind, exposure_s = kind or _kind_of_header(header), exposure_s or _exposure_of_header(header, unit)
     if kind is None:
         words = ", ".join(sorted(word for words in _KIND_WORDS.values() for word in words))
         raise ConfigError(f"{name}: is it dark or flat? One word of its path has to say so: {words}; or give --table")
@@ -173,21 +198,24 @@ def _kind_of_name(name: str) -> LevelKind | None:
     return found[0] if len(found) == 1 else None
 
 
-def _exposure_of_name(name: str) -> float | None:
+def _exposure_of_name(name: str, bare_unit: ExposureUnit | None = None) -> float | None:
     # An underscore ends a number's word, as a blank does.
-    found = _EXPOSURE.findall(name.replace("_", " "))
+    words = name.replace("_", " ")
+    found: list[tuple[str, str]] = _EXPOSURE.findall(words)
+    if not found and bare_unit is not None:
+        found = [(number, bare_unit) for number in _BARE_EXPOSURE.findall(words)]
     if not found:
         return None
     number, unit = found[-1]
-    return float(f"{float(number.replace('p', '.')) * _SECONDS[unit.lower()]:.9g}")
+    return float(f"{float(number.lower().replace('p', '.')) * _SECONDS[unit.lower()]:.9g}")
 
 
 def _kind_of_header(header: Mapping[str, Any]) -> LevelKind | None:
     return _kind_of_name(" ".join(str(header.get(key, "")) for key in _KIND_KEYS))
 
 
-def _exposure_of_header(header: Mapping[str, Any]) -> float | None:
+def _exposure_of_header(header: Mapping[str, Any], unit: ExposureUnit | None) -> float | None:
     for key in _EXPOSURE_KEYS:
         if isinstance(header.get(key), int | float):
-            return float(header[key])
+            return float(header[key]) * SECONDS_PER_UNIT[unit or "s"]
     return None

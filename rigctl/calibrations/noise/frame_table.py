@@ -1,6 +1,7 @@
 """A table of dark and flat frames: a CSV file that says what each image is."""
 
 import csv
+from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -9,6 +10,7 @@ from calibration.sensor.frame_statistics import LevelKind
 from drivers.cameras.raw_planes import Plane
 from rigctl.calibrations.noise.folder_frames import ListedImage, frame_set
 from rigctl.calibrations.noise.noise_frames import FrameSet, FrameSource
+from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.config import sha256_of
 from rigctl.errors import ConfigError
 
@@ -18,7 +20,9 @@ _ALLOWED = (*_NEEDED, "exposure_ms", "photons", "level")
 _KINDS: dict[str, LevelKind] = {"dark": "dark", "flat": "flat"}
 
 
-def table_frames(path: Path, *, bit_depth: int, plane: Plane | None = None) -> FrameSet:
+def table_frames(
+    path: Path, *, bit_depth: int, plane: Plane | None = None, exposure_unit: ExposureUnit | None = None
+) -> FrameSet:
     """Return the dark and flat frames that a table lists.
 
     Parameters
@@ -31,6 +35,8 @@ def table_frames(path: Path, *, bit_depth: int, plane: Plane | None = None) -> F
         Bits per sample of the camera.
     plane : str or None
         Which colour of RAW files.
+    exposure_unit : str or None
+        Unit of the column ``exposure_ms`` where it is another.
 
     Raises
     ------
@@ -55,6 +61,11 @@ def table_frames(path: Path, *, bit_depth: int, plane: Plane | None = None) -> F
     if problems:
         raise ConfigError("\n  ".join([f"{path}:", *problems]))
     source = partial(FrameSource, kind="table", path=str(path), sha256=sha256_of(path))
+    if exposure_unit is not None:
+        factor = SECONDS_PER_UNIT[exposure_unit] / _S_PER_MS
+        images = [
+            replace(one, exposure_s=None if one.exposure_s is None else one.exposure_s * factor) for one in images
+        ]
     return frame_set(images, bit_depth=bit_depth, plane=plane, source=source)
 
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from calibration.flags import Flag
 from model.sensor.sensor import SensorNoise
@@ -42,6 +42,20 @@ Estimate = MeasuredOverFrames[Bounded]
 Gain = MeasuredOverFrames[Annotated[float, Field(gt=0, le=1e6)]]
 # A pixel that answers ten times as much as the others is a defect, not their non-uniformity.
 Ratio = MeasuredOverFrames[Annotated[float, Field(ge=-10, le=10)]]
+
+
+def _without_bound(found: Any) -> Any:
+    """Return what a file has of a number, None where that is a bound."""
+    if isinstance(found, dict) and found.get("bound") in ("<", ">"):
+        value = found.get("value")
+        if not isinstance(value, int | float) or not abs(value) < float("inf"):
+            raise ValueError("a bound has to have a finite value")
+        return None
+    return found
+
+
+_Quantity = TypeVar("_Quantity")
+_Known = Annotated[_Quantity, BeforeValidator(_without_bound)]
 _Covariance = Annotated[float, Field(ge=-_LARGEST_COVARIANCE, le=_LARGEST_COVARIANCE)]
 
 
@@ -82,7 +96,8 @@ class NoiseParameters:
     Attributes
     ----------
     gain_dn_per_e, read_noise_e, dark_current_e_per_s, black_level_dn, saturation_e, prnu, dsnu_e : estimate or None
-        Each in the unit that its name ends in; None is not known. What cannot be below 0 may be, by its error.
+        Each in the unit that its name ends in; None is not known, or known by a bound only
+        (``{"bound": "<", "value": 4.2}``). What cannot be below 0 may be, by its error.
     covariance : JointErrors or None
         Of their errors.
     performance : Performance or None
@@ -97,12 +112,12 @@ class NoiseParameters:
 
     schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
     gain_dn_per_e: Gain
-    read_noise_e: Estimate | None
-    dark_current_e_per_s: Estimate | None
+    read_noise_e: _Known[Estimate | None]
+    dark_current_e_per_s: _Known[Estimate | None]
     black_level_dn: Estimate
-    saturation_e: Estimate | None
-    prnu: Ratio | None
-    dsnu_e: Estimate | None
+    saturation_e: _Known[Estimate | None]
+    prnu: _Known[Ratio | None]
+    dsnu_e: _Known[Estimate | None]
     covariance: JointErrors | None = None
     performance: Performance | None = None
     flags: tuple[Flag, ...] = ()

@@ -17,6 +17,7 @@ from calibration.sensor.frame_statistics import LevelKind
 from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.calibrations.noise.emva_descriptor import read_emva_descriptor
 from rigctl.calibrations.noise.run_checks import record_flags
+from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.config import sha256_of
 from rigctl.errors import DataError
 from rigctl.imports.image_file import read_image
@@ -164,13 +165,15 @@ def _common_setting(path: Path, records: Sequence[FrameRecord]) -> CameraSetting
     )
 
 
-def emva_frames(path: Path) -> FrameSet:
+def emva_frames(path: Path, *, exposure_unit: ExposureUnit | None = None) -> FrameSet:
     """Return the frames of an EMVA 1288 data set.
 
     Parameters
     ----------
     path : Path
         Its descriptor file.
+    exposure_unit : str or None
+        Unit of its exposures; None is nanoseconds, as the format wants.
 
     Raises
     ------
@@ -178,12 +181,13 @@ def emva_frames(path: Path) -> FrameSet:
         The descriptor is wrong.
     """
     descriptor = read_emva_descriptor(path)
+    factor = SECONDS_PER_UNIT[exposure_unit or "ns"] / SECONDS_PER_UNIT["ns"]
     shape = (descriptor.height, descriptor.width)
     return FrameSet(
         groups=tuple(
             FrameGroup(
                 kind=group.kind,
-                exposure_s=group.exposure_s,
+                exposure_s=float(f"{group.exposure_s * factor:.9g}"),
                 loaders=tuple(partial(_read_emva_image, file, shape) for file in group.files),
                 photons=group.photons or None,
             )

@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from calibration.estimate import Bound, Estimate
 from calibration.flags import Flag
 from calibration.sensor.brighter_fatter import brighter_fatter
 from calibration.sensor.defects import Defect
-from calibration.sensor.emva1288 import EMVA_SYMBOLS
+from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
+from calibration.sensor.first_lines import first_lines
 from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.not_known import not_known
 from calibration.sensor.pattern_histogram import PatternHistogram
 from calibration.sensor.photon_transfer import PhotonTransfer
 from calibration.sensor.spectrogram import Spectrogram
@@ -46,7 +49,7 @@ def noise_json(
         "created_utc": utc_text(utc_ns()),
         "source": asdict(frames.source),
         "made_for": frames.made_for.as_json(),
-        **{name: None if found is None else asdict(found) for name, found in estimates.items()},
+        **{name: _estimate(found, calibration.bounds.get(name)) for name, found in estimates.items()},
         "covariance": {
             "names": list(calibration.covariance.names),
             "matrix": calibration.covariance.matrix.tolist(),
@@ -56,11 +59,28 @@ def noise_json(
         "dark_levels": _dark_levels(calibration),
         "photon_transfer": _curve(calibration.transfer),
         "linearity": _linearity(calibration.transfer),
-        "emva1288": {
-            name: None if figure is None else asdict(figure) | {"symbol": EMVA_SYMBOLS[name]}
-            for name, figure in calibration.emva1288.items()
-        },
+        "emva1288": {name: _standard(name, figure) for name, figure in calibration.emva1288.items()},
+        "read_first": list(first_lines(calibration)),
+        "not_known": not_known(calibration),
+        "influence": [asdict(one) for one in calibration.influence],
+        "light_stability": asdict(calibration.light_stability),
     }
+
+
+def _estimate(found: Estimate | None, bound: Bound | None) -> dict[str, Any] | None:
+    """Return a number, its bound where it is not known itself, or None."""
+    known = found if found is not None else bound
+    return None if known is None else asdict(known)
+
+
+def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Any] | None:
+    if figure is None:
+        return None
+    held = asdict(figure) | {"symbol": EMVA_SYMBOLS[name]}
+    if figure.bound is None:
+        del held["bound"]
+        return held
+    return {"bound": figure.bound, "value": figure.value, "n": figure.n, "symbol": held["symbol"]}
 
 
 def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Any]]:

@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.performance import temporal_noise_e, total_noise_e
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_beside, mark_beyond, png, subplots
 
 FloatArray = NDArray[np.float64]
 
 _GREY = "0.45"
 _MS_PER_S = 1e3
+_WRONG_LIGHT = ("wrong_light", "another_gain", "wrong_level")
 
 
 def linearity_png(calibration: NoiseCalibration) -> bytes | None:
@@ -21,20 +22,23 @@ def linearity_png(calibration: NoiseCalibration) -> bytes | None:
     if light is None:
         return None
     signal_dn, used = calibration.transfer.points.signal_dn, calibration.transfer.used
-    figure, (above, below) = subplots(2, 1, size=(7.4, 6.0))
+    named = np.array([level.cause in _WRONG_LIGHT for level in calibration.influence])
+    figure, (above, below) = subplots(2, 1, size=(9.6, 6.0))
     for chosen, marker, colour, name in (
-        (used, "o", MEASURED, "flats used"),
-        (~used, "x", _GREY, "flats left out"),
+        (used & ~named, "o", MEASURED, "flats used"),
+        (~used & ~named, "x", _GREY, "flats left out"),
+        (named, "s", "black", "flats named as wrong"),
     ):
         above.plot(light[chosen], signal_dn[chosen], marker, ms=5, color=colour, label=name)
-    line = np.polyfit(light[used], signal_dn[used], 1, w=1.0 / signal_dn[used]) if used.sum() > 1 else np.zeros(2)
+    sound = used & ~named if np.count_nonzero(used & ~named) > 1 else used
+    line = np.polyfit(light[sound], signal_dn[sound], 1, w=1.0 / signal_dn[sound]) if sound.sum() > 1 else np.zeros(2)
     shown = np.linspace(0.0, light.max(), 200)
     above.plot(shown, np.polyval(line, shown), color=PREDICTED, label="straight line, weights 1 / signal")
     above.set(xlabel=label, ylabel="signal above dark [DN]", title="Linearity")
     off = 100.0 * (signal_dn[used] / np.polyval(line, light[used]) - 1.0)
-    below.errorbar(
-        signal_dn[used], off, _relative_errors(calibration), fmt="o", ms=4, color=MEASURED, label="flats used"
-    )
+    errors = _relative_errors(calibration)
+    below.errorbar(signal_dn[used], off, errors, fmt="o", ms=4, color=MEASURED, label="flats used")
+    mark_beyond(below, signal_dn[used], off, errors)
     _draw_response(below, calibration)
     below.axhline(0.0, color="black", lw=0.8)
     below.set(xlabel="signal above dark [DN]", ylabel="off the straight line [%]")
@@ -79,7 +83,7 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     if len(exposures) < len(calibration.darks):
         return None
     time_s = np.array(exposures)
-    figure, (left, right) = subplots(1, 2, size=(9.6, 3.8))
+    figure, (left, right) = subplots(1, 2, size=(12.6, 3.8))
     dark, shown_s = calibration.dark, np.linspace(0.0, time_s.max(), 50)
     left.plot(_MS_PER_S * time_s, dark.means_dn, "o", ms=5, color=MEASURED, label="dark levels")
     left.plot(
@@ -128,7 +132,7 @@ def snr_png(calibration: NoiseCalibration) -> bytes | None:
     gain, points = calibration.gain_dn_per_e.value, calibration.transfer.points
     shown = (points.signal_dn > 0.0) & (points.flat_variance_dn2 > 0.0) & ~points.saturated
     signal_e = points.signal_dn[shown] / gain
-    figure, (axes,) = subplots(1, 1, size=(7.4, 4.8))
+    figure, (axes,) = subplots(1, 1, size=(9.6, 4.8))
     ratio = points.signal_dn[shown] / np.sqrt(points.flat_variance_dn2[shown])
     axes.plot(signal_e, ratio, "o", ms=5, color=MEASURED, label="flats, noise in time")
     x = np.geomspace(1.0, signal_e.max(), 300)
@@ -158,4 +162,4 @@ def _mark_limits(axes: Axes, calibration: NoiseCalibration) -> None:
 
 def _finish(axes: Axes) -> None:
     axes.grid(alpha=0.3, which="both", lw=0.4)
-    axes.legend(fontsize=8)
+    legend_beside(axes)

@@ -25,12 +25,34 @@ plt.rcParams["axes.prop_cycle"] = cycler(
 )
 _DPI = 110
 _PICTURE_WIDTH_INCH = 5.4
+_KNOWN, _ROOM = 10.0, 1.3
 
 
 def subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
     """Return a figure of the given size [inch] and its axes, row by row."""
     figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
     return figure, list(axes.ravel())
+
+
+def legend_beside(axes: Axes) -> None:
+    """Set a legend to the right of the axes, where it hides no point."""
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+
+
+def mark_beyond(axes: Axes, x: FloatArray, y: FloatArray, errors: FloatArray) -> None:
+    """Fit the y axis to the points that are known best, and mark those beyond it at its edge.
+
+    A point whose error is ten times the median's says little, and is not to hide what the others say.
+    """
+    known = errors <= _KNOWN * float(np.median(errors))
+    half = _ROOM * float(np.max(np.abs(y[known]) + errors[known]))
+    if not np.isfinite(half) or half <= 0.0:
+        return
+    axes.set_ylim(-half, half)
+    beyond = np.abs(y) > half
+    if beyond.any():
+        edge = 0.96 * half * np.sign(y[beyond])
+        axes.plot(x[beyond], edge, "^", ms=6, color="black", clip_on=False, label=f"{beyond.sum()} beyond these axes")
 
 
 def picture_size(image: FloatArray, *, columns: int) -> tuple[float, float]:

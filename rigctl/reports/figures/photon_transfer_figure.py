@@ -5,12 +5,14 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from calibration.sensor.noise import NoiseCalibration
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_beside, mark_beyond, png, subplots
 
 FloatArray = NDArray[np.float64]
 
 _GREY = "0.45"
 _LIGHT_GREY = "0.62"
+# Times the median error, and relative, that a point may have to count for the axes.
+_KNOWN, _LEAST_KNOWN = 10.0, 0.3
 
 
 def photon_transfer_png(calibration: NoiseCalibration) -> bytes:
@@ -22,7 +24,7 @@ def photon_transfer_png(calibration: NoiseCalibration) -> bytes:
     (slope 0), noise of photons (slope 1/2), and the fixed pattern (slope 1), which is no noise in time. Below: how far
     the points of the variance are from the fit, with their sampling errors, and where the standard's line goes.
     """
-    figure, _ = subplots(1, 1, size=(7.4, 7.0))
+    figure, _ = subplots(1, 1, size=(9.6, 7.0))
     figure.clear()
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.25))
     _draw_noise(above, calibration)
@@ -38,18 +40,37 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
     signal_dn = np.geomspace(min(points.signal_dn[seen].min() / 2.0, 2.0), points.signal_dn.max(), 300)
     fit_dn2 = dark_dn2 + transfer.variance_at(signal_dn)
     noisy = total_dn2 > 0.0
+    named = np.array([level.cause is not None for level in calibration.influence])
     for chosen, marker, colour, label in (
         (transfer.used & noisy, "o", MEASURED, "flats used"),
         (~transfer.used & seen & noisy, "x", _GREY, "flats left out"),
+        (named & seen & noisy, "s", "black", "flats named as wrong"),
     ):
-        axes.plot(points.signal_dn[chosen], np.sqrt(total_dn2[chosen]), marker, ms=5, color=colour, label=label)
+        axes.plot(
+            points.signal_dn[chosen],
+            np.sqrt(total_dn2[chosen]),
+            marker,
+            ms=5,
+            mfc="none" if marker == "s" else None,
+            color=colour,
+            label=label,
+        )
+    axes.set_xlim(left=_left_dn(calibration))
     rising = (fit_dn2 > 0.0) & (signal_dn <= 1.3 * transfer.top_dn)
     axes.plot(signal_dn[rising], np.sqrt(fit_dn2[rising]), color=PREDICTED, label=_fit_label(calibration))
     _draw_regimes(axes, calibration, signal_dn, dark_dn=float(np.sqrt(dark_dn2)))
     axes.set(xscale="log", yscale="log", ylabel="noise of a pixel in time [DN]", title="Photon transfer")
-    axes.set_ylim(bottom=0.3 * np.sqrt(dark_dn2))
+    axes.set_ylim(bottom=0.3 * np.sqrt(max(dark_dn2, 1.0 / 12.0)))
     axes.grid(alpha=0.3, which="both", lw=0.4)
-    axes.legend(fontsize=8)
+    legend_beside(axes)
+
+
+def _left_dn(calibration: NoiseCalibration) -> float:
+    """Return where the axis begins: below the faintest point whose photon noise is known, not of one that is dark."""
+    points, used = calibration.transfer.points, calibration.transfer.used
+    relative = points.std_error_dn2[used] / calibration.transfer.variance_at(points.signal_dn[used])
+    known = np.abs(relative) < max(_KNOWN * float(np.median(np.abs(relative))), _LEAST_KNOWN)
+    return float(points.signal_dn[used][known].min()) / 5.0
 
 
 def _draw_regimes(axes: Axes, calibration: NoiseCalibration, signal_dn: FloatArray, *, dark_dn: float) -> None:
@@ -86,15 +107,10 @@ def _draw_residuals(axes: Axes, calibration: NoiseCalibration) -> None:
     used = transfer.used
     signal_dn, variance_dn2 = transfer.points.signal_dn[used], transfer.points.variance_dn2[used]
     fit_dn2 = transfer.variance_at(signal_dn)
-    axes.errorbar(
-        signal_dn,
-        100.0 * (variance_dn2 / fit_dn2 - 1.0),
-        100.0 * transfer.points.std_error_dn2[used] / fit_dn2,
-        fmt="o",
-        ms=4,
-        color=MEASURED,
-        label="flats used, with sampling errors",
-    )
+    off = 100.0 * (variance_dn2 / fit_dn2 - 1.0)
+    errors = 100.0 * transfer.points.std_error_dn2[used] / fit_dn2
+    axes.errorbar(signal_dn, off, errors, fmt="o", ms=4, color=MEASURED, label="flats used, with sampling errors")
+    mark_beyond(axes, signal_dn, off, errors)
     axes.axhline(0.0, color=PREDICTED, lw=1)
     emva = calibration.emva1288["gain_dn_per_e"]
     if emva is not None:
@@ -103,4 +119,4 @@ def _draw_residuals(axes: Axes, calibration: NoiseCalibration) -> None:
         axes.plot(shown, off, color=_GREY, ls="--", lw=1.2, label="straight line of EMVA 1288")
     axes.set(xlabel="signal above dark [DN]", ylabel="variance off the fit [%]")
     axes.grid(alpha=0.3, which="both", lw=0.4)
-    axes.legend(fontsize=8)
+    legend_beside(axes)

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from calibration.flags import Flag
+from calibration.sensor.first_lines import first_lines
 from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.not_known import not_known
 from calibration.sensor.performance import Performance
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration
 from rigctl.calibrations.noise.noise_frames import FrameSource
@@ -16,7 +18,7 @@ from rigctl.reports.figures.calibration_pictures import histograms_png, maps_png
 from rigctl.reports.figures.photon_transfer_figure import photon_transfer_png
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Terms
 from rigctl.reports.table import Table, text_columns
-from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table, sheet_table
+from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table, sheet_table, unknown_lines
 from rigctl.version import VERSION
 
 _DECIBEL = 20.0
@@ -62,7 +64,13 @@ def calibration_report(calibration: FrameCalibration, *, created_utc: str) -> Re
     """
     noise, remarks = calibration.noise, _remarks(calibration.noise.performance)
     rows = calibration_rows(noise)
-    numbers = (Paragraph(text=_NUMBERS), calibration_table(rows))
+    unknown = tuple(unknown_lines(noise))
+    numbers: tuple[Block, ...] = (
+        Bullets(items=first_lines(noise)),
+        Paragraph(text=_NUMBERS),
+        calibration_table(rows),
+        *((Bullets(items=unknown),) if unknown else ()),
+    )
     return Report(
         title=f"Sensor noise: {Path(calibration.frames.source.path).name}",
         source=_facts(calibration.frames.source, created_utc),
@@ -94,16 +102,19 @@ def _flags(flags: tuple[Flag, ...]) -> Block:
 
 def _curves(noise: NoiseCalibration) -> Iterable[Section]:
     yield _pictured("Photon transfer", photon_transfer_png(noise), _TRANSFER)
-    yield _pictured("Signal-to-noise ratio", snr_png(noise), "Signal over noise of one pixel in one frame.")
+    without = f"There is no curve without read noise: {not_known(noise).get('read_noise_e', 'it is not known')}."
+    yield _pictured(
+        "Signal-to-noise ratio", snr_png(noise), "Signal over noise of one pixel in one frame.", otherwise=without
+    )
     yield _pictured("Linearity", linearity_png(noise), _LINEARITY, otherwise="The light of the levels is not known.")
-    yield _pictured("Dark signal", dark_png(noise), _DARK)
+    yield _pictured("Dark signal", dark_png(noise), _DARK, otherwise="Exposures of the dark frames are not known.")
 
 
-def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "") -> Section:
-    """Return a section with a figure; with words, or only its heading, where there is nothing to draw."""
+def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "There is nothing to draw.") -> Section:
+    """Return a section with a figure; with words where there is nothing to draw."""
     if png is not None:
         return Section(title=title, blocks=(Picture(png=png, caption=caption),))
-    return Section(title=title, blocks=(Paragraph(text=otherwise),) if otherwise else ())
+    return Section(title=title, blocks=(Paragraph(text=otherwise),))
 
 
 def _pattern(pattern: FixedPattern | None) -> Iterable[Section]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from calibration.estimate import Estimate
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
 from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.not_known import not_known
 from rigctl.calibrations.checked_values import MeasuredOverFrames
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.files.scene_file import NoiseSection
@@ -13,6 +14,8 @@ from rigctl.reports.table import Column, Shown, Table
 
 _BEST, _STANDARD = "best", "EMVA 1288"
 _NOT_KNOWN = "not known"
+# Digits of a number without an error, and from where on powers of ten are written.
+_MOST_DIGITS, _LARGE, _THOUSAND = 6, 1e6, 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,12 +123,28 @@ def calibration_rows(noise: NoiseCalibration) -> list[CalibrationRow]:
     return [_row(noise, *row) for row in _ROWS]
 
 
+def unknown_lines(noise: NoiseCalibration) -> list[str]:
+    """Return a line for each number that is not known: why, and what would tell."""
+    reasons = not_known(noise)
+    titles: dict[str, list[str]] = {}
+    for title, _, _, key, emva_key in _ROWS:
+        for name in (key, emva_key):
+            if name is not None and name in reasons and title not in titles.setdefault(reasons[name], []):
+                titles[reasons[name]].append(title)
+    return [f"not known: {', '.join(words)}: {reason}" for reason, words in titles.items() if words]
+
+
 def _row(
     noise: NoiseCalibration, title: str, unit: str, factor: float, key: str | None, emva_key: str | None
 ) -> CalibrationRow:
-    value, error, frames = ("", "", "") if key is None else _cells(_best(noise, key), factor)
+    best = None if key is None else _best(noise, key)
+    value, error, frames = ("", "", "") if key is None else _cells(best, factor)
+    if key is not None and best is None and (bound := noise.bounds.get(key)) is not None:
+        value = f"{bound.bound} {_brief(factor * bound.value)}"
     standard = None if emva_key is None else noise.emva1288[emva_key]
     emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(standard, factor)
+    if standard is not None and standard.bound is not None:
+        emva_value, emva_error = f"{standard.bound} {_brief(factor * standard.value)}", ""
     return CalibrationRow(
         title=title,
         unit=unit,
@@ -152,9 +171,19 @@ def _cells(found: Estimate | EmvaFigure | None, factor: float) -> tuple[str, str
     if not found.std_error:
         return f"{value:.4g}", "", str(found.n)
     error = factor * found.std_error
-    digits = max(0, 1 - _exponent(error))
-    return f"{value:.{digits}f}", f"{error:.{digits}f}", str(found.n)
+    digits = min(1 - _exponent(error), _MOST_DIGITS - 1 - _exponent(value) if value else _MOST_DIGITS)
+    return _rounded(value, digits), _rounded(error, digits), str(found.n)
+
+
+def _rounded(number: float, digits: int) -> str:
+    """Return a number to so many digits after the point; below 0, to so many before it."""
+    rounded = round(number, digits)
+    return _brief(rounded) if abs(rounded) >= _LARGE else f"{rounded:.{max(digits, 0)}f}"
+
+
+def _brief(number: float) -> str:
+    return f"{number:.3g}" if not _LARGE > abs(number) >= _THOUSAND else f"{float(f'{number:.3g}'):.0f}"
 
 
 def _exponent(number: float) -> int:
-    return int(f"{number:.0e}".partition("e")[2])
+    return int(f"{number:.1e}".partition("e")[2])
