@@ -56,6 +56,9 @@ def command(
         str | None,
         typer.Option(metavar="X|none", help="Value of pixels not received [DN as in the files], or none."),
     ] = None,
+    no_border_search: Annotated[
+        bool, typer.Option("--no-border-search", help="Do not look for constant pixels along the edges.")
+    ] = False,
     first_row: Annotated[
         str | None,
         typer.Option(metavar="top|bottom", help="First row in the files. FITS: bottom, unless ROWORDER says."),
@@ -101,6 +104,7 @@ def command(
         saturation_dn=saturation_dn,
         missing_dn=None if missing_dn == _NO_VALUE else texts.number("--missing-dn", missing_dn),
         none_missing=missing_dn == _NO_VALUE,
+        no_border_search=no_border_search,
         first_row=texts.choice("--first-row", first_row, ("top", "bottom")),
         plane=texts.choice("--plane", plane, PLANES),
         misread=texts.problems,

@@ -74,6 +74,7 @@ def scene_budget(
             cycles=measurement.grid.cycles,
         )
         causes["dark level"] = _dark_level(measurement)
+        causes |= _repeats(region)
         causes |= _inputs(name, rows, propagation, uncertain, measurement.grid.channel_names)
         found.append(_region(name, prediction.channels, causes, measurement))
     return tuple(found)
@@ -88,7 +89,8 @@ def run_budget(
     """
     found = []
     for name, prediction in predictions.items():
-        causes = _run_causes(prediction.channels, measurement.regions[name], measurement, gain_dn_per_e)
+        region = measurement.regions[name]
+        causes = _run_causes(prediction.channels, region, measurement, gain_dn_per_e) | _repeats(region)
         found.append(_region(name, prediction.channels, causes | {"dark level": _dark_level(measurement)}, measurement))
     return tuple(found)
 
@@ -135,6 +137,13 @@ def _region(
     if not (measurement.plan.inverse @ channels.mean_dn)[0] > 0.0:
         return RegionBudget(region=name, parts={})
     return RegionBudget(region=name, parts=budget(channels.mean_dn, causes, plan=measurement.plan))
+
+
+def _repeats(region: MeasuredRegion) -> dict[str, FloatArray]:
+    """Return the cause of what the rig does not repeat; none where nothing was repeated."""
+    if not region.repeatability > 0.0:
+        return {}
+    return {"repeatability": np.diag(np.square(region.channels_mean.mean * region.repeatability))}
 
 
 def _dark_level(measurement: Measurement) -> FloatArray:

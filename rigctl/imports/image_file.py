@@ -21,6 +21,8 @@ from rigctl.imports.unfiltered_png import unfiltered_png
 
 FirstRow = Literal["top", "bottom"]
 
+# Of the remark on a header's checksum.
+STALE = "its CHECKSUM is stale while the DATASUM of its samples holds"
 _GZIP = b"\x1f\x8b"
 _FITS = b"SIMPLE  ="
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -148,7 +150,7 @@ def _plain_image(pixels: NDArray[Any] | None) -> ImageFile:
 
 
 def _read_fits(data: bytes) -> ImageFile:
-    header, pixels, images = _first_fits_image(data)
+    header, pixels, images, is_stale = _first_fits_image(data)
     if pixels.ndim != 2:
         raise DataError(f"has {pixels.ndim} axes {pixels.shape}; give one file for each picture")
     stated = str(header.get("ROWORDER", "")).strip().upper()
@@ -160,11 +162,14 @@ def _read_fits(data: bytes) -> ImageFile:
         first_row=_ROW_ORDERS.get(stated, "bottom"),
         first_row_stated=bool(stated),
         header=header,
-        remarks=(f"the first of {images} images of its file",) if images > 1 else (),
+        remarks=(
+            *((f"the first of {images} images of its file",) if images > 1 else ()),
+            *((f"{STALE}: header keywords were changed after it was written",) if is_stale else ()),
+        ),
     )
 
 
-def _first_fits_image(data: bytes) -> tuple[dict[str, Any], NDArray[Any], int]:
+def _first_fits_image(data: bytes) -> tuple[dict[str, Any], NDArray[Any], int, bool]:
     from astropy.io import fits  # half a second, wanted for FITS only
 
     with warnings.catch_warnings(record=True) as caught:
@@ -175,17 +180,22 @@ def _first_fits_image(data: bytes) -> tuple[dict[str, Any], NDArray[Any], int]:
                 header = {key: images[0].header[key] for key in set(images[0].header)} if images else {}
         except Exception as error:  # whatever astropy's own code trips over in a header that is spoilt
             raise DataError(f"is no FITS file that can be read: {error}") from error
-    _refuse_damage([str(warning.message) for warning in caught])
+    is_stale = _refuse_damage([str(warning.message) for warning in caught], has_datasum="DATASUM" in header)
     if not images:
         raise DataError("is a FITS file without an image")
-    return header, images[0].data, len(images)
+    return header, images[0].data, len(images), is_stale
 
 
-def _refuse_damage(messages: list[str]) -> None:
+def _refuse_damage(messages: list[str], *, has_datasum: bool) -> bool:
+    """Return whether the checksum of the header fails while that of the data holds; refuse what is damaged."""
     # Headers are often untidy, and astropy says so; what matters here is whether the samples are what was written.
-    damage = [text for text in messages if "truncated" in text or "verification failed" in text]
+    failed = [text for text in messages if "verification failed" in text]
+    of_data = [text for text in failed if text.startswith("Datasum")]
+    is_stale = bool(failed) and has_datasum and not of_data
+    damage = [text for text in messages if "truncated" in text] + ([] if is_stale else failed)
     if damage:
-        raise DataError(f"is damaged: {' '.join(damage)}")
+        raise DataError(f"is damaged: {' '.join(dict.fromkeys(damage))}")
+    return is_stale
 
 
 def _sample_bits(pixels: NDArray[Any]) -> int:

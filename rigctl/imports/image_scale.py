@@ -1,15 +1,19 @@
 """Scale of imported images: how many bits, where they stand, what is saturated, what is missing."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import ConfigError, DataError
+from rigctl.imports.image_border import Border
 from rigctl.imports.image_levels import common_zero_bits, largest, missing_pixels, saturation_plateau
 from rigctl.imports.import_request import ImportRequest
 
 _TELLING_LEVELS = 8
+# So many lowest bits that are zero are no accident.
+_LEAST_UNUSED_BITS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +42,13 @@ class Scale:
 
 
 def find_scale(
-    request: ImportRequest, levels: NDArray[np.int64], *, sample_bits: int, black_level_dn: float | None
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    *,
+    sample_bits: int,
+    black_level_dn: float | None,
+    levels_by_file: Sequence[NDArray[np.int64]] = (),
+    borders: Sequence[Border] = (),
 ) -> Scale:
     """Return what the counts mean, by what the user says and the counts themselves show.
 
@@ -52,6 +62,10 @@ def find_scale(
         Bits that a sample takes in the files.
     black_level_dn : float or None
         The smallest black level of the files [DN of the files].
+    levels_by_file : sequence of (65536,) arrays of int
+        The same file by file: some may have been resampled, and others not.
+    borders : sequence of Border
+        Constant pixels along the edges of files.
 
     Raises
     ------
@@ -60,11 +74,11 @@ def find_scale(
     DataError
         The counts contradict what the user says.
     """
-    depth, depth_remarks = _bit_depth(request, levels, sample_bits)
-    shift, shift_remarks = _shift(request, levels, depth, sample_bits)
+    depth, depth_remarks = _bit_depth(request, levels, sample_bits, levels_by_file)
+    shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
     saturation_dn, saturation_remarks = _saturation(request, levels, full_scale_dn)
-    missing_dn, missing_remarks = _missing(request, levels, black_level_dn)
+    missing_dn, missing_remarks = _missing(request, levels, black_level_dn, borders)
     unit = 2**shift
     return Scale(
         bit_depth=depth,
@@ -75,7 +89,12 @@ def find_scale(
     )
 
 
-def _bit_depth(request: ImportRequest, levels: NDArray[np.int64], sample_bits: int) -> tuple[int, tuple[str, ...]]:
+def _bit_depth(
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    sample_bits: int,
+    levels_by_file: Sequence[NDArray[np.int64]],
+) -> tuple[int, tuple[str, ...]]:
     if request.bit_depth is not None and request.bit_depth > sample_bits:
         raise DataError(f"--bit-depth {request.bit_depth}: samples in the files have only {sample_bits} bits")
     if request.bit_depth is not None:
@@ -91,14 +110,35 @@ def _bit_depth(request: ImportRequest, levels: NDArray[np.int64], sample_bits: i
     if largest(levels) < 2**15:
         raise ConfigError(
             f"bit depth: samples of 16 bits with counts up to {largest(levels)} do not tell how many the camera "
-            "has; say --bit-depth N"
+            "has; say --bit-depth N" + "".join(f" ({remark})" for remark in _some_left(levels_by_file))
         )
-    return 16, (f"16 bits, since counts reach {largest(levels)}",)
+    return 16, (f"16 bits, since counts reach {largest(levels)}", *_some_left(levels_by_file))
+
+
+def _some_left(levels_by_file: Sequence[NDArray[np.int64]]) -> tuple[str, ...]:
+    """Return that some files show unused bits and others do not, as resampled ones would."""
+    bits = [common_zero_bits(own) for own in levels_by_file if np.count_nonzero(own) >= _TELLING_LEVELS]
+    plain = [zero for zero in bits if zero >= _LEAST_UNUSED_BITS]
+    if not plain or len(plain) == len(bits):
+        return ()
+    depth = 16 - min(plain)
+    remark = (
+        f"counts of {len(plain)} of {len(bits)} files are multiples of {2 ** min(plain)}: if the camera has {depth} "
+        f"bits and the other files were resampled, say --bit-depth {depth} --justified left"
+    )
+    return (remark,)
 
 
 def _shift(
-    request: ImportRequest, levels: NDArray[np.int64], depth: int, sample_bits: int
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    depth: int,
+    sample_bits: int,
+    levels_by_file: Sequence[NDArray[np.int64]],
 ) -> tuple[int, tuple[str, ...]]:
+    resampled = _resampled(request, levels, depth, sample_bits, levels_by_file)
+    if resampled is not None:
+        return resampled
     spare, zero_bits, top = sample_bits - depth, common_zero_bits(levels), largest(levels)
     could_be_right = top < 2**depth
     # A handful of round numbers, as in a drawn test image, is no sign of unused bits.
@@ -117,6 +157,29 @@ def _shift(
     if could_be_left and request.justified != "right":
         return spare, (f"left-justified: {depth} bits in {sample_bits}; counts were divided by {2**spare}",)
     return 0, _unused_bits(zero_bits, sample_bits)
+
+
+def _resampled(
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    depth: int,
+    sample_bits: int,
+    levels_by_file: Sequence[NDArray[np.int64]],
+) -> tuple[int, tuple[str, ...]] | None:
+    """Return the shift of files that stand left, of which some were resampled and show it no more; None otherwise."""
+    spare = sample_bits - depth
+    plain = sum(common_zero_bits(own) >= spare for own in levels_by_file)
+    if spare <= 0 or plain == len(levels_by_file) or request.justified == "right":
+        return None
+    stated = request.justified == "left"
+    if largest(levels) < 2**depth or (plain == 0 and not stated):
+        return None
+    shown = f"{plain} of {len(levels_by_file)} files show it" if plain else "no file shows it, it was said"
+    remark = (
+        f"left-justified: {depth} bits in {sample_bits}; {shown}, counts of the others were resampled: all were "
+        f"divided by {2**spare} and rounded, which loses up to half a count"
+    )
+    return spare, (remark,)
 
 
 def _unused_bits(zero_bits: int, sample_bits: int) -> tuple[str, ...]:
@@ -152,10 +215,17 @@ def _saturation(request: ImportRequest, levels: NDArray[np.int64], full_scale_dn
 
 
 def _missing(
-    request: ImportRequest, levels: NDArray[np.int64], black_level_dn: float | None
+    request: ImportRequest, levels: NDArray[np.int64], black_level_dn: float | None, borders: Sequence[Border]
 ) -> tuple[float | None, tuple[str, ...]]:
     if request.missing_dn is not None or request.none_missing:
         return request.missing_dn, ()
+    if borders:
+        widest = max(borders, key=lambda border: border.fraction)
+        remark = (
+            f"a constant border of {widest.value_dn} takes up to {widest.fraction:.2%} of a file, in {len(borders)} of "
+            "them: all pixels of that count are taken as missing (--no-border-search if they are not)"
+        )
+        return float(widest.value_dn), (remark,)
     block = missing_pixels(levels, black_level_dn=black_level_dn)
     if block is None:
         return None, ()

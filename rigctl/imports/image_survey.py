@@ -2,14 +2,16 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.processing.diagnosis.compression import jpeg_traces
 from rigctl.errors import ConfigError, DataError
+from rigctl.imports.image_border import Border, constant_border
 from rigctl.imports.image_file import FirstRow, ImageFile, read_image
 from rigctl.imports.image_levels import LEVELS, histogram
 from rigctl.imports.import_request import ImportRequest
@@ -42,6 +44,12 @@ class SurveyedImage:
         What else one has to know of the file.
     raw : RawSettings or None
         How a still camera was set.
+    levels : (65536,) array of int
+        How many of its pixels have each count.
+    border : Border or None
+        Constant pixels along its edges.
+    is_jpeg : bool
+        Its blocks of 8 x 8 pixels show that it went through JPEG.
     """
 
     path: Path
@@ -54,6 +62,9 @@ class SurveyedImage:
     start_utc: str | None
     remarks: tuple[str, ...]
     raw: RawSettings | None
+    levels: NDArray[np.int64] = field(repr=False)
+    border: Border | None = None
+    is_jpeg: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +99,7 @@ def survey_images(request: ImportRequest) -> Survey:
         try:
             image = read_image(path, plane=request.plane)
             images.append(_survey(request, index, image))
-            levels += histogram(image.counts)
+            levels += images[-1].levels
         except DataError as error:
             unfit.append(f"{path}: {error}")
         except ConfigError as error:
@@ -111,7 +122,15 @@ def _survey(request: ImportRequest, index: int, image: ImageFile) -> SurveyedIma
         start_utc=_start(image.header),
         remarks=image.remarks,
         raw=image.raw,
+        levels=histogram(image.counts),
+        border=None if request.no_border_search else constant_border(image.counts),
+        is_jpeg=_is_jpeg(image.counts),
     )
+
+
+def _is_jpeg(counts: NDArray[np.uint16]) -> bool:
+    found = jpeg_traces(counts)
+    return found is not None and found.is_found
 
 
 def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:

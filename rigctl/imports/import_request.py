@@ -53,6 +53,8 @@ class ImportRequest:
         The value that marks pixels that were not received [DN of the files].
     none_missing : bool
         No value does.
+    no_border_search : bool
+        Constant pixels along the edges are not looked for.
     first_row : {"top", "bottom"} or None
         Which row of the picture comes first in the files.
     plane : str or None
@@ -78,6 +80,7 @@ class ImportRequest:
     saturation_dn: float | None = None
     missing_dn: float | None = None
     none_missing: bool = False
+    no_border_search: bool = False
     first_row: FirstRow | None = None
     plane: Plane | None = None
     misread: Sequence[str] = ()

@@ -14,6 +14,7 @@ from rigctl.imports.import_request import ImportRequest
 from rigctl.runs.run_folder import FrameRecord
 
 _SAME_AXIS_DEG = 180.0
+JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"
 
 
 def axis_deg(angle_deg: float) -> float:
@@ -54,8 +55,18 @@ def frames_of(
         record = _record(request, image, scale)
         for angle_deg, counts in _pictures(request, image):
             placed = replace(_at_angle(record, angle_deg, cycles), sequence=sequence)
-            yield placed, np.right_shift(counts, np.uint16(scale.shift_bits))
+            yield placed, _in_place(counts, scale.shift_bits)
             sequence += 1
+
+
+def _in_place(counts: NDArray[np.uint16], shift_bits: int) -> NDArray[np.uint16]:
+    """Return counts divided by a power of two and rounded; those of a camera are multiples of it."""
+    if not shift_bits:
+        return counts
+    half = np.uint32(1) << np.uint32(shift_bits - 1)
+    largest = np.uint32(65535) >> np.uint32(shift_bits)
+    rounded = (counts.astype(np.uint32) + half) >> np.uint32(shift_bits)
+    return np.asarray(np.minimum(rounded, largest), dtype=np.uint16)
 
 
 def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[float]) -> FrameRecord:
@@ -89,8 +100,12 @@ def _record(request: ImportRequest, image: SurveyedImage, scale: Scale) -> Frame
         black_level_dn=None if black_level_dn is None else black_level_dn / 2**scale.shift_bits,
         start_utc=image.start_utc,
         source_file=str(image.path),
-        remarks=(*image.remarks, *_row_remarks(image), *scale.remarks),
+        remarks=(*image.remarks, *_row_remarks(image), *_coding_remarks(image), *scale.remarks),
     )
+
+
+def _coding_remarks(image: SurveyedImage) -> tuple[str, ...]:
+    return (JPEG,) if image.is_jpeg else ()
 
 
 def _row_remarks(image: SurveyedImage) -> tuple[str, ...]:

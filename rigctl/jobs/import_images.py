@@ -5,16 +5,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from rigctl.durable_file import flush_folder
 from rigctl.errors import ConfigError, DataError, RunFolderError
+from rigctl.imports.image_file import STALE
 from rigctl.imports.image_scale import Scale, find_scale
 from rigctl.imports.image_survey import Survey, SurveyedImage, survey_images
 from rigctl.imports.import_request import ImportRequest, request_problems
-from rigctl.imports.imported_frames import axis_deg, frames_of
+from rigctl.imports.imported_frames import JPEG, axis_deg, frames_of
 from rigctl.runs.run_folder import FrameRecord, Run, read_run
 from rigctl.runs.run_writer import RunWriter
 
 ORIGIN = "import"
+# Share of saturated pixels of a file that is said.
+_CLIPPED_SAID = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +66,9 @@ def import_images(request: ImportRequest) -> Imported:
     else:
         with RunWriter.append(request.run) as writer:
             frames = _write(writer, request, survey, scale, present.frames)
-    return Imported(frames=frames, remarks=(*scale.remarks, *_angle_remarks(request, survey)))
+    return Imported(
+        frames=frames, remarks=(*scale.remarks, *_file_remarks(survey, scale), *_angle_remarks(request, survey))
+    )
 
 
 def _present_run(path: Path) -> Run | None:
@@ -102,6 +109,8 @@ def _scale(request: ImportRequest, survey: Survey, present: Run | None) -> Scale
         survey.levels,
         sample_bits=max(image.sample_bits for image in survey.images),
         black_level_dn=min(black_levels, default=None),
+        levels_by_file=tuple(image.levels for image in survey.images),
+        borders=tuple(image.border for image in survey.images if image.border is not None),
     )
     return replace(scale, remarks=(*remarks, *scale.remarks))
 
@@ -131,6 +140,19 @@ def _contradictions(request: ImportRequest, survey: Survey, scale: Scale, presen
 def _frame_shape(request: ImportRequest, image: SurveyedImage) -> tuple[int, int]:
     height, width = image.shape
     return (height, width) if request.mosaic_deg is None else (height // 2, width // 2)
+
+
+def _file_remarks(survey: Survey, scale: Scale) -> Iterator[str]:
+    """Give what was recognised in single files, and in how many."""
+    saturated = int(np.ceil(scale.saturation_dn * 2**scale.shift_bits))
+    shares = {i.path.name: float(i.levels[saturated:].sum() / max(i.levels.sum(), 1)) for i in survey.images}
+    clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SAID]
+    if clipped:
+        yield f"saturated pixels, where nothing is measured: {', '.join(clipped)}"
+    coded = [image.path.name for image in survey.images if image.is_jpeg]
+    if coded:
+        yield f"{len(coded)} of {len(survey.images)} files ({', '.join(coded)}): {JPEG}"
+    yield from dict.fromkeys(remark for image in survey.images for remark in image.remarks if STALE in remark)
 
 
 def _angle_remarks(request: ImportRequest, survey: Survey) -> tuple[str, ...]:

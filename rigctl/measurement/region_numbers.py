@@ -45,6 +45,8 @@ class MeasuredRegion:
         Counts of each pixel behind each angle, of the first cycle and of the mean of all.
     stokes_pixels, stokes_pixels_mean : (3, P) array
         Stokes parameters of each pixel, likewise.
+    repeatability : float
+        Relative error of each angle's mean by what differs from cycle to cycle; 0 with one cycle.
     first_half : (P,) array of bool
         Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
     quantities : dict
@@ -62,6 +64,7 @@ class MeasuredRegion:
     stokes_pixels_mean: FloatArray
     first_half: NDArray[np.bool_]
     inside: NDArray[np.bool_]
+    repeatability: float
     quantities: MeasuredQuantities
 
 
@@ -111,7 +114,10 @@ def measure_region(
     mean = pixels.mean(axis=0)
     independent = _independent_pixels(mean, inside, plan)
     inflation = pixels.shape[2] / independent
-    channels_mean = _with_level_errors(mean_moments(mean), inflation, level_std_error, relative_error)
+    repeatability = _repeatability(pixels)
+    channels_mean = _with_level_errors(
+        mean_moments(mean), inflation, level_std_error, np.hypot(relative_error, repeatability)
+    )
     stokes_pixels = np.asarray(plan.inverse @ pixels[0])
     stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
     quantities = _linear(channel_names, pixels, channels_mean, inflation)
@@ -130,9 +136,23 @@ def measure_region(
         stokes_pixels=stokes_pixels,
         stokes_pixels_mean=np.asarray(plan.inverse @ mean),
         inside=inside,
+        repeatability=repeatability,
         first_half=np.sum(np.nonzero(inside), axis=0) % 2 == 0,
         quantities=quantities,
     )
+
+
+def _repeatability(pixels: FloatArray) -> float:
+    """Return by how much the mean of all cycles does not repeat itself, relative, from how the cycles differ.
+
+    Angles are taken together: two cycles, such as the two half turns of a polarizer, are as many differences as angles.
+    """
+    cycles = pixels.shape[0]
+    means = pixels.mean(axis=2)
+    light = float(np.sum(np.square(means.mean(axis=0))))
+    if cycles < 2 or not light > 0.0:
+        return 0.0
+    return float(np.sqrt(np.sum(means.var(axis=0, ddof=1)) / cycles / light))
 
 
 def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Design) -> float:

@@ -26,6 +26,7 @@ _LOOKS = {
     "dark level": ("#999999", ""),
     "registration": ("#999999", ".."),
     FAULTS: ("#000000", "//"),
+    "repeatability": ("#666666", "xx"),
     "angle": ("#e69f00", "//"),
     "drift": ("#cc79a7", ""),
     "inputs": ("#d55e00", ""),
