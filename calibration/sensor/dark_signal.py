@@ -21,6 +21,7 @@ QUANTISATION_LIMIT_DN2 = 0.24
 _UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
 _UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
 _EXPOSURE_TOLERANCE = 1e-3
+_LINE_TERMS = 2
 # Exposures from which on a bend of the mean is looked for, and the chance that there is none where one is found.
 _BEND_EXPOSURES, _FALSE_BEND = 6, 1e-4
 
@@ -166,6 +167,10 @@ def _fit_variance(darks: Sequence[LevelStatistics], design: FloatArray, variance
         model = design @ fit.parameters
     shared = np.zeros_like(fit.covariance)
     shared[0, 0] = _shared_variance_error_dn2(darks) ** 2
+    if design.shape[1] > _LINE_TERMS:
+        # As for a mean that is no straight line: the truth is between the line and the parabola.
+        line = _fit_variance(darks, design[:, :_LINE_TERMS], variances)
+        shared[0, 0] += (0.5 * (fit.parameters[0] - line.parameters[0])) ** 2
     return replace(fit, covariance=fit.covariance + shared)
 
 

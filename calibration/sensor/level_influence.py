@@ -78,8 +78,8 @@ def _dark_models(exposures: FloatArray) -> list[CurveModel]:
     if np.isnan(exposures).any() or np.ptp(exposures) == 0.0:
         return [CurveModel(design=even[:, None], scatter_shape=even)]
     scaled = exposures / exposures.max()
-    powers = scaled[:, None] ** np.arange(3)
-    n_terms = min(3, len(np.unique(exposures)))
+    powers = scaled[:, None] ** np.arange(4)
+    n_terms = min(4, len(np.unique(exposures)))
     models = [CurveModel(design=powers[:, :terms], scatter_shape=even) for terms in range(1, n_terms + 1)]
     # A sensor that warms up scatters the more the longer it exposes.
     growing = CurveModel(design=powers[:, :2], scatter_shape=np.maximum(scaled, 1e-3), is_usual=False)

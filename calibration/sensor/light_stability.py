@@ -12,6 +12,9 @@ FloatArray = NDArray[np.float64]
 
 _PASSES = 4
 _NEIGHBOURS = 5
+# Neighbours show another wander where it is more than chance makes of five, and know it to a factor of their own.
+_TWICE, _FEW = 4.0, 2.5
+_WILD, _WILDER = 0.03, 6.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,9 +86,13 @@ def wander_variance_dn2(
     freedom = np.array([flat.n_frames - 1.0 for flat in flats])
     between = np.array([np.var(flat.frame_means_dn, ddof=1) for flat in flats])
     noise = np.array([flat.temporal_variance_dn2 / flat.n_pixels for flat in flats])
-    window = np.ones(_NEIGHBOURS)
+    window = np.ones(min(_NEIGHBOURS, len(flats)))
     near = np.convolve((between - noise) * freedom, window, "same") / np.convolve(freedom, window, "same")
-    variance: FloatArray = np.maximum(stability.variance_dn2(signal_dn), near[: len(flats)])
+    model = stability.variance_dn2(signal_dn)
+    local = np.where(near > _TWICE * model, _FEW * near, model)
+    # Light that wanders by so much follows no normal law.
+    wild = local > np.square(_WILD * signal_dn)
+    variance: FloatArray = np.where(wild, _WILDER * local, local)
     return variance
 
 

@@ -20,6 +20,7 @@ _CORRELATION, _FILTERED = 0.02, 0.1
 _DARK_CORRELATION = 0.05
 # Lag of a detector leaves less than a per cent of a frame in the next.
 _MEMORY = 0.03
+_STEADY = 0.05
 # Two readout channels differ by a per cent or two, pixels behind colour filters by tens.
 _MOSAIC, _COLOURS = 0.03, 0.1
 _SHARED_VARIANCE, _BANDED = 0.05, 0.01
@@ -109,7 +110,9 @@ def _smoothed_darks(levels: Sequence[LevelStatistics]) -> Flag | None:
 def _frames_go_together(levels: Sequence[LevelStatistics]) -> Flag | None:
     # Rounding that hides the noise shows what is left of it in a few pixels only.
     noisy = [v for v in levels if v.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
-    stacks = [v.lag for v in noisy if v.lag is not None and v.samples.max_fraction < SATURATED_FRACTION]
+    # Light that changes shows the pixels' own response in every difference.
+    steady = [v for v in noisy if np.ptp(v.frame_means_dn[:3]) < _STEADY * v.mean_dn]
+    stacks = [v.lag for v in steady if v.lag is not None and v.samples.max_fraction < SATURATED_FRACTION]
     if not stacks:
         return None
     share = float(np.mean([lag.share for lag in stacks]))

@@ -1,4 +1,4 @@
-"""Makes one virtual environment for each independent client of rotation stages.
+"""Makes one virtual environment for each independent client of rotation stages, and one for a camera of others.
 
     python tests/clients/make_venvs.py [FOLDER]
 
@@ -21,6 +21,9 @@ CLIENTS = {
     "thorlabs-apt-device": ("thorlabs-apt-device==0.3.8", "apt_device_client.py", "sim:apt?model=KDC101&speed=20"),
     "zaber-motion": ("zaber-motion==10.2.0", "zaber_motion_client.py", "sim:zaber"),
 }
+
+# A camera that others simulate, read by their own program: what pip installs, and the script that takes its frames.
+CAMERA = ("pymmcore==12.5.1.75.0 mm-test-adapters==75.20261014.post1 numpy", "micro_manager_camera.py")
 
 
 def default_folder() -> Path:
@@ -50,7 +53,7 @@ def make(requirement: str, folder: Path) -> None:
 def main(folder: Path) -> int:
     """Make all; return how many could not be made."""
     failed = 0
-    for requirement in sorted({requirement for requirement, _, _ in CLIENTS.values()}):
+    for requirement in sorted({CAMERA[0], *(requirement for requirement, _, _ in CLIENTS.values())}):
         try:
             make(requirement, folder)
         except subprocess.CalledProcessError:

@@ -7,7 +7,15 @@ from numpy.typing import NDArray
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.performance import temporal_noise_e, total_noise_e
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_beside, mark_beyond, png, subplots
+from rigctl.reports.figures.figure_style import (
+    MEASURED,
+    PREDICTED,
+    legend_below,
+    legend_beside,
+    mark_beyond,
+    png,
+    subplots,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -83,7 +91,7 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     if len(exposures) < len(calibration.darks):
         return None
     time_s = np.array(exposures)
-    figure, (left, right) = subplots(1, 2, size=(12.6, 3.8))
+    figure, (left, right) = subplots(1, 2, size=(9.6, 4.4))
     dark, shown_s = calibration.dark, np.linspace(0.0, time_s.max(), 50)
     left.plot(_MS_PER_S * time_s, dark.means_dn, "o", ms=5, color=MEASURED, label="dark levels")
     left.plot(
@@ -107,7 +115,8 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     for axes in (left, right):
         axes.set_xlabel("exposure time [ms]")
         axes.ticklabel_format(axis="y", useOffset=False)
-        _finish(axes)
+        axes.grid(alpha=0.3, which="both", lw=0.4)
+        legend_below(axes)
     return png(figure)
 
 

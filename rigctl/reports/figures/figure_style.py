@@ -39,6 +39,11 @@ def legend_beside(axes: Axes) -> None:
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
+def legend_below(axes: Axes) -> None:
+    """Set a legend below the axes, where there are other axes beside them."""
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), borderaxespad=0.0)
+
+
 def mark_beyond(axes: Axes, x: FloatArray, y: FloatArray, errors: FloatArray) -> None:
     """Fit the y axis to the points that are known best, and mark those beyond it at its edge.
 
@@ -49,10 +54,13 @@ def mark_beyond(axes: Axes, x: FloatArray, y: FloatArray, errors: FloatArray) ->
     if not np.isfinite(half) or half <= 0.0:
         return
     axes.set_ylim(-half, half)
-    beyond = np.abs(y) > half
+    low, high = axes.get_xlim()
+    beyond = (np.abs(y) > half) | (x < low) | (x > high)
     if beyond.any():
-        edge = 0.96 * half * np.sign(y[beyond])
-        axes.plot(x[beyond], edge, "^", ms=6, color="black", clip_on=False, label=f"{beyond.sum()} beyond these axes")
+        edge = np.clip(y[beyond], -0.96 * half, 0.96 * half)
+        label = f"{beyond.sum()} beyond these axes"
+        axes.plot(np.clip(x[beyond], low, high), edge, "^", ms=6, color="black", clip_on=False, label=label)
+        axes.set_xlim(low, high)
 
 
 def picture_size(image: FloatArray, *, columns: int) -> tuple[float, float]:

@@ -55,11 +55,11 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
             color=colour,
             label=label,
         )
-    axes.set_xlim(left=_left_dn(calibration))
     rising = (fit_dn2 > 0.0) & (signal_dn <= 1.3 * transfer.top_dn)
     axes.plot(signal_dn[rising], np.sqrt(fit_dn2[rising]), color=PREDICTED, label=_fit_label(calibration))
     _draw_regimes(axes, calibration, signal_dn, dark_dn=float(np.sqrt(dark_dn2)))
     axes.set(xscale="log", yscale="log", ylabel="noise of a pixel in time [DN]", title="Photon transfer")
+    axes.set_xlim(_left_dn(calibration), 1.3 * float(points.signal_dn.max()))
     axes.set_ylim(bottom=0.3 * np.sqrt(max(dark_dn2, 1.0 / 12.0)))
     axes.grid(alpha=0.3, which="both", lw=0.4)
     legend_beside(axes)
