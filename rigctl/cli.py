@@ -1,5 +1,6 @@
 """The command line: which verbs there are, and how a failure becomes a message and an exit code."""
 
+import errno
 import importlib
 import sys
 import tempfile
@@ -13,7 +14,9 @@ from typer.core import TyperGroup
 
 from calibration.errors import CalibrationError
 from drivers.errors import DeviceError
+from rigctl.console_streams import lasting_streams, visible
 from rigctl.errors import ConfigError, DataError
+from rigctl.number_range import with_options_in_range
 
 # 0 (done) and 130 (interrupted) are the command line library's own.
 EXIT_USAGE = 2
@@ -29,6 +32,9 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (DataError, EXIT_DATA),
     (CalibrationError, EXIT_DATA),
 )
+
+# Of errors of the operating system, those that a disk is to blame for; the others are files that were named wrongly.
+_DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
 
 # Verb -> (module that holds its `command` or `app`, one line of help). A module is imported when its verb is
 # called, so that `rigctl --help` starts at once.
@@ -87,12 +93,21 @@ class LazyGroup(TyperGroup):
         if app is None:
             app = typer.Typer(add_completion=False, rich_markup_mode=None)
             app.command(cmd_name)(module.command)
-        return typer.main.get_command(app)
+        return _in_range(typer.main.get_command(app))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the list of verbs without importing any of them."""
         with formatter.section("Commands"):
             formatter.write_dl([(verb, text) for verb, (_, text) in VERBS.items()])
+
+
+def _in_range(command: Any) -> Any:
+    """Return a verb, all of whose commands refuse numbers that no arithmetic may be done with."""
+    for inner in getattr(command, "commands", {}).values():
+        _in_range(inner)
+    if command.callback is not None:
+        command.callback = with_options_in_range(command.callback, ConfigError)
+    return command
 
 
 app = typer.Typer(cls=LazyGroup, add_completion=False, no_args_is_help=True, epilog=EPILOG, rich_markup_mode=None)
@@ -117,14 +132,25 @@ def rigctl(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; return its exit code. Only this function turns an exception into words."""
+    with lasting_streams():
+        return _run(list(sys.argv[1:] if arguments is None else arguments))
+
+
+def _run(arguments: list[str]) -> int:
     command = typer.main.get_command(app)
     try:
-        command.main(args=list(sys.argv[1:] if arguments is None else arguments), prog_name="rigctl")
+        command.main(args=arguments, prog_name="rigctl")
     except SystemExit as finished:  # typer has said what there is to say: help, a usage error, an exit code
         return finished.code if isinstance(finished.code, int) else 0
     except tuple(kind for kind, _ in EXIT_CODES) as error:
         _say(str(error))
         return next(code for kind, code in EXIT_CODES if isinstance(error, kind))
+    except MemoryError:
+        _say("this needs more memory than there is; nothing was written")
+        return EXIT_DATA
+    except OSError as error:
+        _say(f"{error.filename or 'a file'}: {error.strerror or error}")
+        return EXIT_DATA if error.errno in _DISK_FAULTS else EXIT_USAGE
     except Exception as error:
         _say(f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}")
         return EXIT_OWN_FAULT
@@ -132,7 +158,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _say(message: str) -> None:
-    sys.stderr.write(f"rigctl: {message}\n")
+    sys.stderr.write(f"rigctl: {visible(message)}\n")
 
 
 def _log_traceback() -> Path:

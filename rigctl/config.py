@@ -11,7 +11,9 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from model.rectangular import rectangular_std
+from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
+from rigctl.number_range import shown, wild_numbers
 
 
 class Section(BaseModel):
@@ -103,23 +105,39 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
     ConfigError
         The file cannot be read, is no TOML, or has problems: all of them, each with its key.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is no text file (UTF-8): {error.reason}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: is no TOML: {error}") from error
+    table = _table(path)
+    wild = [f"{key}: {problem}" for key, problem in wild_numbers(table)]
+    if wild:
+        raise ConfigError(_listed(path, wild))
     try:
         return model.model_validate(table)
     except ValidationError as error:
         raise ConfigError(describe(path, error)) from error
 
 
+def _table(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is no text file (UTF-8): {error.reason}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: is no TOML: {error}") from error
+    except (RecursionError, ValueError) as error:  # brackets within brackets, a number of thousands of digits
+        raise ConfigError(f"{path}: is no TOML that can be read: {_first_line(error)}") from error
+
+
 def describe(path: Path, error: ValidationError) -> str:
     """Return every problem of a file as text, one a line: key, what is wrong, what was found."""
-    problems = _problems(error.errors(include_url=False))
+    return _listed(path, _problems(error.errors(include_url=False)))
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]
+
+
+def _listed(path: Path, problems: Sequence[str]) -> str:
     count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
     return "\n".join([f"{path}: {count}", *(f"  {line}" for line in problems)])
 
@@ -143,13 +161,13 @@ def _key(place: Sequence[int | str]) -> Key:
 def _problem(key: Key, details: Sequence[Any]) -> str:
     name, first = ".".join(map(str, key)) or "(whole file)", details[0]
     if first["type"] == "extra_forbidden":
-        return f"{name}: is no known key (found {first['input']!r})"
+        return f"{name}: is no known key (found {shown(first['input'])})"
     if first["type"] == "missing":
         return f"{name}: is missing"
     texts = [detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ") for detail in details]
     start = "input should be " if details[0]["msg"].startswith("Input should be ") else ""
     text = start + ", or ".join(text[0].lower() + text[1:] for text in texts)
-    return f"{name}: {text}" + ("" if first["type"] == "value_error" else f" (found {first['input']!r})")
+    return f"{name}: {text}" + ("" if first["type"] == "value_error" else f" (found {shown(first['input'])})")
 
 
 def sha256_of(path: Path) -> str:

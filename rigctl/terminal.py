@@ -6,8 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
+from rich.text import Text
+
+from rigctl.console_streams import visible
 
 _WIDTH_OF_FILES = 120
+
+
+class _SafeConsole(Console):
+    """A console that shows control characters of texts, which may come from files of others, and obeys none."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text to be printed; those in tables come here too."""
+        return super().render_str(visible(text), **options)
 
 
 def results() -> Console:
@@ -15,12 +26,12 @@ def results() -> Console:
     # A table in a file or a pipe need not be squeezed into the width of a terminal.
     width = None if sys.stdout.isatty() else _WIDTH_OF_FILES
     # Without markup: "[deg]" is a unit here and no style.
-    return Console(soft_wrap=True, highlight=False, markup=False, width=width)
+    return _SafeConsole(soft_wrap=True, highlight=False, markup=False, width=width)
 
 
 def progress() -> Console:
     """Return the console for progress bars and remarks."""
-    return Console(stderr=True, highlight=False, markup=False)
+    return _SafeConsole(stderr=True, highlight=False, markup=False)
 
 
 def warn(text: str) -> None:

@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from typing import TypeVar
 
+from rigctl.number_range import range_problem
+
 Choice = TypeVar("Choice", bound=str)
 
 
@@ -38,7 +40,10 @@ class OptionTexts:
             return None
         try:
             # Adding 0 makes 0 of -0.
-            return tuple(float(word) + 0.0 for word in text.split(","))
+            numbers = tuple(float(word) + 0.0 for word in text.split(","))
         except ValueError:
             self.problems.append(f"{option}: is {text!r}, must be numbers with commas between them")
             return None
+        wild = [problem for number in numbers if (problem := range_problem(number)) is not None]
+        self.problems += [f"{option}: is {text!r}, {problem}" for problem in wild[:1]]
+        return None if wild else numbers

@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from rigctl.console_streams import visible
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_text import live_lines
 from rigctl.runs.live_status import write_status
@@ -82,7 +83,7 @@ class Watch:
     def _shown(self) -> Group:
         with self._lock:
             lines = "\n".join(live_lines(self._status))
-        return Group(self._bar, Text(lines))
+        return Group(self._bar, Text(visible(lines)))
 
     def _remaining(self, step: Step) -> dict[str, Any]:
         """Return how long it still takes: what the plan has between this step and the last, or until its time."""

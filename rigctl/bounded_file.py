@@ -1,0 +1,48 @@
+"""Files read whole: only plain ones, and none that is larger than what is asked for can be."""
+
+import errno
+import stat
+from pathlib import Path
+
+_BYTES_PER_MB = 1_000_000
+# What people write by hand.
+MOST_TEXT_BYTES = 8 * _BYTES_PER_MB
+# What the program writes beside pictures: calibrations, events. A manifest has some 1.5 kB a frame.
+MOST_RECORD_BYTES = 512 * _BYTES_PER_MB
+# Samples of one picture, unless --max-frame-mb says more: 134 million pixels of 16 bits.
+MOST_FRAME_MB = 268
+MOST_FRAME_BYTES = MOST_FRAME_MB * _BYTES_PER_MB
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a file, judged before it is read.
+
+    Parameters
+    ----------
+    path : Path
+        The file. A FIFO or a device is refused: reading it could last for ever.
+    most_bytes : int
+        A larger file is refused, whether or not its bytes take room on the disk.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, is no plain file, or is too large; `strerror` says so.
+    """
+    facts = path.stat()
+    if stat.S_ISDIR(facts.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
+    if not stat.S_ISREG(facts.st_mode):
+        raise OSError(errno.EINVAL, "is no plain file, but a device, a pipe or a socket", str(path))
+    if facts.st_size > most_bytes:
+        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
+    with path.open("rb") as file:
+        # One byte more than allowed, to see whether it has grown meanwhile.
+        data = file.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise OSError(errno.EFBIG, f"grows, and at most {_mb(most_bytes)} MB are read", str(path))
+    return data
+
+
+def _mb(size: int) -> str:
+    return f"{size / _BYTES_PER_MB:.4g}"
