@@ -6,6 +6,7 @@ import sys
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import IO, Any
 
 _KEPT = frozenset("\n\t")
@@ -70,6 +71,10 @@ def _lead_nowhere(stream: IO[str]) -> None:
             os.close(nowhere)
 
 
+def _nowhere() -> IO[str]:
+    return Path(os.devnull).open("w", encoding="utf-8")
+
+
 @contextmanager
 def lasting_streams() -> Iterator[None]:
     """Keep this process's standard output and error alive within; say afterwards where a result could not be written.
@@ -79,12 +84,13 @@ def lasting_streams() -> Iterator[None]:
     A pipe that was closed (``rigctl log RUN | head -1``) and a terminal that is gone need no word. Exit codes stay what
     the work itself gives: who fills a disk with an answer is told on standard error.
     """
-    given = tuple(stream or open(os.devnull, "w", encoding="utf-8") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115
+    # A stream that was closed before the program began is None.
+    given = tuple(stream or _nowhere() for stream in (sys.stdout, sys.stderr))
     out, err = LastingStream(given[0]), LastingStream(given[1])
     for stream in given:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    sys.stdout, sys.stderr = out, err  # type: ignore[assignment]
+    sys.stdout, sys.stderr = out, err
     try:
         yield
     finally:

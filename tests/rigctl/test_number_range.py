@@ -1,0 +1,66 @@
+"""Tests of the range that numbers of files and options keep to, and of files that are judged before they are read."""
+
+import os
+
+import pytest
+
+from rigctl import cli
+from rigctl.bounded_file import read_bounded
+from rigctl.number_range import range_problem, wild_numbers
+from tests.rigctl.example_files import EXAMPLES
+
+
+@pytest.mark.parametrize("value", [1e300, -1e13, float("inf"), float("nan"), 10**400, 1e-200])
+def test_a_number_beyond_the_range_is_refused(value):
+    assert range_problem(value) is not None
+
+
+@pytest.mark.parametrize("value", [0, 0.0, -1e12, 1e-30, 4095, True])
+def test_a_number_of_the_world_is_taken(value):
+    assert range_problem(value) is None
+
+
+def test_every_wild_number_is_named_by_its_key():
+    found = dict(wild_numbers({"a": [1.0, {"b": 1e300}], "c": -1e99}))
+    assert sorted(found) == ["a.1.b", "c"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (
+            ["tradeoff", str(EXAMPLES / "scene-panels.toml"), "--acquisition", "--drift-percent-per-min", "1e300"],
+            "drift",
+        ),
+        (["calibrate", "axis", "nowhere", "--out", "nowhere.json", "--reference-deg", "1e300"], "--reference-deg"),
+        (["dolp", "--dolp", "0.1,1e300"], "--dolp"),
+    ],
+)
+def test_options_keep_to_the_range(capsys, arguments, option):
+    assert cli.main(arguments) == 2
+    assert option in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a = " + "9" * 5000, "a = 1" + "0" * 400, "a = 'x\x00'"])
+def test_a_file_that_is_meant_to_break_the_reader_is_refused(tmp_path, capsys, text):
+    (tmp_path / "scene.toml").write_text(text)
+    assert cli.main(["predict", str(tmp_path / "scene.toml")]) == 2
+    assert len(capsys.readouterr().err) < 1000
+
+
+def test_a_file_is_judged_by_its_size_before_it_is_read(tmp_path):
+    with (tmp_path / "sparse").open("wb") as file:
+        file.truncate(2**33)
+    with pytest.raises(OSError, match="8590 MB"):
+        read_bounded(tmp_path / "sparse", 1_000_000)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="no plain file"):
+        read_bounded(tmp_path / "pipe", 1_000_000)
+
+
+def test_a_name_of_thousands_of_characters_is_a_usage_error(capsys):
+    assert cli.main(["verify", "x" * 5000]) == 2
+    assert "Traceback" not in capsys.readouterr().err
