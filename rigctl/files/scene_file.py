@@ -255,6 +255,17 @@ def load_scene(path: Path) -> SceneFile:
     return scene.model_copy(update={"atmosphere": scene.atmosphere.model_copy(update={"table": table})})
 
 
+def scene_file(given: Path | SceneFile) -> SceneFile:
+    """Return a scene file's content, read where only its path is given.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read or has problems, or a material that it names.
+    """
+    return given if isinstance(given, SceneFile) else load_scene(given)
+
+
 def _with_material_found(region: SceneRegion, path: Path) -> SceneRegion:
     if region.material is None or region.material in MATERIALS:
         return region

@@ -12,7 +12,7 @@ from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registrati
 from rigctl.comparison.verdict import refused_regions, without_decisions
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
-from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.measurement.diagnosed_run import DiagnosedRun, diagnosed
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
@@ -34,8 +34,8 @@ class CompareRequest:
     Attributes
     ----------
     scene, regions : Path or None
-        A scene file predicts the run, with its outlines where they are now if there are regions too; a regions file
-        alone sets the run beside its own moments.
+        A scene file (or its content) predicts the run, with its outlines where they are now if there are regions too;
+        a regions file alone sets the run beside its own moments.
     calibrations : CalibrationPaths
         Files of calibrations.
     alpha : float
@@ -46,7 +46,7 @@ class CompareRequest:
         Faults that frames are corrected by, as the run itself shows them: "throughput", "dark-level", "shift".
     """
 
-    scene: Path | None = None
+    scene: Path | SceneFile | None = None
     regions: Path | None = None
     calibrations: CalibrationPaths = field(default_factory=CalibrationPaths)
     alpha: float = 1e-3
@@ -72,7 +72,7 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
         A file is wrong, or the run is unfit for what is asked.
     """
     _require_possible(request)
-    scene = None if request.scene is None else load_scene(request.scene)
+    scene = None if request.scene is None else scene_file(request.scene)
     regions = _regions(scene, request.regions)
     run = read_run(run_path)
     given = read_calibrations(request.calibrations, run)
@@ -166,7 +166,7 @@ def _provenance(run_path: Path, request: CompareRequest) -> Provenance:
         "manifest": run_path / MANIFEST_FILE,
     }
     return Provenance(
-        files={what: used_file(path) for what, path in files.items() if path is not None},
+        files={what: used_file(path) for what, path in files.items() if isinstance(path, Path)},
         alpha=request.alpha,
         scale=request.scale,
     )

@@ -1,10 +1,13 @@
 """Predicting a scene: what the model says of each region, to a tolerance or with the uncertainty of its inputs."""
 
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from model.effects.planner import EffectPlan
@@ -13,11 +16,11 @@ from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
 from rigctl.choices import Engine, LightPart
 from rigctl.comparison.scale import with_panel_scale
-from rigctl.files.scene_file import load_scene
+from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
-from rigctl.prediction.sweep import Sweep, sweep
+from rigctl.prediction.sweep import Sweep, parse_sweep, sweep_over
 from rigctl.reports.outputs.sweep_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
@@ -32,7 +35,7 @@ class PredictRequest:
 
     Attributes
     ----------
-    scene : Path
+    scene : Path or SceneFile
         Scene file.
     noise, radiometric : Path or None
         Calibrations, in place of assumed noise, and of optics and efficiency.
@@ -42,15 +45,18 @@ class PredictRequest:
         What solves the sky.
     switched_on, left_out : tuple of str
         Effects that act, or do not, whatever they change.
+    changes : mapping
+        Numbers of the scene in the place of those of the file and of the calibrations, by their keys.
     """
 
-    scene: Path
+    scene: Path | SceneFile
     noise: Path | None = None
     radiometric: Path | None = None
     light: LightPart = "total"
     engine: Engine = "own"
     switched_on: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    changes: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,8 +174,15 @@ def sweep_scene(request: PredictRequest, key_and_range: str, *, out: Path | None
     ConfigError, DataError
         A file is wrong or does not fit, or there is no such number, or it is outside its range.
     """
+    return sweep_scene_over(request, *parse_sweep(key_and_range), out=out)
+
+
+def sweep_scene_over(
+    request: PredictRequest, key: str, values: NDArray[np.float64], *, out: Path | None = None
+) -> SweptScene:
+    """Return what the model says of a scene at each value of one of its numbers; the rest as in `sweep_scene`."""
     predictor, doubts = _predictor(request)
-    found = sweep(predictor, key_and_range)
+    found = sweep_over(predictor, key, values)
     if out is not None:
         write_sweep(found, out, remarks=predictor.inputs.remarks)
     return SweptScene(found=found, remarks=predictor.inputs.remarks, doubts=doubts)
@@ -177,7 +190,7 @@ def sweep_scene(request: PredictRequest, key_and_range: str, *, out: Path | None
 
 def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]]:
     """Return what predicts the scene, and what is doubtful of the calibrations."""
-    scene = with_choices(load_scene(request.scene), switched_on=request.switched_on, left_out=request.left_out)
+    scene = with_choices(scene_file(request.scene), switched_on=request.switched_on, left_out=request.left_out)
     require_engine(request.engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
     # A prediction names no camera, so that only format and age can be unfit.
     used = MadeFor(bit_depth=scene.sensor.bit_depth, taken_utc=utc_text(time.time_ns()))
@@ -189,4 +202,5 @@ def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]
         doubts = (*doubts, *require_radiometric_fits(radiometric, used))
     light = SceneLight(engine=request.engine)
     scaled = None if radiometric is None else partial(with_panel_scale, radiometric=radiometric)
-    return ScenePredictor(scene, noise, light=light, source=request.light, scaled=scaled), tuple(doubts)
+    predictor = ScenePredictor(scene, noise, light=light, source=request.light, scaled=scaled, changes=request.changes)
+    return predictor, tuple(doubts)

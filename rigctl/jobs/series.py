@@ -34,7 +34,7 @@ def compare_series(run_paths: Sequence[Path], request: CompareRequest, *, out: P
     ConfigError, DataError
         A file is wrong, a run is unfit, or does not belong with the others.
     """
-    if request.scene is None:
+    if not isinstance(request.scene, Path):
         raise ConfigError("several runs are compared with one scene: give a scene file last, or with --scene")
     names = [path.resolve().name for path in run_paths]
     if len(set(names)) < len(names):

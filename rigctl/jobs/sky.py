@@ -4,16 +4,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rigctl.choices import Engine
-from rigctl.files.scene_file import load_scene
+from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.scene.sky_map import SkyMap, SkyOfKind, skies_of_kinds, sky_map
 
 
-def compute_sky(scene: Path, *, engine: Engine = "own", out: Path | None = None) -> SkyMap:
+def compute_sky(scene: Path | SceneFile, *, engine: Engine = "own", out: Path | None = None) -> SkyMap:
     """Return the sky of a scene over the hemisphere.
 
     Parameters
     ----------
-    scene : Path
+    scene : Path or SceneFile
         Scene file with sun, atmosphere and the sensor's band.
     engine : {"own", "sasktran2"}
         What solves it.
@@ -25,7 +25,7 @@ def compute_sky(scene: Path, *, engine: Engine = "own", out: Path | None = None)
     ConfigError
         The file says nothing of sun and atmosphere, or of a sun too low; or the engine is not installed.
     """
-    found = sky_map(load_scene(scene), engine=engine)
+    found = sky_map(scene_file(scene), engine=engine)
     if out is not None:
         from rigctl.reports.outputs.sky_files import write_sky  # half a second, wanted for a picture only
 
@@ -34,7 +34,7 @@ def compute_sky(scene: Path, *, engine: Engine = "own", out: Path | None = None)
 
 
 def compute_skies_by_aerosol(
-    scene: Path,
+    scene: Path | SceneFile,
     *,
     engine: Engine = "own",
     out: Path | None = None,
@@ -59,7 +59,7 @@ def compute_skies_by_aerosol(
         The scene's sky is a table, which has one aerosol, or cannot be computed.
     """
     found = []
-    for one in skies_of_kinds(load_scene(scene), engine=engine):
+    for one in skies_of_kinds(scene_file(scene), engine=engine):
         if progress is not None:
             progress(one)
         found.append(one)

@@ -9,7 +9,7 @@ import numpy as np
 from model.processing.texture import Texture, estimate_texture
 from rigctl.comparison.checks import Check, registration_of, run_checks
 from rigctl.comparison.verdict import refused_regions
-from rigctl.files.regions import load_regions
+from rigctl.files.regions import Region, load_regions
 from rigctl.measurement.diagnosed_run import diagnosed
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
@@ -28,10 +28,10 @@ class StokesRequest:
     ----------
     run : Path
         Run folder.
-    out : Path
-        Folder for images, pictures and numbers.
-    regions : Path or None
-        Regions file.
+    out : Path or None
+        Folder for images, pictures and numbers; None: nothing is written.
+    regions : Path, list of Region or None
+        Regions file, or its content.
     calibrations : CalibrationPaths
         Files of calibrations.
     correct : tuple of str
@@ -39,8 +39,8 @@ class StokesRequest:
     """
 
     run: Path
-    out: Path
-    regions: Path | None = None
+    out: Path | None = None
+    regions: Path | list[Region] | None = None
     calibrations: CalibrationPaths = field(default_factory=CalibrationPaths)
     correct: tuple[str, ...] = ()
 
@@ -89,14 +89,15 @@ class StokesOfRun:
 
 
 def stokes_of_run(request: StokesRequest) -> StokesOfRun:
-    """Return the Stokes parameters of a run, once its images are written.
+    """Return the Stokes parameters of a run, once its images are written where that is wanted.
 
     Raises
     ------
     ConfigError, DataError
         A file is wrong, or the run is unfit.
     """
-    regions = [] if request.regions is None else load_regions(request.regions)
+    given_regions = request.regions or []
+    regions = load_regions(given_regions) if isinstance(given_regions, Path) else given_regions
     run = read_run(request.run)
     given = read_calibrations(request.calibrations, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
@@ -114,7 +115,7 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
         measurement=measurement,
         textures=textures,
         content=content,
-        files=write_stokes(measurement, regions, request.out, numbers=content),
+        files=() if request.out is None else write_stokes(measurement, regions, request.out, numbers=content),
         remarks=(*given.doubts, *seen.remarks, *correction_remarks(measurement, regions)),
         diagnosis=diagnosis,
         checks=checks,

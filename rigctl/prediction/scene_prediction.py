@@ -75,8 +75,11 @@ class ScenePredictor:
         light: SceneLight | None = None,
         source: Source = "total",
         scaled: Callable[[Inputs], Inputs] | None = None,
+        changes: Mapping[str, float] | None = None,
     ) -> None:
         """Take a scene file, a noise calibration, and what else changes its inputs, such as a radiometric calibration.
+
+        `changes` are numbers in the place of those of file and noise calibration, as if the file stated them.
 
         Raises
         ------
@@ -86,6 +89,7 @@ class ScenePredictor:
         if source != "total" and not scene.has_materials:
             raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
         stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_file(scene))
+        stated = with_values(stated, changes or {})
         self._light, self._source = SceneLight() if light is None else light, source
         self._inputs = gather(stated) if scaled is None else scaled(gather(stated))
         # The processing takes what is stated, whatever is true.

@@ -75,6 +75,17 @@ def sweep(predictor: ScenePredictor, request: str) -> Sweep:
         The request cannot be read, there is no such number, or a value is outside its range.
     """
     key, values = parse_sweep(request)
+    return sweep_over(predictor, key, values)
+
+
+def sweep_over(predictor: ScenePredictor, key: str, values: NDArray[np.float64]) -> Sweep:
+    """Return what the model says at each value of one number.
+
+    Raises
+    ------
+    ConfigError
+        There is no such number, or a value is outside its range.
+    """
     scenes = [_with_value(predictor.scene, key, value) for value in values.tolist()]
     steps = [predictor.predictions_of(scene) for scene in scenes]
     quantities = tuple({name: region.quantities for name, region in step.items()} for step in steps)

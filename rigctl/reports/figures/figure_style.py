@@ -3,16 +3,11 @@
 import io
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from cycler import cycler
-from numpy.typing import NDArray
-
-mpl.use("Agg")
-
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
@@ -20,9 +15,7 @@ FloatArray = NDArray[np.float64]
 MEASURED, PREDICTED = "#d55e00", "#0072b2"
 # After Okabe and Ito, for lines that are many; styles tell them apart in grey, and where they lie on one another.
 LINE_STYLES = ("-", "--", "-.", ":")
-plt.rcParams["axes.prop_cycle"] = cycler(
-    color=["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"]
-)
+COLOURS = cycler(color=["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"])
 _DPI = 110
 _PICTURE_WIDTH_INCH = 5.4
 _KNOWN, _ROOM = 10.0, 1.3
@@ -30,8 +23,12 @@ _KNOWN, _ROOM = 10.0, 1.3
 
 def subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
     """Return a figure of the given size [inch] and its axes, row by row."""
-    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
-    return figure, list(axes.ravel())
+    # Without pyplot: its backend and its settings are those of whoever calls, such as a notebook.
+    figure = Figure(figsize=size, layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for one in axes:
+        one.set_prop_cycle(COLOURS)
+    return figure, axes
 
 
 def legend_beside(axes: Axes) -> None:
@@ -80,9 +77,8 @@ def finish_picture(figure: Any, ax: Axes, shown: Any, *, title: str, label: str)
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as the bytes of a PNG file, and let go of it."""
+    """Return a figure as the bytes of a PNG file."""
     buffer = io.BytesIO()
     # No date and no version in the file: the same numbers give the same bytes.
     figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
-    plt.close(figure)
     return buffer.getvalue()

@@ -1,0 +1,361 @@
+"""The functions of the Python interface: files in, the records of the jobs out."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.surface.diffuse import DiffuseKind
+from model.surface.shadowing import Shadowing
+from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
+from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_polarizer_file
+from rigctl.choices import Engine, LightPart, ScaleKind
+from rigctl.errors import ConfigError
+from rigctl.files.regions import Region
+from rigctl.files.rig_file import RigFile
+from rigctl.files.rig_file import load_rig as read_rig
+from rigctl.files.scene_file import SceneFile
+from rigctl.files.scene_file import load_scene as read_scene
+from rigctl.interface.results import (
+    ComparisonResult,
+    Prediction,
+    SkyResult,
+    StokesResult,
+    SurfaceResult,
+    SweepResult,
+)
+from rigctl.interface.run import FilePath, Run, maybe_path, open_run
+from rigctl.jobs.acquire import AcquireRequest, prepare_session
+from rigctl.jobs.acquire import acquire as take
+from rigctl.jobs.compare import CompareRequest, compare_run
+from rigctl.jobs.predict import PredictRequest, predict_scene, sweep_scene_over
+from rigctl.jobs.sky import compute_sky
+from rigctl.jobs.surface import look_at_surface
+from rigctl.measurement.run_calibrations import CalibrationPaths
+
+SceneGiven = str | Path | SceneFile
+
+
+def load_scene(path: FilePath) -> SceneFile:
+    """Return a scene file, checked.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read or has problems: all of them, each with its key.
+    """
+    return read_scene(Path(path))
+
+
+def load_rig(path: FilePath) -> RigFile:
+    """Return a rig file, checked.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read or has problems: all of them, each with its key.
+    """
+    return read_rig(Path(path))
+
+
+def load_noise(path: FilePath) -> NoiseParameters:
+    """Return a noise calibration (noise.json): each quantity with value and standard error, None where not known.
+
+    Raises
+    ------
+    DataError
+        It cannot be read or is damaged.
+    """
+    return read_noise_file(Path(path))
+
+
+def load_polarizer(path: FilePath) -> PolarizerParameters:
+    """Return a polarizer calibration (polarizer.json): sense, offset, throughput.
+
+    Raises
+    ------
+    DataError
+        It cannot be read or is damaged.
+    """
+    return read_polarizer_file(Path(path))
+
+
+def predict(
+    scene: SceneGiven,
+    *,
+    changes: Mapping[str, float] | None = None,
+    noise: FilePath | None = None,
+    radiometric: FilePath | None = None,
+    light: LightPart = "total",
+    engine: Engine = "own",
+    uncertainty: bool = False,
+) -> Prediction:
+    """Return what the analytical model says of each region of a scene.
+
+    Parameters
+    ----------
+    scene : path or SceneFile
+        Scene file, or what `load_scene` gave.
+    changes : mapping or None
+        Numbers in the place of those of the file and of the calibrations, by their keys, such as
+        ``{"sensor.f_number": 2.1}``; docs/parameters.md lists them.
+    noise, radiometric : path or None
+        Calibration files, in place of assumed noise, and of optics and efficiency.
+    light : {"total", "reflected", "reflected_sun", "reflected_sky", "path"}
+        As if only that part of the light came.
+    engine : {"own", "sasktran2"}
+        What solves the sky.
+    uncertainty : bool
+        Also what the stated uncertainties of the inputs make of each number.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong or does not fit, or there is no such number.
+    """
+    request = _predict_request(scene, changes, noise, radiometric, light, engine)
+    found = predict_scene(request, uncertainty=uncertainty)
+    _warn_of(found.doubts)
+    return Prediction(**vars(found))
+
+
+def sweep(
+    scene: SceneGiven,
+    key: str,
+    values: Sequence[float] | NDArray[np.float64],
+    *,
+    changes: Mapping[str, float] | None = None,
+    noise: FilePath | None = None,
+    radiometric: FilePath | None = None,
+    light: LightPart = "total",
+    engine: Engine = "own",
+    out: FilePath | None = None,
+) -> SweepResult:
+    """Return what the model says of a scene at each value of one of its numbers.
+
+    Parameters
+    ----------
+    scene : path or SceneFile
+        Scene file, or what `load_scene` gave.
+    key : str
+        Which number, such as "sun.zenith_deg".
+    values : sequence of float
+        In the unit that the key ends in.
+    changes, noise, radiometric, light, engine
+        As in `predict`.
+    out : path or None
+        Folder for sweep.csv, sweep.json and sweep.png.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong or does not fit, there is no such number, or a value is outside its range.
+    """
+    at = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if at.ndim != 1 or not len(at) or not np.all(np.isfinite(at)):
+        raise ConfigError("values: wanted is a list of one number or more, all of them finite")
+    request = _predict_request(scene, changes, noise, radiometric, light, engine)
+    found = sweep_scene_over(request, key, at, out=maybe_path(out))
+    _warn_of(found.doubts)
+    return SweepResult(**vars(found))
+
+
+def compare(
+    run: FilePath | Run,
+    scene: SceneGiven | None = None,
+    *,
+    regions: FilePath | None = None,
+    noise: FilePath | None = None,
+    radiometric: FilePath | None = None,
+    flat: FilePath | None = None,
+    register: FilePath | None = None,
+    polarizer: FilePath | None = None,
+    alpha: float = 1e-3,
+    scale: ScaleKind = "absolute",
+    correct: Sequence[str] = (),
+    out: FilePath | None = None,
+) -> ComparisonResult:
+    """Return a run beside what the model says of it, with a verdict.
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder, or what `open_run` gave.
+    scene : path, SceneFile or None
+        Scene file; None: the run is set beside its own moments, by `regions`.
+    regions : path or None
+        Regions file.
+    noise, radiometric, flat, register, polarizer : path or None
+        Calibration files.
+    alpha : float
+        Family-wise error rate: chance of any false disagreement, in (0, 1).
+    scale : {"absolute", "panel", "free"}
+        What the counts of the prediction are scaled by.
+    correct : sequence of str
+        Faults that the run itself shows and that are corrected: "throughput", "dark-level", "shift".
+    out : path or None
+        Folder for report.html, report.pdf and the numbers.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or the run is unfit for what is asked.
+    """
+    request = CompareRequest(
+        scene=_scene(scene),
+        regions=maybe_path(regions),
+        calibrations=CalibrationPaths(
+            noise=maybe_path(noise),
+            radiometric=maybe_path(radiometric),
+            flat=maybe_path(flat),
+            registration=maybe_path(register),
+            polarizer=maybe_path(polarizer),
+        ),
+        alpha=alpha,
+        scale=scale,
+        correct=tuple(correct),
+    )
+    return ComparisonResult(**vars(compare_run(_folder(run), request, out=maybe_path(out))))
+
+
+def stokes(
+    run: FilePath | Run,
+    *,
+    regions: FilePath | Sequence[Region] | None = None,
+    noise: FilePath | None = None,
+    flat: FilePath | None = None,
+    register: FilePath | None = None,
+    polarizer: FilePath | None = None,
+    correct: Sequence[str] = (),
+    out: FilePath | None = None,
+) -> StokesResult:
+    """Return Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions; as `Run.stokes`."""
+    return open_run(_folder(run)).stokes(
+        regions=regions, noise=noise, flat=flat, register=register, polarizer=polarizer, correct=tuple(correct), out=out
+    )
+
+
+def sky(scene: SceneGiven, *, engine: Engine = "own", out: FilePath | None = None) -> SkyResult:
+    """Return the polarized sky of a scene over the hemisphere.
+
+    Parameters
+    ----------
+    scene : path or SceneFile
+        With sun, atmosphere and the sensor's band.
+    engine : {"own", "sasktran2"}
+        What solves it.
+    out : path or None
+        Folder for sky.png and sky.json.
+
+    Raises
+    ------
+    ConfigError
+        The file says nothing of sun and atmosphere, or of a sun too low; or the engine is not installed.
+    """
+    given = Path(scene) if isinstance(scene, str) else scene
+    return SkyResult(**vars(compute_sky(given, engine=engine, out=maybe_path(out))))
+
+
+def surface(
+    material: str,
+    *,
+    wavelength_nm: float = 550.0,
+    sun_zenith_deg: float = 45.0,
+    shadowing: Shadowing = "v-cavity",
+    diffuse: DiffuseKind = "coupled",
+    out: FilePath | None = None,
+) -> SurfaceResult:
+    """Return DoLP and reflectance of a material against angle, and where its values come from.
+
+    Parameters
+    ----------
+    material : str
+        Name in the library, or path of a material file.
+    wavelength_nm : float
+        Wavelength in air, within the material's tables [nm].
+    sun_zenith_deg : float
+        Angle of the sun from the normal, 0 to below 90 [deg].
+    shadowing, diffuse : str
+        As `model.surface.pbrdf.Surface` has them.
+    out : path or None
+        Folder for surface.png, hemisphere.png and surface.json.
+
+    Raises
+    ------
+    ConfigError
+        There is no such material, or a number is outside its range.
+    """
+    found = look_at_surface(
+        str(material),
+        wavelength_nm=wavelength_nm,
+        sun_zenith_deg=sun_zenith_deg,
+        shadowing=shadowing,
+        diffuse=diffuse,
+        out=maybe_path(out),
+    )
+    return SurfaceResult(**vars(found))
+
+
+def acquire(
+    rig: FilePath,
+    session: FilePath,
+    out: FilePath,
+    *,
+    noise: FilePath | None = None,
+    polarizer: FilePath | None = None,
+) -> Run:
+    """Take a session, of a simulated rig for instance, and return its run.
+
+    Parameters
+    ----------
+    rig, session : path
+        Rig file and session file.
+    out : path
+        Run folder to make; it must not exist yet.
+    noise, polarizer : path or None
+        Calibrations that the devices have to agree with.
+
+    Raises
+    ------
+    ConfigError, DataError, DeviceError, RunFolderError
+        A file is wrong, a calibration does not fit, a device fails, or the folder cannot be written.
+    """
+    prepared = prepare_session(
+        AcquireRequest(rig=Path(rig), session=Path(session), noise=maybe_path(noise), polarizer=maybe_path(polarizer))
+    )
+    _warn_of(prepared.doubts)
+    take(prepared, Path(out), warn=lambda text: _warn_of([text]))
+    return open_run(out)
+
+
+def _predict_request(
+    scene: SceneGiven,
+    changes: Mapping[str, float] | None,
+    noise: FilePath | None,
+    radiometric: FilePath | None,
+    light: LightPart,
+    engine: Engine,
+) -> PredictRequest:
+    return PredictRequest(
+        scene=Path(scene) if isinstance(scene, str) else scene,
+        noise=maybe_path(noise),
+        radiometric=maybe_path(radiometric),
+        light=light,
+        engine=engine,
+        changes=dict(changes or {}),
+    )
+
+
+def _scene(given: SceneGiven | None) -> Path | SceneFile | None:
+    return Path(given) if isinstance(given, str) else given
+
+
+def _folder(run: FilePath | Run) -> Path:
+    return run.path if isinstance(run, Run) else Path(run)
+
+
+def _warn_of(doubts: Sequence[str]) -> None:
+    for doubt in doubts:
+        warnings.warn(doubt, stacklevel=3)

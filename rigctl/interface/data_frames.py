@@ -1,0 +1,53 @@
+"""Numbers as tables of pandas or polars: one row a number, and the columns that CSV files have."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rigctl.interface.optional import BACKENDS, Backend, optional
+from rigctl.measurement.region_numbers import MeasuredQuantities
+from rigctl.reports.table import AnyTable, Column, Shown, Table
+
+Number = tuple[str, str, str, float, float | None]
+
+
+def data_frame(table: AnyTable, backend: Backend = "pandas") -> Any:
+    """Return the columns of a table that programs read, as a data frame.
+
+    Parameters
+    ----------
+    table : Table
+        Rows under columns.
+    backend : {"pandas", "polars"}
+        Whose data frame.
+
+    Raises
+    ------
+    ValueError
+        There is no such backend.
+    ImportError
+        It is not installed.
+    """
+    if backend not in BACKENDS:
+        raise ValueError(f"backend is {backend!r}; allowed are {', '.join(BACKENDS)}")
+    columns = {column.key: [column.value_of(row) for row in table.rows] for column in table.shown(Shown.CSV)}
+    return optional(backend).DataFrame(columns)
+
+
+def number_table(numbers: Iterable[Number], *, error: str) -> Table[Number]:
+    """Return numbers of regions as rows: region, quantity, statistic, value and, under a name, its error."""
+    columns: tuple[Column[Number], ...] = (
+        Column(key="region", value=lambda number: number[0]),
+        Column(key="quantity", value=lambda number: number[1]),
+        Column(key="statistic", value=lambda number: number[2]),
+        Column(key="value", value=lambda number: number[3]),
+        Column(key=error, value=lambda number: number[4]),
+    )
+    return Table(columns=columns, rows=tuple(numbers))
+
+
+def measured_numbers(regions: Mapping[str, MeasuredQuantities]) -> Iterable[Number]:
+    """Yield every measured number with its standard error."""
+    for region, quantities in regions.items():
+        for quantity, statistics in quantities.items():
+            for statistic, sample in statistics.items():
+                yield region, quantity, statistic, sample.value, sample.std_error

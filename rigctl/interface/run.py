@@ -1,0 +1,261 @@
+"""A run folder in Python: its frames as arrays, its Stokes parameters, the numbers of its regions."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.choices import FrameKind
+from rigctl.errors import ConfigError
+from rigctl.files.regions import Region
+from rigctl.files.scene_file import load_scene
+from rigctl.interface.optional import Backend, optional
+from rigctl.interface.results import StokesResult
+from rigctl.jobs.stokes import StokesRequest, stokes_of_run
+from rigctl.measurement.run_calibrations import CalibrationPaths
+from rigctl.runs.run_folder import FrameRecord, read_run
+from rigctl.runs.run_folder import Run as RunRecord
+from rigctl.runs.run_state import state_of
+
+FilePath = str | Path
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frames:
+    """Frames of one kind, in the order in which they were taken.
+
+    Attributes
+    ----------
+    records : tuple of FrameRecord
+        All that is known of each.
+    counts : (N, H, W) array of uint16
+        Samples [DN]; the first row is the top of the picture.
+    """
+
+    records: tuple[FrameRecord, ...]
+    counts: NDArray[np.uint16]
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def __iter__(self) -> Iterator[NDArray[np.uint16]]:
+        return iter(self.counts)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.counts, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} frames, {' x '.join(map(str, self.counts.shape[1:]))} pixels [DN]>"
+
+    @property
+    def polarizer_angle_deg(self) -> NDArray[np.float64]:
+        """Transmission axis of each frame by the stage's readback [deg]; not a number where it is not known."""
+        return self._numbers("polarizer_angle_deg")
+
+    @property
+    def exposure_s(self) -> NDArray[np.float64]:
+        """Integration time of each frame [s]; not a number where it is not known."""
+        return self._numbers("exposure_s")
+
+    def to_xarray(self) -> Any:
+        """Return the counts as an `xarray.DataArray` over frame, y and x, with what is known of each frame.
+
+        Raises
+        ------
+        ImportError
+            xarray is not installed.
+        """
+        known = {name: ("frame", self._numbers(name)) for name in ("polarizer_angle_deg", "exposure_s", "cycle")}
+        coordinates = {
+            "frame": [record.sequence for record in self.records],
+            "kind": ("frame", [record.kind for record in self.records]),
+            **known,
+        }
+        return optional("xarray").DataArray(
+            self.counts, dims=("frame", "y", "x"), coords=coordinates, name="counts", attrs={"units": "DN"}
+        )
+
+    def _numbers(self, name: str) -> NDArray[np.float64]:
+        found = [getattr(record, name) for record in self.records]
+        return np.array([np.nan if number is None else number for number in found], dtype=np.float64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """A run folder, opened.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    record : rigctl.runs.run_folder.Run
+        Its table of contents, as the jobs take it.
+    """
+
+    path: Path
+    record: RunRecord
+
+    def __repr__(self) -> str:
+        return f"<run {self.path}: {self._summary}>"
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{escape(str(self.path))}</b>: {escape(self._summary)}</p>"
+
+    @property
+    def state(self) -> str:
+        """The state of its session: "finished", "stopped", "interrupted", "running", "holding" or "waiting"."""
+        return state_of(self.path).state
+
+    @cached_property
+    def _summary(self) -> str:
+        kinds = [record.kind for record in self.record.frames]
+        counted = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+        return f"{len(kinds)} frames ({counted}), made {self.record.created_utc} by {self.record.created_by}"
+
+    def frames(self, kind: FrameKind | None = None) -> Frames:
+        """Return the frames of a kind as one array; every checksum is tested on the way.
+
+        Parameters
+        ----------
+        kind : {"scene", "dark", "flat"} or None
+            None: all of them.
+
+        Raises
+        ------
+        ConfigError
+            The run has no frame of this kind, or the frames are not of one size.
+        RunFolderError
+            A frame is damaged.
+        """
+        chosen = tuple(record for record in self.record.frames if kind in (None, record.kind))
+        there = ", ".join(dict.fromkeys(record.kind for record in self.record.frames)) or "none"
+        if not chosen:
+            raise ConfigError(f"{self.path}: has no frames of kind {kind!r}; there are {there}")
+        sizes = {(record.height, record.width) for record in chosen}
+        if len(sizes) > 1:
+            raise ConfigError(f"{self.path}: frames of {len(sizes)} sizes do not make one array; ask for one kind")
+        return Frames(records=chosen, counts=np.stack([self.record.counts(record) for record in chosen]))
+
+    def stokes(
+        self,
+        *,
+        regions: FilePath | Sequence[Region] | None = None,
+        noise: FilePath | None = None,
+        flat: FilePath | None = None,
+        register: FilePath | None = None,
+        polarizer: FilePath | None = None,
+        correct: tuple[str, ...] = (),
+        out: FilePath | None = None,
+    ) -> StokesResult:
+        """Return Stokes parameters, DoLP and AoLP of the run, and the numbers of its regions.
+
+        Parameters
+        ----------
+        regions : path, sequence of Region or None
+            Regions file, or regions such as those of a scene file.
+        noise, flat, register, polarizer : path or None
+            Calibration files.
+        correct : tuple of str
+            Faults that the run itself shows and that are corrected: "throughput", "dark-level", "shift".
+        out : path or None
+            Folder for images and numbers, as `rigctl stokes` writes them.
+
+        Raises
+        ------
+        ConfigError, DataError
+            A file is wrong, or the run is unfit.
+        """
+        request = StokesRequest(
+            run=self.path,
+            out=maybe_path(out),
+            regions=Path(regions) if isinstance(regions, str) else _listed(regions),
+            calibrations=CalibrationPaths(
+                noise=maybe_path(noise),
+                flat=maybe_path(flat),
+                registration=maybe_path(register),
+                polarizer=maybe_path(polarizer),
+            ),
+            correct=tuple(correct),
+        )
+        return StokesResult(**vars(stokes_of_run(request)))
+
+    def to_xarray(self) -> Any:
+        """Return the run as an `xarray.Dataset`: the frames' counts with their angles, and the Stokes pictures.
+
+        Raises
+        ------
+        ImportError
+            xarray is not installed.
+        """
+        counts = self.frames("scene").to_xarray()
+        return self.stokes().to_xarray().assign({"counts": counts})
+
+    def regions(
+        self, regions: FilePath | None = None, *, noise: FilePath | None = None, backend: Backend = "pandas"
+    ) -> Any:
+        """Return what the regions of a picture say: region, quantity, statistic, value, std_error.
+
+        Parameters
+        ----------
+        regions : path or None
+            Regions file. None: the regions of the simulated scene that the run was taken of.
+        noise : path or None
+            Noise calibration.
+        backend : {"pandas", "polars"}
+            Whose data frame.
+
+        Raises
+        ------
+        ConfigError
+            No regions are given, and the run is not of a simulated scene.
+        ImportError
+            The backend is not installed.
+        """
+        return self.stokes(regions=self._simulated_regions() if regions is None else regions, noise=noise).table(
+            backend=backend
+        )
+
+    def _simulated_regions(self) -> list[Region]:
+        rig = self.record.session_json.get("rig") or {}
+        scene = (rig.get("simulation") or {}).get("scene")
+        if scene is None or not Path(scene).is_file():
+            raise ConfigError(
+                f"{self.path}: say which regions: regions=FILE; `rigctl regions draw {self.path} --out regions.toml` "
+                "makes such a file"
+            )
+        return list(load_scene(Path(scene)).regions)
+
+
+def _listed(regions: Path | Sequence[Region] | None) -> Path | list[Region] | None:
+    return regions if regions is None or isinstance(regions, Path) else list(regions)
+
+
+def maybe_path(given: FilePath | None) -> Path | None:
+    """Return a path, if there is one."""
+    return None if given is None else Path(given)
+
+
+def open_run(path: FilePath) -> Run:
+    """Return a run folder, opened: its frames, Stokes parameters and regions.
+
+    Parameters
+    ----------
+    path : path
+        Run folder, of `rigctl acquire` or `rigctl import`.
+
+    Raises
+    ------
+    RunFolderError
+        It is no run folder, or is damaged.
+
+    Examples
+    --------
+    >>> run = rigctl.open_run("runs/panels")  # doctest: +SKIP
+    >>> run.frames(kind="scene").counts.mean(axis=(1, 2))  # doctest: +SKIP
+    """
+    return Run(path=Path(path), record=read_run(Path(path)))

@@ -1,0 +1,29 @@
+"""Tables, lines and pictures as pieces of HTML, for a cell of a notebook."""
+
+import base64
+from collections.abc import Iterable
+from html import escape
+
+from rigctl.reports.table import AnyTable, Shown
+
+
+def table_fragment(table: AnyTable, *, most: int = 60) -> str:
+    """Return a table; of more than `most` rows the first, and how many there are."""
+    columns = table.shown(Shown.TERMINAL)
+    title = f"<caption>{escape(table.title)}</caption>" if table.title else ""
+    head = "".join(f"<th>{escape(column.title)}</th>" for column in columns)
+    texts = table.texts(Shown.TERMINAL)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in texts[:most])
+    rest = lines_fragment([f"{most} of {len(texts)} rows"]) if len(texts) > most else ""
+    return f"<table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}"
+
+
+def lines_fragment(lines: Iterable[str]) -> str:
+    """Return lines of text, each a paragraph."""
+    return "".join(f"<p>{escape(line)}</p>" for line in lines)
+
+
+def picture_fragment(png: bytes, *, width_px: int = 640) -> str:
+    """Return a picture that needs no other file."""
+    data = base64.b64encode(png).decode("ascii")
+    return f'<img style="max-width:{width_px}px;width:100%" src="data:image/png;base64,{data}">'

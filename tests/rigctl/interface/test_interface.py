@@ -1,0 +1,150 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import rigctl
+from rigctl.errors import ConfigError
+from rigctl.files.regions import load_regions
+from rigctl.interface import optional as optional_packages
+from rigctl.jobs.predict import PredictedScene
+from rigctl.jobs.stokes import StokesOfRun
+from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.made_runs import at, make_run
+
+NAMES = {
+    "open_run", "load_scene", "load_rig", "load_noise", "load_polarizer", "predict", "compare", "sweep", "sky",
+    "surface", "stokes", "acquire",
+}  # fmt: skip
+SCENE = EXAMPLES / "scene-panels.toml"
+
+
+@pytest.fixture(scope="module")
+def run_path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("interface") / "run"
+    rng = np.random.default_rng(5)
+    frames = [
+        (at(angle, cycle=cycle, exposure_s=0.01), rng.normal(400 + 80 * np.cos(np.radians(2 * angle)), 5, (20, 24)))
+        for cycle in range(2)
+        for angle in (0.0, 45.0, 90.0, 135.0)
+    ]
+    make_run(path, frames)
+    return path
+
+
+@pytest.fixture
+def regions_file(tmp_path):
+    path = tmp_path / "regions.toml"
+    path.write_text('[[regions]]\nname = "panel"\nrectangle = { x = 2, y = 2, width = 16, height = 14 }\n')
+    return path
+
+
+def test_the_names_are_those_that_are_documented():
+    assert set(rigctl.__all__) == NAMES
+    assert set(dir(rigctl)) >= NAMES
+    assert all(getattr(rigctl, name).__doc__ for name in NAMES)
+
+
+def test_importing_it_imports_nothing_heavy():
+    code = "import sys, rigctl; print(sorted({'numpy', 'pydantic', 'typer', 'matplotlib'} & set(sys.modules)))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'predictt'"):
+        rigctl.predictt  # noqa: B018
+
+
+def test_frames_come_as_one_array_with_their_measured_angles(run_path):
+    frames = rigctl.open_run(run_path).frames(kind="scene")
+    assert frames.counts.shape == (8, 20, 24)
+    assert frames.polarizer_angle_deg.tolist() == [0.0, 45.0, 90.0, 135.0] * 2
+    assert np.asarray(frames).dtype == np.uint16
+    assert len(frames) == len(list(frames)) == 8
+
+
+def test_frames_of_a_kind_that_there_is_not_say_what_there_is(run_path):
+    with pytest.raises(ConfigError, match="no frames of kind 'dark'; there are scene"):
+        rigctl.open_run(run_path).frames(kind="dark")
+
+
+def test_stokes_are_pictures_and_a_table(run_path, regions_file):
+    run = rigctl.open_run(run_path)
+    found = run.stokes(regions=regions_file)
+    assert isinstance(found, StokesOfRun)
+    assert found.dolp.shape == found.s1.shape == (20, 24)
+    table = run.regions(regions_file)
+    assert list(table.columns) == ["region", "quantity", "statistic", "value", "std_error"]
+    dolp = table[(table.quantity == "dolp") & (table.statistic == "mean")].iloc[0]
+    assert dolp.value == pytest.approx(0.2, abs=5 * dolp.std_error)
+    assert "<table" in found._repr_html_()
+    assert "data:image/png" in found._repr_html_()
+
+
+def test_regions_may_be_records(run_path, regions_file):
+    assert set(rigctl.stokes(run_path, regions=load_regions(regions_file)).table().region) == {"panel"}
+
+
+def test_regions_that_nobody_names_are_asked_for(run_path):
+    with pytest.raises(ConfigError, match="rigctl regions draw"):
+        rigctl.open_run(run_path).regions()
+
+
+def test_a_run_is_an_xarray_dataset(run_path):
+    pytest.importorskip("xarray", reason="pip install 'rigctl[notebook]'")
+    dataset = rigctl.open_run(run_path).to_xarray()
+    assert dataset.counts.dims == ("frame", "y", "x")
+    assert dataset.dolp.dims == ("y", "x")
+    assert dataset.counts.polarizer_angle_deg.values[1] == 45.0
+
+
+def test_a_table_may_be_of_polars(run_path, regions_file):
+    pytest.importorskip("polars", reason="pip install 'rigctl[notebook]'")
+    table = rigctl.open_run(run_path).regions(regions_file, backend="polars")
+    assert type(table).__module__.startswith("polars")
+
+
+def test_a_missing_extra_says_the_pip_line(monkeypatch):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(optional_packages.importlib, "import_module", missing)
+    with pytest.raises(ImportError, match=r"pip install 'rigctl\[notebook\]'"):
+        optional_packages.optional("polars")
+
+
+def test_a_changed_scene_is_predicted_as_a_changed_file_is(tmp_path):
+    changed = tmp_path / "scene.toml"
+    changed.write_text(SCENE.read_text().replace("f_number = 2.0", "f_number = 2.1"))
+    by_key = rigctl.predict(SCENE, changes={"sensor.f_number": 2.1})
+    assert isinstance(by_key, PredictedScene)
+    by_file = rigctl.predict(rigctl.load_scene(changed))
+    assert by_key.table().value.tolist() == by_file.table().value.tolist()
+    assert rigctl.predict(str(SCENE)).table().value.tolist() != by_key.table().value.tolist()
+
+
+def test_a_sweep_has_a_row_for_each_number_at_each_value():
+    found = rigctl.sweep(SCENE, "sensor.f_number", [2.0, 2.2])
+    assert set(found.table()["sensor.f_number"]) == {2.0, 2.2}
+    assert "data:image/png" in found._repr_html_()
+
+
+def test_a_comparison_is_the_job_s_and_shows_its_verdict(run_path, regions_file):
+    found = rigctl.compare(rigctl.open_run(run_path), regions=regions_file)
+    assert found.agrees is found.comparison.agrees
+    assert set(found.table().columns) >= {"region", "predicted", "measured", "agrees"}
+    assert found._repr_html_().startswith("<p>")
+
+
+def test_a_surface_is_a_table_over_the_camera_s_angle():
+    found = rigctl.surface("black-paint")
+    assert list(found.table().columns) == ["camera_zenith_deg", "f00_per_sr", "s1n", "dolp"]
+    assert repr(found) == "<black paint at 550 nm, sun at 45 deg>"
+
+
+def test_figures_leave_the_caller_s_pyplot_alone():
+    code = "import sys, rigctl.reports.figures.figure_style; print('matplotlib.pyplot' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "False"
