@@ -23,6 +23,10 @@ Engine = Literal["own", "sasktran2"]
 Perturbation = Literal["gain", "angle-offset", "angle-sense", "extinction"]
 PERTURBATIONS: tuple[Perturbation, ...] = get_args(Perturbation)
 
+# What changes in a simulated roof against the scene file that lights it.
+RoofChange = Literal["visibility", "aerosol", "dhr", "tilt", "drift"]
+ROOF_CHANGES: tuple[RoofChange, ...] = get_args(RoofChange)
+
 # How facets hide one another, and the form of the diffuse term, as `model.surface.pbrdf.Surface` has them.
 Shadowing = Literal["none", "v-cavity", "smith", "smith-correlated"]
 DiffuseKind = Literal["lambert", "balance", "coupled", "polarised"]

@@ -185,6 +185,11 @@ class SimCamera:
         """The number of the next frame."""
         return self._next_sequence
 
+    @property
+    def busy_until_monotonic_ns(self) -> int:
+        """When the last exposure ends or has ended, by the host's monotonic clock [ns]."""
+        return self._free_at_monotonic_ns
+
     def go_on_from(self, sequence: int) -> None:
         """Give the next frame this number, on which its noise hangs; ValueError where it is used up."""
         if sequence < self._next_sequence:

@@ -46,7 +46,7 @@ class Surface:
         if not 0.0 <= self.texture_rms < np.inf:
             raise ValueError(f"texture_rms is {self.texture_rms}; it has to be a number of at least 0")
         if self.extra_covariance is not None:
-            _refuse_no_covariance(self.extra_covariance)
+            refuse_no_covariance(self.extra_covariance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,8 @@ def refuse_unphysical(stokes: FloatArray, *, name: str) -> None:
         )
 
 
-def _refuse_no_covariance(covariance: FloatArray) -> None:
+def refuse_no_covariance(covariance: FloatArray) -> None:
+    """Raise ValueError unless a matrix is a covariance of a Stokes vector; it may be singular."""
     if covariance.shape != (3, 3) or not np.array_equal(covariance, covariance.T):
         raise ValueError("extra_covariance has to be symmetric with shape (3, 3)")
     if not np.all(np.isfinite(covariance)):

@@ -90,16 +90,31 @@ class World:
         stage_angle_deg: Callable[[], float],
         flat_radiance: float,
     ) -> None:
-        if radiance.ndim != 3:
-            raise ValueError(f"radiance has shape {radiance.shape}; it has to be (3, H, W)")
-        refuse_unphysical(radiance, name="radiance")
         if not 0.0 < flat_radiance < np.inf:
             raise ValueError(f"flat_radiance is {flat_radiance} W m^-2 sr^-1; it has to be finite and above 0")
         self._polarizer = polarizer
         self._stage_angle_deg = stage_angle_deg
         self._flat_radiance = flat_radiance
-        self._unpolarised, self._amplitude_x, self._amplitude_y = _split(radiance)
         self._subject: Subject = "scene"
+        self.show(radiance)
+
+    def show(self, radiance: FloatArray) -> None:
+        """Let the scene have another light from now on.
+
+        Parameters
+        ----------
+        radiance
+            As at the making.
+
+        Raises
+        ------
+        ValueError
+            If it is not physical or has another shape.
+        """
+        if radiance.ndim != 3:
+            raise ValueError(f"radiance has shape {radiance.shape}; it has to be (3, H, W)")
+        refuse_unphysical(radiance, name="radiance")
+        self._unpolarised, self._amplitude_x, self._amplitude_y = _split(radiance)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -61,7 +61,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         predictions[name] = loop.prediction
         rows += own
         remarks += said
-    decided = decide(tuple(rows), alpha=alpha)
+    decided, light = decide(tuple(rows), alpha=alpha), measurement.run.session.simulated_light
     return Comparison(
         kind="closed loop",
         alpha=alpha,
@@ -73,7 +73,11 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
             predictions, measurement, gain_dn_per_e=None if calibrated is None else float(calibrated.values[0])
         ),
         remarks=tuple(remarks),
-        not_tested=NOT_TESTED + (("temporal noise: no noise calibration was given",) if calibrated is None else ()),
+        not_tested=(
+            *NOT_TESTED,
+            *(("temporal noise: no noise calibration was given",) if calibrated is None else ()),
+            *(() if light is None else light.caution),
+        ),
     )
 
 

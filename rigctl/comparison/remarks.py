@@ -26,6 +26,8 @@ def overruled(scene: SceneFile, measurement: Measurement, exposure_s: float) -> 
         )
     if scene.acquisition.cycles != measurement.grid.cycles:
         yield f"cycles: {measurement.grid.cycles} of the run, not {scene.acquisition.cycles} of the scene file"
+    light = measurement.run.session.simulated_light
+    yield from () if light is None else light.remarks
     stated_deg = np.sort(np.mod(scene.acquisition.angles_deg, 180.0))
     read_deg = np.rad2deg(measurement.grid.polarizer_angles_rad)
     if not _same_angles(stated_deg, read_deg):
@@ -61,6 +63,9 @@ def not_tested(measurement: Measurement, scene: SceneFile, scale: Scale, uncerta
         )
     elif given:
         found.append(f"the radiance of {', '.join(given)}: the model was given it")
+    light = measurement.run.session.simulated_light
+    if light is not None:
+        found.extend(light.caution)
     if measurement.run.session.origin == "simulated":
         found.append(
             "the scene part of the model against nature: a simulated scene whose truth was computed by the model, or "

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from datetime import datetime
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -10,15 +10,20 @@ from model.atmosphere.sun import distance_factor
 from rigctl.angles import wrapped
 from rigctl.config import Uncertain
 from rigctl.files.light_sections import SunSection
-from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.place import GeometrySection, Place, SiteSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.scene.parameters import Parameter, parameters
 from rigctl.scene.scene_reading import scene_of_file, sun_covariance_deg2, sun_of_file
+from rigctl.scene.scene_record import Sun
 from rigctl.scene.skies.sun_position import sun_position
+from rigctl.scene.sun_text import sun_text
 
 # Below this a difference is that of rounding, and not worth a word [deg].
 _WORTH_A_WORD_DEG = 0.01
+# The distance of the sun is the same for all.
+_ANYWHERE = Place(latitude_deg=0.0, longitude_deg=0.0, elevation_m=0.0)
 
 
 def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[SceneFile, tuple[str, ...]]:
@@ -40,14 +45,72 @@ def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> t
 
     Notes
     -----
-    The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun. Where the run states a
-    number as exact, the scene file's standard uncertainty of it stays.
+    The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun, unless it lit a
+    simulated roof. Where the run states a number as exact, the scene file's standard uncertainty of it stays.
     """
-    if not scene.has_materials or run.session.origin == "simulated":
+    light = run.session.simulated_light
+    if not scene.has_materials or (run.session.origin == "simulated" and light is None):
         return scene, ()
     changed = _with_geometry(scene, run)
-    changed = _with_sun(changed, run, tuple(frames))
+    if light is not None and not light.is_clocked:
+        changed = _with_stated_sun(changed, light)
+    else:
+        changed = _with_sun(changed, run, tuple(frames))
     return changed, tuple(_differences(scene, changed))
+
+
+def sun_used(stated: SceneFile, used: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[str, ...]:
+    """Return in one line which sun a comparison of a run takes, when, and whence; nothing without materials.
+
+    Parameters
+    ----------
+    stated, used : SceneFile
+        As it is, and as `scene_of_run` returns it.
+    run : Run
+        The run.
+    frames : iterable of FrameRecord
+        Those that are compared.
+    """
+    if not stated.has_materials:
+        return ()
+    light = run.session.simulated_light
+    if light is not None and not light.is_clocked:
+        whence, time = f"the scene file that lit the roof ({light.scene})", _time_of_file(stated)
+    elif used.sun is stated.sun:
+        whence, time = "the scene file", _time_of_file(stated)
+    else:
+        whence = "the run's frames" if light is None else "the run's simulated clock"
+        time = _time_of_frames(frames)
+    return (f"sun used: {sun_text(scene_of_file(used), time=time)}; by {whence}",)
+
+
+def _time_of_file(scene: SceneFile) -> str | None:
+    time = None if scene.sun is None else scene.sun.time
+    return None if time is None else f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def _time_of_frames(frames: Iterable[FrameRecord]) -> str | None:
+    starts = [frame.start_utc for frame in frames if frame.start_utc is not None]
+    return f"{min(starts)[:19]}Z to {max(starts)[:19]}Z" if starts else None
+
+
+def _with_stated_sun(scene: SceneFile, light: SimulatedLight) -> SceneFile:
+    """Return the scene under the sun that lit a simulated roof whose clock moves none."""
+    stated = sun_of_file(scene)
+    if light.sun_zenith_deg is None or stated is None:
+        return scene
+    azimuth = light.sun_azimuth_deg
+    stds = [0.0 if number is None else number.std for number in (stated.zenith_deg, stated.azimuth_deg)]
+    sun = SunSection(
+        zenith_deg=Uncertain(value=light.sun_zenith_deg, std=stds[0]),
+        azimuth_deg=None if azimuth is None else Uncertain(value=azimuth, std=stds[1]),
+        distance_factor=Uncertain(value=light.distance_factor or 1.0, std=stated.distance_factor.std),
+    )
+    return scene if _is_same(sun, stated) else scene.model_copy(update={"sun": sun})
+
+
+def _is_same(sun: SunSection, stated: Sun) -> bool:
+    return (sun.zenith_deg, sun.azimuth_deg) == (stated.zenith_deg, stated.azimuth_deg)
 
 
 def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
@@ -97,13 +160,25 @@ def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[Fram
 
 
 def _at_distance(sun: SunSection, frame: FrameRecord, stated: SunSection | None) -> SunSection:
-    """Return a sun at its distance on the frame's day, as well as the scene file knows it."""
-    day = _day_of_year(frame, stated)
-    if stated is None or stated.distance_factor is None:
-        return sun.model_copy(update={"day_of_year": day})
-    factor = stated.distance_factor
-    on_day = factor.value if day is None else distance_factor(day_of_year=day)
-    return sun.model_copy(update={"distance_factor": Uncertain(value=on_day, std=factor.std)})
+    """Return a sun at its distance when the frame was taken, as well as the scene file knows it."""
+    factor = _distance_factor(frame, stated)
+    std = 0.0 if stated is None or stated.distance_factor is None else stated.distance_factor.std
+    if factor is None:
+        return sun
+    return sun.model_copy(update={"distance_factor": Uncertain(value=factor, std=std)})
+
+
+def _distance_factor(frame: FrameRecord, stated: SunSection | None) -> float | None:
+    """Irradiance of the sun over that at its mean distance: of the frame's time, or as the scene file states it."""
+    if frame.start_utc is not None:
+        return sun_position(datetime.fromisoformat(frame.start_utc), _ANYWHERE).distance_factor
+    if stated is None:
+        return None
+    if stated.time is not None:
+        return sun_position(stated.time, _ANYWHERE).distance_factor
+    if stated.distance_factor is not None:
+        return stated.distance_factor.value
+    return None if stated.day_of_year is None else distance_factor(day_of_year=stated.day_of_year)
 
 
 def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, float, float] | None:
@@ -117,15 +192,6 @@ def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, flo
         return None
     level = math.sin(zenith_rad)
     return level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.cos(zenith_rad)
-
-
-def _day_of_year(frame: FrameRecord, stated: SunSection | None) -> float | None:
-    """Day of the frame; where it has no date, that of the scene file."""
-    if frame.start_utc is not None:
-        return float(datetime.fromisoformat(frame.start_utc).timetuple().tm_yday)
-    if stated is None:
-        return None
-    return stated.day_of_year if stated.time is None else float(stated.time.timetuple().tm_yday)
 
 
 def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:

@@ -12,7 +12,7 @@ from model.scene.field_light import FieldLight
 from model.scene.scenario import Readout
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.rows import with_ratios
-from rigctl.comparison.run_geometry import scene_of_run
+from rigctl.comparison.run_geometry import scene_of_run, sun_used
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
@@ -41,7 +41,7 @@ class RunPredictor:
     light : SceneLight
         Computes the light of materials, and keeps it.
     moved : tuple of str
-        What the run says of sun and geometry otherwise than the file.
+        Which sun is taken, and what the run says of sun and geometry otherwise than the file.
     """
 
     inputs: Inputs
@@ -89,14 +89,15 @@ def run_predictor(measurement: Measurement, *, scene: SceneFile, noise: NoisePar
     DataError
         Exposures differ or are not known.
     """
-    scene, moved = scene_of_run(scene, measurement.run, measurement.grid.frames)
+    stated_file = scene
+    scene, moved = scene_of_run(stated_file, measurement.run, measurement.grid.frames)
     stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_run(measurement, scene))
     return RunPredictor(
         inputs=gather(stated),
         readout=run_readout(measurement),
         exposure_s=one_exposure_s(measurement),
         light=SceneLight(),
-        moved=moved,
+        moved=(*sun_used(stated_file, scene, measurement.run, measurement.grid.frames), *moved),
     )
 
 

@@ -13,6 +13,8 @@ from rigctl.choices import FrameKind
 from rigctl.devices.stages import SIMULATED, connect_stage, find_driver, require_serial
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
+from rigctl.runs.simulated_light import SimulatedLight
+from rigctl.simulated.simulated_clock import SimulatedClock
 from rigctl.simulated.simulation import Simulation, simulate
 from rigctl.terminal import warn
 
@@ -45,6 +47,8 @@ class Rig:
     begin_step : callable
         To be told of each step, by its sequence number, before its first frame; says whether the numbers of the
         camera's frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
+    light : SimulatedLight or None
+        What lights a simulated roof.
     """
 
     stage: RotationStage
@@ -54,10 +58,13 @@ class Rig:
     present: Callable[[FrameKind], None]
     origin: Literal["simulated", "device"]
     begin_step: Callable[[int], bool] = _do_nothing
+    light: SimulatedLight | None = None
 
 
 @contextmanager
-def open_rig(rig: RigFile, *, session_name: str, run: Path | None = None) -> Iterator[Rig]:
+def open_rig(
+    rig: RigFile, *, session_name: str, run: Path | None = None, clock: SimulatedClock | None = None
+) -> Iterator[Rig]:
     """Give the open devices of a rig until the context is left; then they are closed.
 
     Parameters
@@ -68,6 +75,8 @@ def open_rig(rig: RigFile, *, session_name: str, run: Path | None = None) -> Ite
         Decides the noise of a simulated camera.
     run : Path or None
         Run folder of the session, which may hold a part of it: simulated noise goes on from there.
+    clock : SimulatedClock or None
+        The time of a simulated rig with a clock of its own.
 
     Raises
     ------
@@ -80,7 +89,10 @@ def open_rig(rig: RigFile, *, session_name: str, run: Path | None = None) -> Ite
         with _open_devices(rig, None) as opened:
             yield opened
         return
-    with simulate(rig, session_name=session_name, run=run) as simulation, _open_devices(rig, simulation) as opened:
+    with (
+        simulate(rig, session_name=session_name, run=run, clock=clock) as simulation,
+        _open_devices(rig, simulation) as opened,
+    ):
         yield opened
 
 
@@ -97,6 +109,7 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
             present=_ask_operator if simulation is None else simulation.world.present,
             origin="device" if simulation is None else "simulated",
             begin_step=_do_nothing if simulation is None else simulation.begin_step,
+            light=None if simulation is None else simulation.light,
         )
 
 

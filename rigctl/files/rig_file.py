@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AwareDatetime, Field, model_validator
 
+from rigctl.choices import RoofChange
 from rigctl.config import Section, load, with_std_apart
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.rendering_sections import RenderingSection
@@ -90,10 +91,13 @@ class SimulatedCamera(Section):
 class SimulationSection(Section):
     """The simulated rig: what it looks at, what it is made of, and which effects its pictures go through beside.
 
-    An effect that `effects` does not name is not called.
+    An effect that `effects` does not name is not called. `clock` is when its clock begins; without, it is the host's.
+    `perturb` changes the light of a scene of materials against what its file says.
     """
 
     scene: Path
+    clock: AwareDatetime | None = None
+    perturb: RoofChange | None = None
     seed: Annotated[int, Field(ge=0)] = 1
     flat_radiance: PositiveNumber
     polarizer: SimulatedPolarizer
@@ -125,6 +129,11 @@ class RigFile(Section):
     def is_simulated(self) -> bool:
         """True if any device of the rig is simulated: then its frames are called so."""
         return self.stage.port.startswith("sim:") or self.camera.address.startswith("sim:")
+
+    @property
+    def has_simulated_clock(self) -> bool:
+        """True if its time is simulated: a session does not wait then."""
+        return self.simulation is not None and self.simulation.clock is not None
 
     @model_validator(mode="after")
     def _a_simulated_camera_needs_a_world(self) -> "RigFile":

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.runs.simulated_light import SimulatedLight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +83,8 @@ class SessionRecord:
         When each round was to begin [ns since 1970 UTC]; None is at once.
     until_ns : int or None
         From when on no frame was to be taken [ns since 1970 UTC].
+    simulated_light : SimulatedLight or None
+        The light of a simulated roof.
     """
 
     origin: str | None = None
@@ -92,6 +95,7 @@ class SessionRecord:
     noise: SessionNoise | None = None
     rounds_ns: tuple[int | None, ...] = (None,)
     until_ns: int | None = None
+    simulated_light: SimulatedLight | None = None
 
     @property
     def polarizer(self) -> PolarizerAsTaken:

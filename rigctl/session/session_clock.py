@@ -5,7 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rigctl.devices import host_checkup
-from rigctl.utc_time import NS_PER_S
+from rigctl.files.rig_file import RigFile
+from rigctl.simulated.simulated_clock import SimulatedClock
+from rigctl.utc_time import NS_PER_S, unix_ns
+
+# Waiting costs nothing in simulated time, looking for requests does.
+_SIMULATED_POLL_S = 60.0
 
 
 def _clock_problem() -> str | None:
@@ -25,12 +30,47 @@ class SessionClock:
         Pauses for so many seconds.
     problem : callable
         What is wrong with the first of them, such as "not synchronised"; None if nothing is.
+    rest : callable or None
+        Pauses for so many seconds while somebody is waited for, where `sleep` is no true pause.
+    poll_s : float
+        How often a wait looks for requests [s].
+    simulated : SimulatedClock or None
+        What makes the time of a simulated rig with a clock of its own.
     """
 
     utc_ns: Callable[[], int] = time.time_ns
     monotonic_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], None] = time.sleep
     problem: Callable[[], str | None] = _clock_problem
+    rest: Callable[[float], None] | None = None
+    poll_s: float = 0.5
+    simulated: SimulatedClock | None = None
+
+
+def clock_of(rig_file: RigFile, *, after_ns: int | None = None) -> SessionClock:
+    """Return the clocks that a session on a rig lives by: the host's, or those of its simulation.
+
+    Parameters
+    ----------
+    rig_file : RigFile
+        The rig.
+    after_ns : int or None
+        A simulated time goes on from there, where a part of the session was taken [ns since 1970 UTC].
+    """
+    section = rig_file.simulation
+    if section is None or section.clock is None:
+        return SessionClock()
+    start_ns = unix_ns(section.clock)
+    clock = SimulatedClock(start_ns if after_ns is None else max(start_ns, after_ns))
+    return SessionClock(
+        utc_ns=clock.utc_ns,
+        monotonic_ns=clock.monotonic_ns,
+        sleep=clock.sleep,
+        problem=lambda: None,
+        rest=time.sleep,
+        poll_s=_SIMULATED_POLL_S,
+        simulated=clock,
+    )
 
 
 class SteadyUtc:

@@ -1,5 +1,6 @@
 """All that a reader of a run must know of how it came about, as the run's description holds it."""
 
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ _PACKAGES = ("rigctl", "numpy", "pyserial")
 
 def describe_session(rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path]) -> dict[str, Any]:
     """Return all that a reader of the run must know of how it came about, as JSON can hold it."""
+    light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
     return {
         "origin": rig.origin,
         "rig": rig_file.model_dump(mode="json"),
@@ -25,6 +27,7 @@ def describe_session(rig: Rig, rig_file: RigFile, session: SessionFile, files: d
         "camera": vars(rig.camera_identity),
         "camera_facts": _facts_of(rig.camera),
         "versions": {package: version(package) for package in _PACKAGES},
+        **light,
     }
 
 

@@ -11,7 +11,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.repair import Repair, repair_run
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_inputs import files_of, keep_inputs
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.session_record import SessionNoise
@@ -20,9 +20,10 @@ from rigctl.session.control import Control
 from rigctl.session.planning.schedule import round_times_ns
 from rigctl.session.planning.session_steps import Step, plan_steps
 from rigctl.session.reconnect_loop import Opener, Outcome, ReconnectLoop, require_same_devices
-from rigctl.session.session_clock import SessionClock
+from rigctl.session.session_clock import SessionClock, clock_of
 from rigctl.session.session_context import session_context
 from rigctl.session.session_description import describe_session
+from rigctl.utc_time import NS_PER_S, unix_ns, utc_moment
 
 
 def take_session(
@@ -63,12 +64,12 @@ def take_session(
     KeyboardInterrupt
         Somebody pressed Ctrl-C; the frame in hand is stored.
     """
-    clock = SessionClock() if clock is None else clock
+    clock = clock_of(rig_file) if clock is None else clock
     now_ns = clock.utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     rounds = (at_ns,) if rounds == (None,) else rounds
     steps = plan_steps(session, rounds)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out))
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
         _refuse_nobody_there(rig, steps)
@@ -110,13 +111,13 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
     repair = repair_run(path)
     run = read_run(path)
     rig_file, session = files_of(run)
-    clock = SessionClock() if clock is None else clock
+    clock = clock_of(rig_file, after_ns=_last_ns(run)) if clock is None else clock
     until_ns = run.session.until_ns
     steps = plan_steps(session, run.session.rounds_ns)
     rest = continuation(run, steps)
     if not rest.steps and rest.is_finished:
         return Outcome(frames=len(run.frames), is_finished=True, repair=repair)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path))
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
         _refuse_nobody_there(rig, rest.steps)
@@ -135,6 +136,12 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
             )
             loop = ReconnectLoop(rig_file, steps, writer, context, opener)
             return replace(loop.take(rig, devices, title=session.name), repair=repair)
+
+
+def _last_ns(run: Run) -> int | None:
+    """Return when the last frame of a run ended; None where it has none [ns since 1970 UTC]."""
+    ends = [frame.end_utc for frame in run.frames if frame.end_utc is not None]
+    return unix_ns(utc_moment(max(ends))) + NS_PER_S if ends else None
 
 
 def _refuse_nobody_there(rig: Rig, steps: Sequence[Step]) -> None:

@@ -49,14 +49,15 @@ class Pause:
         """Stand still until the reason is gone, or somebody says to go on."""
         self._note("hold", reason=reason)
         warn(f"holding: {reason}")
+        rest = self._clock.rest or self._clock.sleep
         while not cleared() and self._polled() != "go on":
-            self._clock.sleep(_POLL_S)
+            rest(_POLL_S)
         self._note("go on")
 
     def wait(self, remaining_s: Callable[[], float]) -> None:
         """Return once no time remains [s]; requests are answered meanwhile."""
         while (left_s := remaining_s()) > 0.0:
-            self._clock.sleep(min(left_s, _POLL_S))
+            self._clock.sleep(min(left_s, self._clock.poll_s))
             self.answer()
 
     def _polled(self) -> str | None:

@@ -1,6 +1,7 @@
 """A simulated rig, made of a rig file: one world, seen by the stage through bytes and by the camera through light."""
 
 import hashlib
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -13,9 +14,13 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import masks
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
+from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, split_faults, split_truth
+from rigctl.simulated.lit_roof import LitRoof
 from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.rendering import rendering_effect
+from rigctl.simulated.roof_steps import BeginStep, with_light, with_time
+from rigctl.simulated.simulated_clock import SimulatedClock
 from sim_devices.camera import SimCamera
 from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
@@ -24,6 +29,7 @@ from sim_devices.scene_truth import Region, Surface, paint_scene
 from sim_devices.stages.catalogue import StageOptions, make_stage, parse_stage_address
 from sim_devices.stages.pty_server import serve_on_pty
 from sim_devices.stages.simulated_stage import SimulatedStage
+from sim_devices.textured_scene import TexturedScene
 from sim_devices.truth_log import TruthLog
 from sim_devices.world import Polarizer, World
 
@@ -49,7 +55,9 @@ class Simulation:
         Address of the camera for its driver, where it is served as a GigE Vision camera; None where it is not.
     begin_step : callable
         To be told, by its sequence number, of each step before its first frame: the noise of frames hangs on it.
-        Says whether the numbers of the camera's frames jump there.
+        Says whether the numbers of the camera's frames jump there. Simulated time passes there, and the light moves.
+    light : SimulatedLight or None
+        What lights a scene of materials; None where the scene file states every radiance.
     """
 
     world: World
@@ -57,10 +65,13 @@ class Simulation:
     stage_port: str
     network_address: str | None
     begin_step: Callable[[int], bool]
+    light: SimulatedLight | None = None
 
 
 @contextmanager
-def simulate(rig: RigFile, *, session_name: str, run: Path | None = None) -> Iterator[Simulation]:
+def simulate(
+    rig: RigFile, *, session_name: str, run: Path | None = None, clock: SimulatedClock | None = None
+) -> Iterator[Simulation]:
     """Give the simulated stage, camera and world of a rig file until the context is left.
 
     Parameters
@@ -72,6 +83,8 @@ def simulate(rig: RigFile, *, session_name: str, run: Path | None = None) -> Ite
         same fixed pattern, texture and landing errors.
     run : Path or None
         Run folder of the session, which may hold a part of it: the noise goes on from there.
+    clock : SimulatedClock or None
+        The time of a rig with a clock of its own; None is the host's.
 
     Raises
     ------
@@ -82,18 +95,33 @@ def simulate(rig: RigFile, *, session_name: str, run: Path | None = None) -> Ite
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
     try:
         options = _stage_options(rig.stage.port, rig.simulation.seed)
-        clock = SimClock(speed=options.speed)
-        stage = make_stage(options, clock=clock)
-        world = _world(rig.simulation, stage)
+        stage_clock = SimClock(speed=options.speed)
+        stage = make_stage(options, clock=stage_clock)
+        seen = seen_scene(rig, utc_ns=time.time_ns if clock is None else clock.utc_ns)
+        world = _world(rig.simulation, seen.radiance, stage)
         address, log = split_truth(rig.camera.address)
-        camera = _camera(rig.simulation, world, session_name, log)
+        camera = _camera(rig.simulation, world, session_name, log, clock)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
-    with serve_on_pty(stage, clock=clock) as port, camera, _serve_if_gige(address, camera) as network_address:
+    with serve_on_pty(stage, clock=stage_clock) as port, camera, _serve_if_gige(address, camera) as network_address:
         noise = NoiseNumbers(camera, run) if network_address is None else FreshNoise(camera, run)
         yield Simulation(
-            world=world, camera=camera, stage_port=port, network_address=network_address, begin_step=noise.begin_step
+            world=world,
+            camera=camera,
+            stage_port=port,
+            network_address=network_address,
+            begin_step=_begin_step(noise.begin_step, world, camera, seen, clock),
+            light=None if seen.roof is None else seen.roof.record,
         )
+
+
+def _begin_step(
+    begin_step: BeginStep, world: World, camera: SimCamera, seen: "SeenScene", clock: SimulatedClock | None
+) -> BeginStep:
+    if seen.roof is not None and seen.textured is not None:
+        utc_ns = time.time_ns if clock is None else clock.utc_ns
+        begin_step = with_light(begin_step, world, roof=seen.roof, scene=seen.textured, utc_ns=utc_ns)
+    return begin_step if clock is None else with_time(begin_step, camera, clock)
 
 
 @contextmanager
@@ -130,10 +158,59 @@ def _stage_options(port: str, seed: int) -> StageOptions:
     return options if "seed=" in port else replace(options, seed=seed)
 
 
-def _world(simulation: SimulationSection, stage: SimulatedStage) -> World:
-    scene = load_scene(simulation.scene)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeenScene:
+    """What the camera looks at.
+
+    Attributes
+    ----------
+    radiance : (3, H, W) array
+        At the beginning [W m-2 sr-1].
+    roof, textured : LitRoof, TexturedScene or None
+        What computes and what paints the light of a scene of materials; None where its radiances are stated.
+    """
+
+    radiance: FloatArray
+    roof: LitRoof | None = None
+    textured: TexturedScene | None = None
+
+
+def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
+    """Return what the camera of a simulated rig looks at.
+
+    Parameters
+    ----------
+    rig : RigFile
+        With a [simulation] table.
+    utc_ns : callable
+        The time [ns since 1970 UTC], by which a roof is lit.
+
+    Raises
+    ------
+    ConfigError, ValueError
+        The scene is wrong, or its light cannot be.
+    """
+    if rig.simulation is None:
+        raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
+    scene, camera = load_scene(rig.simulation.scene), rig.simulation.camera
+    if not scene.has_materials:
+        if rig.simulation.perturb is not None:
+            raise ConfigError("--perturb: is for a simulated roof, a scene whose regions have a material")
+        return SeenScene(radiance=_radiance(scene, camera, rig.simulation.seed))
+    roof = LitRoof(scene, rig)
+    inside = masks(list(scene.regions), width=camera.width, height=camera.height)
+    textured = TexturedScene(
+        masks={region.name: inside[region.name] for region in scene.regions},
+        background_radiance=scene.background_radiance,
+        shape=(camera.height, camera.width),
+        generator=np.random.default_rng([rig.simulation.seed, _TEXTURE_STREAM]),
+    )
+    return SeenScene(radiance=textured.painted(roof.at(utc_ns())), roof=roof, textured=textured)
+
+
+def _world(simulation: SimulationSection, radiance: FloatArray, stage: SimulatedStage) -> World:
     return World(
-        radiance=_radiance(scene, simulation.camera, simulation.seed),
+        radiance=radiance,
         polarizer=_polarizer(simulation.polarizer),
         stage_angle_deg=stage.true_angle_deg,
         flat_radiance=simulation.flat_radiance,
@@ -170,7 +247,13 @@ def _polarizer(truth: SimulatedPolarizer) -> Polarizer:
     )
 
 
-def _camera(simulation: SimulationSection, world: World, session_name: str, log: TruthLog | None) -> SimCamera:
+def _camera(
+    simulation: SimulationSection,
+    world: World,
+    session_name: str,
+    log: TruthLog | None,
+    clock: SimulatedClock | None,
+) -> SimCamera:
     lens, detector = _lens(simulation.camera), _detector(simulation.camera)
     return SimCamera(
         world=world,
@@ -179,6 +262,8 @@ def _camera(simulation: SimulationSection, world: World, session_name: str, log:
         pattern_seed=simulation.seed,
         noise_seed=_noise_seed(simulation.seed, session_name),
         truth=log,
+        utc_ns=time.time_ns if clock is None else clock.utc_ns,
+        monotonic_ns=time.monotonic_ns if clock is None else clock.monotonic_ns,
         rendering=[
             rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed)
             for section in simulation.effects

@@ -1,0 +1,166 @@
+"""A simulated roof: the light of its regions, computed by the model for the sun of each moment."""
+
+import math
+from datetime import UTC, datetime
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.scene.scenario import RegionLight as ModelLight
+from rigctl.angles import wrapped
+from rigctl.choices import RoofChange
+from rigctl.errors import ConfigError
+from rigctl.files.light_sections import SunSection
+from rigctl.files.place import SiteSection
+from rigctl.files.rig_file import RigFile
+from rigctl.files.scene_file import SceneFile
+from rigctl.runs.simulated_light import SimulatedLight
+from rigctl.scene.model_scene import build_scenario, readout_of
+from rigctl.scene.scene_light import SceneLight
+from rigctl.scene.scene_reading import scene_of_file
+from rigctl.scene.scene_record import Scene
+from rigctl.simulated.roof_changes import changed_roof, cloud_factor
+from rigctl.utc_time import NS_PER_S, unix_ns, utc_text
+from sim_devices.textured_scene import RegionLight
+
+FloatArray = NDArray[np.float64]
+
+# Light is computed each minute and interpolated linearly: at 43 deg from the zenith that is off by less than 1e-5.
+_NODE_NS = 60 * NS_PER_S
+_NODES_KEPT = 64
+# The sun moves by as much within a day [deg], and a place is another beyond some kilometres.
+_WORTH_A_WORD_DEG = 0.05
+
+
+class LitRoof:
+    """The light of a scene of materials under the sun of a simulated rig.
+
+    Parameters
+    ----------
+    file : SceneFile
+        The scene.
+    rig : RigFile
+        With a [simulation]. Where it has a clock, the sun is that of the moment at the rig's [site], or at that of the
+        scene file; otherwise it is the sun that the scene file states. The camera stands where the rig's [geometry]
+        says, or else that of the scene file.
+
+    Raises
+    ------
+    ConfigError
+        There is a clock and no site, or the scene cannot be changed as asked.
+    """
+
+    def __init__(self, file: SceneFile, rig: RigFile) -> None:
+        simulation = rig.simulation
+        if simulation is None:
+            raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
+        self._site = rig.site or file.site
+        self._clock_ns = None if simulation.clock is None else unix_ns(simulation.clock)
+        if self._clock_ns is not None and self._site is None:
+            raise ConfigError("--clock: the light of the simulated roof depends on the sun: the rig file needs [site]")
+        self._change: RoofChange | None = simulation.perturb
+        self._begin_ns = self._clock_ns
+        self._file = file if rig.geometry is None else file.model_copy(update={"geometry": rig.geometry})
+        self._light = SceneLight()
+        self._node = lru_cache(maxsize=_NODES_KEPT)(self._computed)
+        self.record = self._record(file, rig)
+
+    def at(self, utc_ns: int) -> dict[str, RegionLight]:
+        """Return the light of each region at a time since 1970 (UTC) [ns].
+
+        Raises
+        ------
+        ConfigError
+            It cannot be computed, such as under a sun too low.
+        """
+        if self._begin_ns is None:
+            self._begin_ns = utc_ns
+        factor = cloud_factor(utc_ns - self._begin_ns) if self._change == "drift" else 1.0
+        if self._clock_ns is None:
+            return _times(self._node(None), factor)
+        number, rest_ns = divmod(utc_ns, _NODE_NS)
+        return _times(_between(self._node(number), self._node(number + 1), rest_ns / _NODE_NS), factor)
+
+    def _computed(self, number: int | None) -> dict[str, RegionLight]:
+        scene = self._scene(None if number is None else number * _NODE_NS)
+        scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s, light=self._light)
+        return {region.name: _painted(region) for region in scenario.regions}
+
+    def _scene(self, utc_ns: int | None) -> Scene:
+        file = self._file
+        if utc_ns is not None:
+            time = datetime.fromtimestamp(utc_ns / NS_PER_S, tz=UTC)
+            file = file.model_copy(update={"site": self._site, "sun": SunSection(time=time)})
+        scene = scene_of_file(file)
+        return scene if self._change is None else changed_roof(scene, self._change).scene
+
+    def _record(self, file: SceneFile, rig: RigFile) -> SimulatedLight:
+        scene = scene_of_file(self._file)
+        changed = None if self._change is None else changed_roof(scene, self._change).text
+        remarks = (*self._of_time(file), *_of_place(file, rig.site), *_of_camera(file, rig))
+        if self._clock_ns is not None or scene.sun is None:
+            return SimulatedLight(scene=file.name, is_clocked=True, perturbed=changed, remarks=remarks)
+        return SimulatedLight(
+            scene=file.name,
+            is_clocked=False,
+            sun_zenith_deg=scene.sun.zenith_deg.value,
+            sun_azimuth_deg=None if scene.sun.azimuth_deg is None else scene.sun.azimuth_deg.value,
+            distance_factor=scene.sun.distance_factor.value,
+            perturbed=changed,
+            remarks=remarks,
+        )
+
+    def _of_time(self, file: SceneFile) -> tuple[str, ...]:
+        if self._clock_ns is None:
+            return ("time: the run's clock is the host's and moves no sun; that of the scene file shines (--clock)",)
+        clock = utc_text(self._clock_ns)[:16] + "Z"
+        if file.sun is None or file.sun.time is None:
+            return (f"time: the sun is that of {clock} on; the scene file states it by angles, which are not used",)
+        stated = file.sun.time.astimezone(UTC)
+        if abs(unix_ns(stated) - self._clock_ns) < _NODE_NS:
+            return ()
+        return (
+            f"time: the clock begins at {clock}, and the sun of the scene file is that of {stated:%Y-%m-%dT%H:%MZ}",
+        )
+
+
+def _of_place(file: SceneFile, site: SiteSection | None) -> tuple[str, ...]:
+    stated = file.site
+    if site is None:
+        return () if stated is None else ("place: the rig file has no [site]; that of the scene file is taken",)
+    if stated is None:
+        return ()
+    north = site.latitude_deg - stated.latitude_deg
+    east = float(wrapped(site.longitude_deg - stated.longitude_deg, turn=360.0))
+    if math.hypot(north, east) < _WORTH_A_WORD_DEG:
+        return ()
+    rigs, files = (f"{place.latitude_deg:g}, {place.longitude_deg:g}" for place in (site, stated))
+    return (f"place: the rig stands at {rigs}, the scene file says {files}; the rig's is taken",)
+
+
+def _of_camera(file: SceneFile, rig: RigFile) -> tuple[str, ...]:
+    if rig.geometry is None or rig.geometry == file.geometry:
+        return ()
+    return ("geometry: that of the rig file is taken, the scene file's differs",)
+
+
+def _painted(region: ModelLight) -> RegionLight:
+    mean = np.asarray(region.stokes_radiance, dtype=np.float64)
+    cov = region.texture_cov + region.texture_rms**2 * np.outer(mean, mean)
+    return RegionLight(mean=mean, cov=cov if region.field_cov is None else cov + region.field_cov)
+
+
+def _between(left: dict[str, RegionLight], right: dict[str, RegionLight], share: float) -> dict[str, RegionLight]:
+    return {
+        name: RegionLight(
+            mean=one.mean + share * (right[name].mean - one.mean), cov=one.cov + share * (right[name].cov - one.cov)
+        )
+        for name, one in left.items()
+    }
+
+
+def _times(lights: dict[str, RegionLight], factor: float) -> dict[str, RegionLight]:
+    if factor == 1.0:
+        return lights
+    return {name: RegionLight(mean=factor * one.mean, cov=factor**2 * one.cov) for name, one in lights.items()}
