@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.choices import ROOF_CHANGES, RoofChange
 from rigctl.commands.time_option import time_option
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
@@ -25,7 +26,10 @@ def command(
     session: Annotated[Path, typer.Argument(metavar="SESSION.toml", help="Session file: the frames.")],
     out: Annotated[Path, typer.Option(metavar="RUN", help="Run folder to make; it must not exist yet.")],
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print the steps, the time and the disk they need; touch no device.")
+        bool,
+        typer.Option(
+            "--dry-run", help="Print the steps, the time and the disk they need, or what refuses them; touch no device."
+        ),
     ] = False,
     at: Annotated[
         str | None, typer.Option(metavar="TIME", help="Begin then, such as 2026-05-04T10:00Z; a zone is needed.")
@@ -43,6 +47,14 @@ def command(
         float | None,
         typer.Option(metavar="S", help="Take as many cycles as bring the error of a pixel's DoLP in --scene to this."),
     ] = None,
+    clock: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Simulated rig: its clock begins then, and the session does not wait."),
+    ] = None,
+    perturb: Annotated[
+        RoofChange | None,
+        typer.Option(metavar="|".join(ROOF_CHANGES), help="Simulated roof: change it against its scene file."),
+    ] = None,
 ) -> None:
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
 
@@ -52,8 +64,10 @@ def command(
 
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels --scene
     examples/scene-panels.toml --target-dolp-sigma 0.01
+
+    Example: rigctl acquire examples/rig-roof.toml examples/session-roof.toml --out runs/noon --clock 2010-05-25T17:07Z
     """
-    from rigctl.jobs.acquire import AcquireRequest, acquire, prepare_session
+    from rigctl.jobs.acquire import AcquireRequest, acquire, prepare_session, require_takeable
 
     prepared = prepare_session(
         AcquireRequest(
@@ -63,16 +77,23 @@ def command(
             polarizer=polarizer,
             scene=scene,
             target_dolp_sigma=target_dolp_sigma,
+            clock_ns=time_option("--clock", clock),
+            perturb=perturb,
         )
     )
+    at_ns, until_ns = time_option("--at", at), time_option("--until", until)
     for line in prepared.chosen:
         progress().print(f"--target-dolp-sigma: {line}", markup=False)
     for doubt in prepared.doubts:
         warn(doubt)
+    found = require_takeable(prepared, out, at_ns=at_ns, until_ns=until_ns)
+    for said in found.light:
+        progress().print(said, markup=False, soft_wrap=True)
     if dry_run:
+        for doubt in found.doubts:
+            warn(doubt)
         _print_steps(prepared)
         return
-    at_ns, until_ns = time_option("--at", at), time_option("--until", until)
     outcome = acquire(prepared, out, warn=warn, at_ns=at_ns, until_ns=until_ns)
     say_outcome(outcome, out)
 

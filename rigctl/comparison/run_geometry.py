@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from model.atmosphere.sun import distance_factor
 from rigctl.angles import wrapped
 from rigctl.config import Uncertain
 from rigctl.files.light_sections import SunSection
@@ -164,21 +163,19 @@ def _at_distance(sun: SunSection, frame: FrameRecord, stated: SunSection | None)
     factor = _distance_factor(frame, stated)
     std = 0.0 if stated is None or stated.distance_factor is None else stated.distance_factor.std
     if factor is None:
-        return sun
+        return sun.model_copy(update={"day_of_year": None if stated is None else stated.day_of_year})
     return sun.model_copy(update={"distance_factor": Uncertain(value=factor, std=std)})
 
 
 def _distance_factor(frame: FrameRecord, stated: SunSection | None) -> float | None:
-    """Irradiance of the sun over that at its mean distance: of the frame's time, or as the scene file states it."""
+    """Irradiance of the sun over that at its mean distance: of the frame's time or the scene file's; None by a day."""
     if frame.start_utc is not None:
         return sun_position(datetime.fromisoformat(frame.start_utc), _ANYWHERE).distance_factor
     if stated is None:
         return None
     if stated.time is not None:
         return sun_position(stated.time, _ANYWHERE).distance_factor
-    if stated.distance_factor is not None:
-        return stated.distance_factor.value
-    return None if stated.day_of_year is None else distance_factor(day_of_year=stated.day_of_year)
+    return None if stated.distance_factor is None else stated.distance_factor.value
 
 
 def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, float, float] | None:

@@ -96,6 +96,13 @@ def open_rig(
         yield opened
 
 
+def require_drivers(rig: RigFile) -> None:
+    """Raise ConfigError where a driver of a rig is not installed; no device is touched."""
+    find_driver("rigctl.stages", rig.stage.driver, key="stage.driver")
+    if not rig.camera.address.startswith(SIMULATED):
+        find_driver("rigctl.cameras", rig.camera.address.partition(":")[0], key="camera.address")
+
+
 @contextmanager
 def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
     with connect_stage(rig.stage, _stage_port(rig, simulation)) as stage, _camera(rig, simulation) as camera:

@@ -1,27 +1,28 @@
 """Taking a session: rig and session file and calibrations in; the run folder, and how it went, out."""
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rigctl.calibrations.made_for import made_for_rig
+from rigctl.calibrations.made_for import MadeFor, made_for_rig
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file, require_noise_fits
-from rigctl.calibrations.polarizer.polarizer_file import (
-    PolarizerParameters,
-    read_polarizer_file,
-    require_polarizer_fits,
-)
-from rigctl.devices.rig import Rig, open_rig
+from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, require_polarizer_fits
+from rigctl.choices import RoofChange
+from rigctl.devices.rig import Rig, open_rig, require_drivers
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import SessionFile, load_session
 from rigctl.live.mean_noise import noise_numbers
+from rigctl.runs.run_writer import require_new_folder
 from rigctl.session.planning.drift_cost import grouping_cost, missing_axes
+from rigctl.session.planning.schedule import round_times_ns
 from rigctl.session.planning.session_steps import Need, Step, estimate, plan_steps
 from rigctl.session.reconnect_loop import Outcome
-from rigctl.session.take_session import take_session
+from rigctl.session.session_clock import SessionClock, clock_of
+from rigctl.session.take_session import require_hands, take_session
+from rigctl.simulated.rehearsal import rehearse
+from rigctl.simulated.simulation import with_simulation
 from rigctl.utc_time import utc_text
 
 Warn = Callable[[str], None]
@@ -41,6 +42,10 @@ class AcquireRequest:
         Scene file, for `target_dolp_sigma`.
     target_dolp_sigma : float or None
         Take as many cycles as bring the error of a pixel's DoLP to this.
+    clock_ns : int or None
+        When the clock of a simulated rig begins [ns since 1970 UTC]; it does not wait. None leaves what its file says.
+    perturb : str or None
+        What changes in a simulated roof against its scene file.
     """
 
     rig: Path
@@ -49,6 +54,8 @@ class AcquireRequest:
     polarizer: Path | None = None
     scene: Path | None = None
     target_dolp_sigma: float | None = None
+    clock_ns: int | None = None
+    perturb: RoofChange | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,6 +94,22 @@ class PreparedSession:
         return estimate(self.steps, self.rig_file)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Rehearsed:
+    """Result of looking at a session before it is taken.
+
+    Attributes
+    ----------
+    doubts : tuple of str
+        What is doubtful of the calibrations, as far as the files say.
+    light : tuple of str
+        Under which sun a simulated roof is seen, and where that is not as its scene file has it.
+    """
+
+    doubts: tuple[str, ...]
+    light: tuple[str, ...] = ()
+
+
 def prepare_session(request: AcquireRequest) -> PreparedSession:
     """Return a session as it will be taken.
 
@@ -95,7 +118,8 @@ def prepare_session(request: AcquireRequest) -> PreparedSession:
     ConfigError, DataError
         A file is wrong, or no number of cycles reaches the target.
     """
-    rig_file, session_file = load_rig(request.rig), load_session(request.session)
+    rig_file = with_simulation(load_rig(request.rig), clock_ns=request.clock_ns, perturb=request.perturb)
+    session_file = load_session(request.session)
     noise = None if request.noise is None else read_noise_file(request.noise)
     session_file, chosen = with_target(
         session_file, noise, scene=request.scene, target_dolp_sigma=request.target_dolp_sigma
@@ -132,6 +156,37 @@ def with_target(
     return with_cycles_for(session, load_scene(scene), noise, target_dolp_sigma=target_dolp_sigma)
 
 
+def require_takeable(
+    prepared: PreparedSession, out: Path, *, at_ns: int | None = None, until_ns: int | None = None
+) -> Rehearsed:
+    """Return what is known of a session beforehand; raise what would end it, as far as no device is needed for that.
+
+    Parameters
+    ----------
+    prepared, out, at_ns, until_ns
+        As `acquire` takes them.
+
+    Raises
+    ------
+    ConfigError, DataError, DeviceError, RunFolderError
+        As `acquire`.
+    """
+    rig_file, session = prepared.rig_file, prepared.session_file
+    require_new_folder(out)
+    now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
+    rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
+    steps = plan_steps(session, rounds)
+    require_hands(steps, is_simulated=rig_file.is_simulated)
+    require_drivers(rig_file)
+    doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))
+    if rig_file.simulation is None:
+        return Rehearsed(doubts=doubts)
+    times_ns = sorted({now_ns if due_ns is None else due_ns for due_ns in rounds})
+    exposures_s = sorted({step.exposure_s for step in steps if step.exposure_s is not None})
+    light = rehearse(rig_file, times_ns=times_ns, exposures_s=exposures_s, regions=session.regions)
+    return Rehearsed(doubts=doubts, light=light)
+
+
 def acquire(
     prepared: PreparedSession, out: Path, *, warn: Warn, at_ns: int | None = None, until_ns: int | None = None
 ) -> Outcome:
@@ -156,8 +211,7 @@ def acquire(
         Somebody pressed Ctrl-C; the frame in hand is stored.
     """
     request, noise = prepared.request, prepared.noise
-    polarizer = None if request.polarizer is None else read_polarizer_file(request.polarizer)
-    now_utc = utc_text(time.time_ns())
+    clock = clock_of(prepared.rig_file)
     return take_session(
         prepared.rig_file,
         prepared.session_file,
@@ -166,25 +220,30 @@ def acquire(
         at_ns=at_ns,
         until_ns=until_ns,
         noise=None if noise is None else noise_numbers(noise),
-        opener=lambda: _open_calibrated_rig(prepared, out, polarizer=polarizer, now_utc=now_utc, warn=warn),
+        clock=clock,
+        opener=lambda: _open_calibrated_rig(prepared, out, clock=clock, warn=warn),
     )
 
 
 @contextmanager
-def _open_calibrated_rig(
-    prepared: PreparedSession, run: Path, *, polarizer: PolarizerParameters | None, now_utc: str, warn: Warn
-) -> Iterator[Rig]:
+def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: SessionClock, warn: Warn) -> Iterator[Rig]:
     """Give the open devices of a rig, once calibrations are found to be theirs; warn of what is doubtful."""
     rig_file = prepared.rig_file
-    with open_rig(rig_file, session_name=prepared.session_file.name, run=run) as rig:
+    with open_rig(rig_file, session_name=prepared.session_file.name, run=run, clock=clock.simulated) as rig:
         used = replace(
-            made_for_rig(rig_file, now_utc=now_utc),
+            made_for_rig(rig_file, now_utc=utc_text(clock.utc_ns())),
             camera_serial=rig.camera_identity.serial_number,
             stage_serial=rig.stage_identity.serial_number,
         )
-        doubts = () if prepared.noise is None else require_noise_fits(prepared.noise, used)
-        if polarizer is not None:
-            doubts += require_polarizer_fits(polarizer, used, polarizer=rig_file.polarizer)
-        for doubt in doubts:
+        for doubt in _calibration_doubts(prepared, used):
             warn(doubt)
         yield rig
+
+
+def _calibration_doubts(prepared: PreparedSession, used: MadeFor) -> tuple[str, ...]:
+    """Return what is doubtful of the calibrations; raise DataError where one is not of these devices."""
+    doubts = () if prepared.noise is None else require_noise_fits(prepared.noise, used)
+    if prepared.request.polarizer is not None:
+        polarizer = read_polarizer_file(prepared.request.polarizer)
+        doubts += require_polarizer_fits(polarizer, used, polarizer=prepared.rig_file.polarizer)
+    return doubts

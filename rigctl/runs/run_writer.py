@@ -252,9 +252,14 @@ class RunWriter:
         )
 
 
-def _make_folder(path: Path) -> None:
+def require_new_folder(path: Path) -> None:
+    """Raise RunFolderError where a run cannot be made, since something is there already."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise RunFolderError(f"{path}: not empty; a run needs a folder of its own. Name one that is not there yet")
+
+
+def _make_folder(path: Path) -> None:
+    require_new_folder(path)
     (path / FRAMES_FOLDER).mkdir(parents=True)
     flush_folder(path.parent)
 

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from rigctl.devices.rig import Rig, open_rig
+from rigctl.devices.rig import open_rig
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
@@ -72,7 +72,7 @@ def take_session(
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
-        _refuse_nobody_there(rig, steps)
+        require_hands(steps, is_simulated=rig.origin == "simulated")
         description = describe_session(rig, rig_file, session, files) | {
             "rounds_ns": list(rounds),
             "until_ns": until_ns,
@@ -120,7 +120,7 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
-        _refuse_nobody_there(rig, rest.steps)
+        require_hands(rest.steps, is_simulated=rig.origin == "simulated")
         require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             _note_resumed(writer, repair, rest.steps)
@@ -144,10 +144,10 @@ def _last_ns(run: Run) -> int | None:
     return unix_ns(utc_moment(max(ends))) + NS_PER_S if ends else None
 
 
-def _refuse_nobody_there(rig: Rig, steps: Sequence[Step]) -> None:
+def require_hands(steps: Sequence[Step], *, is_simulated: bool) -> None:
     """Refuse a session that needs hands at the rig where there are none, before it has begun."""
     kinds = sorted({step.kind for step in steps})
-    if rig.origin == "device" and len(kinds) > 1 and not sys.stdin.isatty():
+    if not is_simulated and len(kinds) > 1 and not sys.stdin.isatty():
         raise ConfigError(
             f"the session takes {', '.join(kinds)} frames, and nobody is at a terminal to cover the lens in between: "
             "take darks and flats by hand, and the scene alone unattended"

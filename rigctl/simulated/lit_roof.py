@@ -20,6 +20,8 @@ from rigctl.scene.model_scene import build_scenario, readout_of
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.scene_record import Scene
+from rigctl.scene.skies.sun_position import sun_position
+from rigctl.scene.sun_text import sun_text
 from rigctl.simulated.roof_changes import changed_roof, cloud_factor
 from rigctl.utc_time import NS_PER_S, unix_ns, utc_text
 from sim_devices.textured_scene import RegionLight
@@ -29,6 +31,8 @@ FloatArray = NDArray[np.float64]
 # Light is computed each minute and interpolated linearly: at 43 deg from the zenith that is off by less than 1e-5.
 _NODE_NS = 60 * NS_PER_S
 _NODES_KEPT = 64
+# The model's atmosphere is flat, and no sun below that has light [deg].
+LOWEST_SUN_DEG = 85.0
 # The sun moves by as much within a day [deg], and a place is another beyond some kilometres.
 _WORTH_A_WORD_DEG = 0.05
 
@@ -79,8 +83,34 @@ class LitRoof:
         factor = cloud_factor(utc_ns - self._begin_ns) if self._change == "drift" else 1.0
         if self._clock_ns is None:
             return _times(self._node(None), factor)
+        self.require_day(utc_ns + _NODE_NS)
         number, rest_ns = divmod(utc_ns, _NODE_NS)
         return _times(_between(self._node(number), self._node(number + 1), rest_ns / _NODE_NS), factor)
+
+    def is_day(self, utc_ns: int) -> bool:
+        """Return True where the sun stands high enough for the model, or is that of the scene file."""
+        return self._clock_ns is None or self._zenith_deg(utc_ns) < LOWEST_SUN_DEG
+
+    def require_day(self, utc_ns: int) -> None:
+        """Raise ConfigError where the sun is too low for the model at a time since 1970 (UTC) [ns]."""
+        if not self.is_day(utc_ns):
+            raise ConfigError(
+                f"the simulated roof has no light at {utc_text(utc_ns)[:16]}Z: the sun stands "
+                f"{self._zenith_deg(utc_ns):.1f} deg from the zenith, and the model ends at {LOWEST_SUN_DEG:g}"
+            )
+
+    def sun_text(self, utc_ns: int) -> str:
+        """Return in one line under which sun the roof is seen, when, and whence."""
+        if self._clock_ns is None:
+            return f"{sun_text(self._scene(None))}; by the scene file"
+        scene = self._scene(utc_ns)
+        return f"{sun_text(scene, time=utc_text(utc_ns)[:19] + 'Z')}; by the run's simulated clock"
+
+    def _zenith_deg(self, utc_ns: int) -> float:
+        if self._site is None:
+            raise ConfigError("the sun needs [site]")
+        time = datetime.fromtimestamp(utc_ns / NS_PER_S, tz=UTC)
+        return math.degrees(sun_position(time, self._site.place).zenith_rad)
 
     def _computed(self, number: int | None) -> dict[str, RegionLight]:
         scene = self._scene(None if number is None else number * _NODE_NS)

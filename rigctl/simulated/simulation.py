@@ -5,11 +5,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.choices import RoofChange
 from rigctl.errors import ConfigError
 from rigctl.files.regions import masks
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
@@ -21,6 +24,7 @@ from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.rendering import rendering_effect
 from rigctl.simulated.roof_steps import BeginStep, with_light, with_time
 from rigctl.simulated.simulated_clock import SimulatedClock
+from rigctl.utc_time import NS_PER_S
 from sim_devices.camera import SimCamera
 from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
@@ -37,6 +41,8 @@ FloatArray = NDArray[np.float64]
 
 # Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
 _TEXTURE_STREAM = 1
+# Of the background's radiance, where a session's clock begins at night: hardly a photon.
+_NIGHT_SHARE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +72,44 @@ class Simulation:
     network_address: str | None
     begin_step: Callable[[int], bool]
     light: SimulatedLight | None = None
+
+
+def with_simulation(rig: RigFile, *, clock_ns: int | None, perturb: RoofChange | None) -> RigFile:
+    """Return a rig file whose simulation has another clock, or a roof that was changed; None leaves what it says.
+
+    Parameters
+    ----------
+    rig : RigFile
+        The rig.
+    clock_ns : int or None
+        When its clock begins [ns since 1970 UTC].
+    perturb : str or None
+        What changes in its roof.
+
+    Raises
+    ------
+    ConfigError
+        A device of the rig is real, or its camera is on the network: their time is not simulated.
+    """
+    if perturb is not None and rig.simulation is None:
+        raise ConfigError("--perturb: only a simulated roof can be changed; this rig is real")
+    if rig.simulation is None and clock_ns is None:
+        return rig
+    given: dict[str, Any] = {} if clock_ns is None else {"clock": datetime.fromtimestamp(clock_ns / NS_PER_S, tz=UTC)}
+    if perturb is not None:
+        given |= {"perturb": perturb}
+    changed = None if rig.simulation is None else rig.simulation.model_copy(update=given)
+    if changed is None or (changed.clock is not None and not _is_within_program(rig)):
+        raise ConfigError(
+            "--clock: is for a rig whose stage and camera are simulated within the program (sim:...), not real or on "
+            "the network: their time cannot be chosen"
+        )
+    return rig.model_copy(update={"simulation": changed})
+
+
+def _is_within_program(rig: RigFile) -> bool:
+    camera = rig.camera.address
+    return rig.stage.port.startswith("sim:") and camera.startswith("sim:") and camera.partition("?")[0] != ON_NETWORK
 
 
 @contextmanager
@@ -205,7 +249,30 @@ def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
         shape=(camera.height, camera.width),
         generator=np.random.default_rng([rig.simulation.seed, _TEXTURE_STREAM]),
     )
-    return SeenScene(radiance=textured.painted(roof.at(utc_ns())), roof=roof, textured=textured)
+    radiance = textured.painted(roof.at(utc_ns())) if roof.is_day(utc_ns()) else _night(scene, camera)
+    return SeenScene(radiance=radiance, roof=roof, textured=textured)
+
+
+def _night(scene: SceneFile, camera: SimulatedCamera) -> FloatArray:
+    """Return a dark world, until the first step is taken by day."""
+    radiance = np.zeros((3, camera.height, camera.width))
+    radiance[0] = _NIGHT_SHARE * scene.background_radiance
+    return radiance
+
+
+def made_camera(rig: RigFile, seen: SeenScene, *, session_name: str) -> SimCamera:
+    """Return the camera of a simulated rig before its scene, without anything that turns.
+
+    Raises
+    ------
+    ConfigError, ValueError
+        Stage, polarizer or camera cannot be.
+    """
+    if rig.simulation is None:
+        raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
+    options = _stage_options(rig.stage.port, rig.simulation.seed)
+    stage = make_stage(options, clock=SimClock(speed=options.speed))
+    return _camera(rig.simulation, _world(rig.simulation, seen.radiance, stage), session_name, None, None)
 
 
 def _world(simulation: SimulationSection, radiance: FloatArray, stage: SimulatedStage) -> World:
