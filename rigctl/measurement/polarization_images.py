@@ -4,11 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from model.processing.reconstruction import Design, reconstruct
 from model.stokes import aolp_rad, dolp
 
 FloatArray = NDArray[np.float64]
+
+_NEIGHBOURHOOD_PIXELS = 7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,12 +28,19 @@ class PolarizationImages:
         Counter-clockwise from horizontal, in [0, 180).
     unusable : (H, W) array of bool
         Saturated or missing in any frame.
+    aolp_error_deg : (H, W) array
+        How well the angle is known, from how S1 and S2 scatter between neighbours: noise and fine texture.
+    residual : (H, W) array or None
+        Twice the largest residual of the fit over the mean of the angles: at 0, 45, 90, 135 deg what orthogonal pairs
+        differ by. None with three angles; NaN where there is no light.
     """
 
     stokes: FloatArray
     dolp: FloatArray
     aolp_deg: FloatArray
     unusable: NDArray[np.bool_]
+    aolp_error_deg: FloatArray
+    residual: FloatArray | None
 
 
 def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray[np.bool_]) -> PolarizationImages:
@@ -53,4 +63,32 @@ def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray
         dolp=np.where(dark, np.nan, dolp(np.moveaxis(lit, 0, -1))),
         aolp_deg=np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))),
         unusable=unusable,
+        aolp_error_deg=_aolp_error_deg(stokes),
+        residual=_residual(plan, channels, dark),
     )
+
+
+def _aolp_error_deg(stokes: FloatArray) -> FloatArray:
+    squares = sum(_scatter_squares(component) for component in stokes[1:]) / 2.0
+    polarized = np.maximum(np.hypot(stokes[1], stokes[2]), 1e-12)
+    return np.asarray(np.minimum(np.degrees(0.5 * np.sqrt(squares) / polarized), 90.0))
+
+
+def _scatter_squares(image: FloatArray) -> FloatArray:
+    """Return the local variance of a pixel about the line through its neighbours."""
+    bent = np.zeros_like(image)
+    bent[:, 1:-1] = np.square(image[:, 2:] - 2.0 * image[:, 1:-1] + image[:, :-2]) / 6.0
+    # Running sums go below 0 by rounding.
+    return np.maximum(uniform_filter(bent, _NEIGHBOURHOOD_PIXELS, mode="nearest"), 0.0)
+
+
+def _residual(plan: Design, channels: FloatArray, dark: NDArray[np.bool_]) -> FloatArray | None:
+    if plan.redundancy == 0:
+        return None
+    left = np.tensordot(plan.null_basis @ plan.null_basis.T, channels, axes=1)
+    largest = np.take_along_axis(left, np.argmax(np.abs(left), axis=0)[None], axis=0)[0]
+    # At equal sizes the sign is that of the first angle, so that a picture has one.
+    if plan.redundancy == 1:
+        largest = left[0] / max(float(np.abs(plan.null_basis[0, 0])), 1e-12) * float(np.abs(plan.null_basis).max())
+    mean = channels.mean(axis=0)
+    return np.where(dark | (mean <= 0.0), np.nan, 2.0 * largest / np.where(mean > 0.0, mean, 1.0))

@@ -26,6 +26,7 @@ Law = Callable[[FloatArray], FloatArray]
 
 _BINS = 60
 # Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
+_WELL_KNOWN_DEG = 10.0
 _SHOWN_PERCENTILES = (1.0, 99.5)
 
 
@@ -33,19 +34,34 @@ def scene_pictures(images: PolarizationImages, regions: list[Region], *, unit: s
     """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
     s0 = images.stokes[0]
     figure, axes = subplots(1, 2, size=picture_size(s0, columns=2))
-    _picture(axes[0], s0, title="S0 (panchromatic)", label=f"S0 [{unit}]", cmap="gray")
-    _picture(axes[1], images.dolp, title="DoLP", label="DoLP", cmap="viridis", most=1.0)
+    good = np.where(images.unusable, np.nan, s0)
+    _picture(axes[0], s0, scale_of=good, title="S0 (panchromatic)", label=f"S0 [{unit}]", cmap="gray")
+    _picture(axes[1], images.dolp, scale_of=images.dolp, title="DoLP", label="DoLP", cmap="viridis", most=1.0)
     for ax in axes:
         _outline(ax, regions)
     return png(figure)
 
 
 def aolp_picture(images: PolarizationImages) -> bytes:
-    """Return the image of the angle of polarization."""
+    """Return the image of the angle of polarization; it fades where it is known to less than 10 degrees."""
     figure, axes = subplots(1, 1, size=picture_size(images.aolp_deg, columns=1))
     angle_deg = np.where(images.unusable, np.nan, images.aolp_deg)
-    shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest")
+    known = np.clip(_WELL_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2
+    axes[0].set_facecolor("0.85")
+    shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest", alpha=known)
     finish_picture(figure, axes[0], shown, title="AoLP, counter-clockwise from horizontal", label="AoLP [deg]")
+    return png(figure)
+
+
+def residual_picture(residual: FloatArray) -> bytes:
+    """Return the image of what no light gives, as a share of the light."""
+    found = 100.0 * residual
+    figure, axes = subplots(1, 1, size=picture_size(found, columns=1))
+    good = np.abs(found[np.isfinite(found)])
+    most = max(float(np.percentile(good, _SHOWN_PERCENTILES[1])), 1e-6) if good.size else 1.0
+    shown = axes[0].imshow(found, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="nearest")
+    title = "What no light gives: twice the residual of the fit over the light"
+    finish_picture(figure, axes[0], shown, title=title, label="residual [%]")
     return png(figure)
 
 
@@ -72,11 +88,14 @@ def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction
     for line, name in enumerate(names):
         pixels, stokes = measurement.regions[name].stokes_pixels, predictions[name].stokes_dn
         lit = pixels[:, pixels[0] > 0.0]
+        if not lit.size:
+            continue
+        step = 1.0 / float(np.median(lit[0]))
         for column, component in enumerate((1, 2)):
             ax = axes[3 * line + column]
-            _histogram(ax, lit[component] / lit[0], _ratio_law(stokes, component), title=name)
+            _histogram(ax, lit[component] / lit[0], _ratio_law(stokes, component), step=step, title=name)
             ax.set_xlabel(f"s{component} = S{component}/S0")
-        _histogram(axes[3 * line + 2], degree_of_polarization(lit.T), _dolp_law(stokes), title=name)
+        _histogram(axes[3 * line + 2], degree_of_polarization(lit.T), _dolp_law(stokes), step=step, title=name)
         axes[3 * line + 2].set_xlabel("DoLP")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
     return png(figure)
@@ -105,8 +124,11 @@ def scores(comparison: Comparison) -> bytes:
     return png(figure)
 
 
-def _picture(ax: "Axes", image: FloatArray, *, title: str, label: str, cmap: str, most: float = np.inf) -> None:
-    low, high = np.nanpercentile(image, _SHOWN_PERCENTILES)
+def _picture(
+    ax: "Axes", image: FloatArray, *, title: str, label: str, cmap: str, scale_of: FloatArray, most: float = np.inf
+) -> None:
+    good = scale_of[np.isfinite(scale_of)]
+    low, high = np.percentile(good, _SHOWN_PERCENTILES) if good.size else (0.0, 1.0)
     high = min(high, most)
     shown = ax.imshow(image, cmap=cmap, vmin=low, vmax=high, interpolation="nearest")
     finish_picture(ax.figure, ax, shown, title=title, label=label)
@@ -137,14 +159,26 @@ def _bars(ax: "Axes", rows: list[Row]) -> None:
     ax.set_xticks(places, [angle_of(row.quantity) for row in rows])
 
 
-def _histogram(ax: "Axes", values: FloatArray, law: Law, *, title: str) -> None:
-    ax.hist(values, bins=_BINS, density=True, color=MEASURED, alpha=0.55, label="measured pixels")
+def _histogram(ax: "Axes", values: FloatArray, law: Law, *, step: float, title: str) -> None:
     low, high = float(values.min()), float(values.max())
+    ax.hist(
+        values, bins=_edges(low, high, step).tolist(), density=True, color=MEASURED, alpha=0.55, label="measured pixels"
+    )
     x = np.linspace(low, high, 300)
-    ax.plot(x, law(x), color=PREDICTED, linewidth=1.8, label="predicted law")
+    try:
+        ax.plot(x, law(x), color=PREDICTED, linewidth=1.8, label="predicted law")
+    except (ValueError, ArithmeticError) as error:
+        ax.annotate(f"no law: {error}", (0.02, 0.95), xycoords="axes fraction", fontsize=6, va="top", wrap=True)
     ax.set_title(title, fontsize=9)
     ax.set_ylabel("density")
     ax.locator_params(axis="x", nbins=5)
+
+
+def _edges(low: float, high: float, step: float) -> FloatArray:
+    """Return edges of bins that are whole multiples of one count's step wide: others make spikes that are not there."""
+    width = step * max(1.0, np.ceil((high - low) / _BINS / step))
+    start = np.floor(low / width) - 0.5
+    return np.asarray((start + np.arange(int(np.ceil((high - low) / width)) + 3)) * width)
 
 
 def _ratio_law(stokes: Moments, component: int) -> Law:

@@ -40,6 +40,7 @@ def write_stokes(
         "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
         "pictures.png": comparison_figures.scene_pictures(images, regions, unit=unit),
         "aolp.png": comparison_figures.aolp_picture(images),
+        **({} if images.residual is None else {"residual.png": comparison_figures.residual_picture(images.residual)}),
         "stokes.json": json_file(numbers),
     }
     return write_folder(out, contents)

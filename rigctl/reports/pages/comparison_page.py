@@ -143,7 +143,18 @@ def _figures(comparison: Comparison, measurement: Measurement, regions: list[Reg
         png=comparison_figures.scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
         caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
     )
-    yield Section(title="Pictures", blocks=(pictures,))
+    shown: tuple[Block, ...] = (pictures,)
+    if measurement.images.residual is not None:
+        shown += (
+            Picture(
+                png=comparison_figures.residual_picture(measurement.images.residual),
+                caption="What no light gives: twice the residual of the fit over the light, at 0, 45, 90, 135 deg what "
+                "the sums of orthogonal pairs differ by. Structure in it is a fault of the run.",
+            ),
+        )
+    yield Section(title="Pictures", blocks=shown)
+    if not comparison.predictions:
+        return
     if any(row.z is not None for row in comparison.rows):
         scores = Picture(
             png=comparison_figures.scores(comparison),
