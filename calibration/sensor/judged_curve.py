@@ -16,6 +16,7 @@ from calibration.sensor.level_influence import (
     light_influence,
     mean_variance_dn2,
     noise_influence,
+    stated_light,
 )
 from calibration.sensor.level_names import describe_level
 from calibration.sensor.level_verdicts import FlatVerdicts, LevelInfluence, flat_verdicts
@@ -132,7 +133,8 @@ def judged_curve(
     A level that is off on an axis is left out of the fit on this axis, and of nothing else.
     """
     points = transfer_points(flats, dark, match, ceiling_dn=ceiling_dn)
-    usable = usable_points(points, full_signal_dn=ceiling_dn - float(dark.means_dn.min()))
+    full_dn = ceiling_dn - float(dark.means_dn.min())
+    usable = usable_points(points, full_signal_dn=full_dn, light=stated_light(flats))
     mask = usable.mask
     used = [flats[index] for index in np.flatnonzero(mask).tolist()]
     stability = light_stability(used, points.signal_dn[mask])

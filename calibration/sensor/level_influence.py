@@ -153,6 +153,18 @@ def _photons(flats: Sequence[LevelStatistics]) -> FloatArray:
     return np.array([np.nan if flat.photons is None else flat.photons for flat in flats])
 
 
+def stated_light(flats: Sequence[LevelStatistics]) -> FloatArray | None:
+    """Return photons or exposures of flats, None where neither is known of all or they do not differ.
+
+    Parameters
+    ----------
+    flats : sequence of LevelStatistics
+        In any order.
+    """
+    known = [light for light in (_photons(flats), _exposures(flats)) if not np.isnan(light).any()]
+    return next((light for light in known if len(np.unique(light)) > len(light) // 2), None)
+
+
 def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability) -> FloatArray:
     """Return the variance of the means of flats by noise of pixels, rounding and wander of the light [DN^2]."""
     temporal = np.array([flat.temporal_variance_dn2 for flat in flats])

@@ -1,7 +1,7 @@
 """Gain from the photon-transfer curve: temporal variance against mean."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ RANGE_OF_SATURATION = 0.8
 _PASSES = 3
 # Variance over signal of one level above both neighbours by this much, and by so many errors.
 _SPIKE, _SPIKE_SIGMA = 1.1, 6.0
+# Levels at the bright end that are compared, and by how much of its noise a mean is low where pixels are full.
+_END_LEVELS, _CUT_OFF = 4, 0.3
 _TERMS = 3
 
 
@@ -203,7 +205,7 @@ class UsablePoints:
     saturation: SaturationLevel | None
 
 
-def usable_points(points: TransferPoints, *, full_signal_dn: float) -> UsablePoints:
+def usable_points(points: TransferPoints, *, full_signal_dn: float, light: FloatArray | None = None) -> UsablePoints:
     """Return the points up to 80 % of saturation with less than 0.1 % of their samples at the ceiling.
 
     Parameters
@@ -212,14 +214,15 @@ def usable_points(points: TransferPoints, *, full_signal_dn: float) -> UsablePoi
         The curve, by ascending signal.
     full_signal_dn : float
         Signal that reaches the ceiling [DN]; it stands for saturation where the curve does not reach it.
+    light : (n,) array or None
+        What the light of the levels is proportional to, where that is known.
 
     Raises
     ------
     RefusedFramesError
         No level is brighter than its dark and below saturation.
     """
-    smooth = ~_spikes(points)
-    saturation = saturation_level(signal_dn=points.signal_dn, variance_dn2=np.where(smooth, points.variance_dn2, 0.0))
+    saturation = _saturation(points, ~_spikes(points) & ~_proportional_end(points, light))
     top_dn = RANGE_OF_SATURATION * (saturation.signal_dn if saturation else full_signal_dn)
     used = (points.signal_dn > 0.0) & (points.signal_dn <= top_dn) & (points.flat_variance_dn2 > 0.0)
     used &= ~points.saturated
@@ -231,6 +234,27 @@ def usable_points(points: TransferPoints, *, full_signal_dn: float) -> UsablePoi
             f"noise, brighter than dark and below {top_dn:.0f} DN: take flats at other exposures",
         )
     return UsablePoints(mask=used, saturation=saturation)
+
+
+def _saturation(points: TransferPoints, smooth: NDArray[np.bool_]) -> SaturationLevel | None:
+    places = np.flatnonzero(smooth)
+    found = saturation_level(signal_dn=points.signal_dn[smooth], variance_dn2=points.variance_dn2[smooth])
+    return found and replace(found, lower=int(places[found.lower]), upper=int(places[found.upper]))
+
+
+def _proportional_end(points: TransferPoints, light: FloatArray | None) -> NDArray[np.bool_]:
+    """Return the brightest point alone, where its mean is as proportional to the light as that of its neighbours.
+
+    Pixels that are full take off the mean what they take off the noise, some 0.4 standard deviations.
+    """
+    end = np.zeros(len(points.signal_dn), dtype=bool)
+    if light is None or len(end) < _END_LEVELS or points.saturated[-1] or light[-_END_LEVELS:].min() <= 0.0:
+        return end
+    rate = points.signal_dn[-_END_LEVELS:] / light[-_END_LEVELS:]
+    off = abs(float(rate[-1] / np.median(rate[:-1])) - 1.0)
+    noise = float(np.sqrt(points.variance_dn2[-_END_LEVELS:-1].max()) / points.signal_dn[-1])
+    end[-1] = off < _CUT_OFF * noise and points.variance_dn2[-1] < points.variance_dn2[:-1].max()
+    return end
 
 
 def _spikes(points: TransferPoints) -> NDArray[np.bool_]:

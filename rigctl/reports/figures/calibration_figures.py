@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 
 _GREY = "0.45"
 _MS_PER_S = 1e3
+# A level fainter than this share of the brightest says nothing of a line.
+_FAINT = 0.01
 _WRONG_LIGHT = ("wrong_light", "another_gain", "wrong_level")
 
 
@@ -39,14 +41,20 @@ def linearity_png(calibration: NoiseCalibration) -> bytes | None:
     ):
         above.plot(light[chosen], signal_dn[chosen], marker, ms=5, color=colour, label=name)
     sound = used & ~named if np.count_nonzero(used & ~named) > 1 else used
-    line = np.polyfit(light[sound], signal_dn[sound], 1, w=1.0 / signal_dn[sound]) if sound.sum() > 1 else np.zeros(2)
+    line = (
+        np.polyfit(
+            light[sound], signal_dn[sound], 1, w=1.0 / np.maximum(signal_dn[sound], _FAINT * signal_dn[sound].max())
+        )
+        if sound.sum() > 1
+        else np.zeros(2)
+    )
     shown = np.linspace(0.0, light.max(), 200)
     above.plot(shown, np.polyval(line, shown), color=PREDICTED, label="straight line, weights 1 / signal")
     above.set(xlabel=label, ylabel="signal above dark [DN]", title="Linearity")
     off = 100.0 * (signal_dn[used] / np.polyval(line, light[used]) - 1.0)
     errors = _relative_errors(calibration)
     below.errorbar(signal_dn[used], off, errors, fmt="o", ms=4, color=MEASURED, label="flats used")
-    mark_beyond(below, signal_dn[used], off, errors)
+    mark_beyond(below, signal_dn[used], off, errors, trusted=sound[used])
     _draw_response(below, calibration)
     below.axhline(0.0, color="black", lw=0.8)
     below.set(xlabel="signal above dark [DN]", ylabel="off the straight line [%]")

@@ -41,12 +41,15 @@ def legend_below(axes: Axes) -> None:
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), borderaxespad=0.0)
 
 
-def mark_beyond(axes: Axes, x: FloatArray, y: FloatArray, errors: FloatArray) -> None:
+def mark_beyond(
+    axes: Axes, x: FloatArray, y: FloatArray, errors: FloatArray, *, trusted: NDArray[np.bool_] | None = None
+) -> None:
     """Fit the y axis to the points that are known best, and mark those beyond it at its edge.
 
     A point whose error is ten times the median's says little, and is not to hide what the others say.
     """
     known = errors <= _KNOWN * float(np.median(errors))
+    known = known & trusted if trusted is not None and np.any(known & trusted) else known
     half = _ROOM * float(np.max(np.abs(y[known]) + errors[known]))
     if not np.isfinite(half) or half <= 0.0:
         return
