@@ -1,11 +1,13 @@
 """Trial of the noise calibration over simulated sets with known truth: intervals, wrong levels, false names.
 
-Usage: python -m benchmarks.trial_noise_sets [--seeds 200]
+Usage: python -m benchmarks.trial_noise_sets [--seeds 200] [--processes 2]
 """
 
 import argparse
 from collections import Counter, defaultdict
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.stats import binom
@@ -29,7 +31,7 @@ class Count:
     refused: int = 0
     named: int = 0
     falsely_named: int = 0
-    scores: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    scores: dict[str, list[float]] = field(default_factory=partial(defaultdict, list))
     causes: Counter[str] = field(default_factory=Counter)
 
 
@@ -76,11 +78,12 @@ def is_sound(found: Count, seeds: int, *, has_wrong: bool) -> bool:
     return bool(sound)
 
 
-def run_noise_sets(seeds: int) -> bool:
+def run_noise_sets(seeds: int, *, processes: int) -> bool:
     """Run the trial; return whether all is as stated."""
-    all_sound = True
-    for make in (*GOOD, *ONE_WRONG, *OUTSIDE):
-        found = count(make, seeds)
+    all_sound, makers = True, (*GOOD, *ONE_WRONG, *OUTSIDE)
+    with ProcessPoolExecutor(max_workers=processes) as pool:
+        counts = list(pool.map(count, makers, [seeds] * len(makers)))
+    for make, found in zip(makers, counts, strict=True):
         wrong = f", wrong level named in {found.named}" if make in ONE_WRONG else ""
         print(f"{make.__name__}: {seeds} sets, {found.refused} refused{wrong}, false name in {found.falsely_named}")
         sound = is_sound(found, seeds, has_wrong=make in ONE_WRONG)
@@ -94,7 +97,9 @@ def main() -> int:
     """Run the trial; return 1 where it fails."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=200)
-    return 0 if run_noise_sets(parser.parse_args().seeds) else 1
+    parser.add_argument("--processes", type=int, default=2)
+    arguments = parser.parse_args()
+    return 0 if run_noise_sets(arguments.seeds, processes=arguments.processes) else 1
 
 
 if __name__ == "__main__":

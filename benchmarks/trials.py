@@ -49,7 +49,7 @@ def main() -> int:
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
-    sound &= run_noise_sets(arguments.seeds)
+    sound &= run_noise_sets(arguments.seeds, processes=arguments.processes)
     sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)
     return 0 if sound else 1
 
