@@ -60,6 +60,9 @@ def test_gives_what_a_run_of_the_same_frames_gives(tmp_path: Path, option: str, 
         ("Light 2p5ms.png", "flat", 2.5e-3),
         ("bright_1S_x.png", "flat", 1.0),
         ("dark_frames2.png", "dark", None),
+        ("flat_exp000000522us_3.png", "flat", 522e-6),
+        ("dark/exposure=2p5ms.png", "dark", 2.5e-3),
+        ("flat-exp000522.png", "flat", None),
     ],
 )
 def test_kind_and_exposure_of_a_name(tmp_path: Path, name: str, kind: str, exposure_s: float | None) -> None:
@@ -67,6 +70,33 @@ def test_kind_and_exposure_of_a_name(tmp_path: Path, name: str, kind: str, expos
     (group,) = folder_frames(tmp_path, bit_depth=12).groups
     assert group.kind == kind
     assert group.exposure_s == (None if exposure_s is None else pytest.approx(exposure_s))
+
+
+@pytest.mark.parametrize("name", ["flat_exp000522.png", "flat_exp_522.png", "flat_texp=522.png"])
+def test_a_number_without_a_unit_has_the_one_that_is_stated(tmp_path: Path, name: str) -> None:
+    write_png(tmp_path / name)
+    (group,) = folder_frames(tmp_path, bit_depth=12, exposure_unit="us").groups
+    assert group.exposure_s == pytest.approx(522e-6)
+
+
+def test_many_images_of_which_the_same_is_to_be_said_take_few_lines(tmp_path: Path) -> None:
+    for number in range(84):
+        write_png(tmp_path / f"raw_{number:02}.png")
+    with pytest.raises(ConfigError) as caught:
+        folder_frames(tmp_path, bit_depth=12)
+    assert len(str(caught.value).splitlines()) == 5
+    assert "and 81 more files" in str(caught.value)
+
+
+def test_exposures_that_are_not_recognised_are_told_as_such(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for number, (kind, exposure_s, counts) in enumerate(frames()):
+        write_png(tmp_path / f"{kind}_{exposure_s * 1e6:g}_{number:03}.png", counts)
+    arguments = ["--folder", str(tmp_path), "--bit-depth", "12", "--out", str(tmp_path / "noise.json")]
+    assert main(["calibrate", "noise", *arguments]) == EXIT_DATA
+    error = " ".join(capsys.readouterr().err.split())
+    assert "no exposure was recognised" in error
+    assert "--table" in error
+    assert "keep automatic exposure" not in error
 
 
 def test_kind_and_exposure_of_a_header(tmp_path: Path) -> None:
@@ -121,6 +151,14 @@ def test_every_problem_of_a_table_is_named(tmp_path: Path) -> None:
     table.write_text("file,kind,exposure_ms\na.png,grey,1\nb.png,dark,1\na.png,flat,long\n")
     with pytest.raises(ConfigError, match=r"line 2: kind is 'grey'(.|\n)*line 3: there is no file(.|\n)*line 4: exp"):
         table_frames(table, bit_depth=12)
+
+
+def test_exposures_of_a_table_in_another_unit(tmp_path: Path) -> None:
+    write_png(tmp_path / "one.png")
+    table = tmp_path / "frames.csv"
+    table.write_text("file,kind,exposure_ms\none.png,flat,522\n")
+    (group,) = table_frames(table, bit_depth=12, exposure_unit="us").groups
+    assert group.exposure_s == pytest.approx(522e-6)
 
 
 def test_columns_that_are_not_known_are_named(tmp_path: Path) -> None:
