@@ -14,8 +14,10 @@ SMALLEST = 1e-30
 
 def range_problem(value: float) -> str | None:
     """Return in words what is wrong with a number that no arithmetic may be done with; None for a good one."""
+    if isinstance(value, float) and not isfinite(value):
+        return f"must be finite, between -{LARGEST:g} and {LARGEST:g}"
     # Whole numbers of any length can be compared, but not made a float.
-    if (isinstance(value, float) and not isfinite(value)) or abs(value) > LARGEST:
+    if abs(value) > LARGEST:
         return f"must lie between -{LARGEST:g} and {LARGEST:g}"
     if 0 < abs(value) < SMALLEST:
         return f"must be 0, or at least {SMALLEST:g} away from it"

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.config import describe
 from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
@@ -57,7 +58,7 @@ def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
         The file cannot be read, or is not as the record says: every problem at once, each with its key.
     """
     try:
-        text = path.read_bytes()
+        text = read_bounded(path, MOST_RECORD_BYTES)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     try:

@@ -8,12 +8,14 @@ from rich.progress import Progress
 
 from calibration.errors import RefusedFramesError
 from drivers.cameras.raw_planes import PLANES
+from rigctl.bounded_file import MOST_FRAME_MB
 from rigctl.choices import EXPOSURE_UNITS
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
 from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
+from rigctl.commands.frame_size_option import MaxFrameMb, frame_bytes
 from rigctl.commands.option_text import OptionTexts
 from rigctl.errors import ConfigError
 from rigctl.terminal import print_json, progress, results
@@ -49,6 +51,7 @@ def noise(
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the photon-transfer curve.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write a page with curves and maps.")] = None,
     defects: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Write the map of defect pixels.")] = None,
+    max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
     as_json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:
     """Gain, read noise, dark current, black level, saturation, PRNU and DSNU, each with its standard error.
@@ -73,6 +76,7 @@ def noise(
         out=out,
         run=run,
         emva=emva,
+        most_bytes=frame_bytes(max_frame_mb),
         folder=folder,
         table=table,
         bit_depth=bit_depth,

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.cameras.raw_planes import PLANES
+from rigctl.bounded_file import MOST_FRAME_MB
 from rigctl.choices import FRAME_KINDS
+from rigctl.commands.frame_size_option import MaxFrameMb, frame_bytes
 from rigctl.commands.option_text import OptionTexts
 from rigctl.terminal import print_json, results
 
@@ -67,6 +69,7 @@ def command(
         str | None,
         typer.Option(metavar="|".join(PLANES), help="Colour of RAW files; green-1 stands in the rows of red."),
     ] = None,
+    max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Make a run out of images that exist, or add images of another kind to such a run.
@@ -107,6 +110,7 @@ def command(
         no_border_search=no_border_search,
         first_row=texts.choice("--first-row", first_row, ("top", "bottom")),
         plane=texts.choice("--plane", plane, PLANES),
+        most_bytes=frame_bytes(max_frame_mb),
         misread=texts.problems,
     )
     _report(run, import_images(request), as_json=as_json)

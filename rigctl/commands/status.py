@@ -46,7 +46,7 @@ def _print(state: "RunState") -> None:
     console.print(f"disk          {state.disk_free_mb:.0f} MB free", markup=False)
     if state.process is not None and "remaining_s" in live:
         minutes, seconds = divmod(round(live["remaining_s"]), _SECONDS_A_MINUTE)
-        console.print(f"remaining     {minutes} min {seconds} s, until {live['end_utc'][:19]}Z", markup=False)
+        console.print(f"remaining     {minutes} min {seconds} s, until {live.get('end_utc', '')[:19]}Z", markup=False)
     for line in live_lines(live):
         console.print(line, markup=False)
     for event in state.events:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity
+from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.config import describe
 from rigctl.devices.characterise import Characterisation
 from rigctl.errors import DataError
@@ -79,7 +80,7 @@ def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
         Another stage was measured.
     """
     try:
-        content = _Content.model_validate(json.loads(path.read_bytes()))
+        content = _Content.model_validate(json.loads(read_bounded(path, MOST_TEXT_BYTES)))
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:

@@ -97,7 +97,7 @@ def survey_images(request: ImportRequest) -> Survey:
     unfit: list[str] = []
     for index, path in enumerate(request.files):
         try:
-            image = read_image(path, plane=request.plane)
+            image = read_image(path, plane=request.plane, most_bytes=request.most_bytes)
             images.append(_survey(request, index, image))
             levels += images[-1].levels
         except DataError as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from drivers.cameras.raw_planes import Plane
+from rigctl.bounded_file import MOST_FRAME_BYTES
 from rigctl.choices import FrameKind
 from rigctl.imports.image_file import FirstRow
 
@@ -59,6 +60,8 @@ class ImportRequest:
         Which row of the picture comes first in the files.
     plane : str or None
         Which colour of RAW files.
+    most_bytes : int
+        A picture of more bytes of samples is refused.
     misread : sequence of str
         What of the command line could not be read.
     """
@@ -83,6 +86,7 @@ class ImportRequest:
     no_border_search: bool = False
     first_row: FirstRow | None = None
     plane: Plane | None = None
+    most_bytes: int = MOST_FRAME_BYTES
     misread: Sequence[str] = ()
 
 

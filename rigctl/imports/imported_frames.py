@@ -78,7 +78,7 @@ def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[floa
 
 
 def _pictures(request: ImportRequest, image: SurveyedImage) -> Iterator[tuple[float | None, NDArray[np.uint16]]]:
-    counts = read_image(image.path, plane=request.plane).counts
+    counts = read_image(image.path, plane=request.plane, most_bytes=request.most_bytes).counts
     upright = counts if image.first_row == "top" else counts[::-1]
     if request.mosaic_deg is None:
         yield image.angle_deg, upright

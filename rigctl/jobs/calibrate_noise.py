@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 
 from drivers.cameras.raw_planes import Plane
+from rigctl.bounded_file import MOST_FRAME_BYTES
 from rigctl.calibrations.content_file import write_content, write_whole
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration, LevelDone, calibrate_frames
 from rigctl.calibrations.noise.folder_frames import folder_frames
@@ -14,6 +15,7 @@ from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
 from rigctl.choices import ExposureUnit
 from rigctl.errors import ConfigError, DataError
+from rigctl.imports.image_file import ImageReading
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +34,8 @@ class NoiseRequest:
         Colour of RAW files.
     exposure_unit : str or None
         Unit of the exposures as they are stated (ns, us, ms, s); None is the usual one of each source.
+    most_bytes : int
+        A picture of more bytes of samples is refused.
     plot, report, defects : Path or None
         Photon-transfer curve (PNG), page with curves and maps (HTML), map of defect pixels (PNG).
     """
@@ -44,6 +48,7 @@ class NoiseRequest:
     bit_depth: int | None = None
     plane: Plane | None = None
     exposure_unit: ExposureUnit | None = None
+    most_bytes: int = MOST_FRAME_BYTES
     plot: Path | None = None
     report: Path | None = None
     defects: Path | None = None
@@ -113,12 +118,13 @@ def _frames(request: NoiseRequest) -> FrameSet:
             )
         return run_frames(request.run)
     if request.emva is not None:
-        return emva_frames(request.emva, exposure_unit=unit)
+        return emva_frames(request.emva, exposure_unit=unit, most_bytes=request.most_bytes)
     if request.bit_depth is None:
         raise ConfigError("images do not say how many bits the camera has: give --bit-depth, such as --bit-depth 12")
+    reading = ImageReading(plane=request.plane, most_bytes=request.most_bytes)
     if request.folder is not None:
-        return folder_frames(request.folder, bit_depth=request.bit_depth, plane=request.plane, exposure_unit=unit)
-    return table_frames(request.table or Path(), bit_depth=request.bit_depth, plane=request.plane, exposure_unit=unit)
+        return folder_frames(request.folder, bit_depth=request.bit_depth, reading=reading, exposure_unit=unit)
+    return table_frames(request.table or Path(), bit_depth=request.bit_depth, reading=reading, exposure_unit=unit)
 
 
 def _defects_png(path: Path, calibration: FrameCalibration) -> bytes:

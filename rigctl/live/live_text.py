@@ -15,8 +15,9 @@ def live_lines(live: Mapping[str, Any]) -> Iterator[str]:
     for name, found in live.get("regions", {}).items():
         angle = "" if found["aolp_deg"] is None else f", AoLP {found['aolp_deg']:.1f} deg"
         yield f"DoLP of {name}  {_estimate(found['dolp'])}{angle}"
-    if live.get("regions") and live["dark"]["source"].startswith("not known"):
-        yield f"dark level {live['dark']['source']}"
+    dark = live.get("dark") or {"source": ""}
+    if live.get("regions") and dark["source"].startswith("not known"):
+        yield f"dark level {dark['source']}"
     if live.get("drift"):
         yield _drift(live["drift"])
 

@@ -3,7 +3,6 @@
 import io
 import json
 import time
-import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
 from rigctl.angles import wrapped
+from rigctl.array_archive import read_arrays
 from rigctl.calibrations.checked_values import UtcText
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.flat.run_flat import RunFlat
@@ -149,13 +149,14 @@ def read_fitting_flats(path: Path, run: Run) -> tuple[FlatFields, tuple[str, ...
 
 def _read(path: Path) -> FlatFields:
     try:
-        with np.load(path, allow_pickle=False) as kept:
-            facts = TypeAdapter(FlatFacts).validate_json(kept["facts"].tobytes())
-            arrays = {name: kept[name].astype(np.float64) for name in ("angles_deg", "response", "std_error")}
+        kept = read_arrays(path)
+    except DataError as error:
+        raise DataError(f"{error}; flat fields are made by `rigctl calibrate flat`") from error
+    try:
+        facts = TypeAdapter(FlatFacts).validate_json(kept["facts"].tobytes())
+        arrays = {name: kept[name].astype(np.float64) for name in ("angles_deg", "response", "std_error")}
         return FlatFields(facts=facts, **arrays)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValidationError as error:
         raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
-    except (KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path}: holds no flat fields ({error}); they are made by `rigctl calibrate flat`") from error

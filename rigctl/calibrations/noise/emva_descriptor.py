@@ -1,11 +1,12 @@
 """The descriptor file of an EMVA 1288 data set: which image was taken at which exposure and light."""
 
 from dataclasses import dataclass, field
-from math import inf
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
+from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
+from rigctl.number_range import range_problem
 
 _S_PER_NS = 1e-9
 _COMMENT = "#"
@@ -61,7 +62,7 @@ def read_emva_descriptor(path: Path) -> EmvaDescriptor:
     path : Path
         Text file of lines ``v VERSION``, ``n BITS WIDTH HEIGHT``, ``b NANOSECONDS PHOTONS``, ``d NANOSECONDS`` and
         ``i FILE``; a file belongs to the ``b`` or ``d`` line above it. Lines that begin with ``#`` are comments.
-        File names are relative to the descriptor, with slashes or backslashes.
+        File names are relative to the descriptor, with slashes or backslashes, and stay within its folder.
 
     Raises
     ------
@@ -73,13 +74,20 @@ def read_emva_descriptor(path: Path) -> EmvaDescriptor:
     EMVA1288/emva1288 on GitHub, data set format.
     """
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8", errors="replace")
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     reader = _Reader(folder=path.parent)
     for number, line in enumerate(text.splitlines(), start=1):
         reader.read(number, line.strip())
     return reader.finish(path)
+
+
+def _lies_within(file: Path, folder: Path) -> bool:
+    try:
+        return file.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a name that is too long or no name at all
+        return False
 
 
 @dataclass
@@ -138,7 +146,7 @@ class _Reader:
             values = [float(word) for word in text.split()]
         except ValueError:
             values = []
-        if len(values) != len(names) or not all(0.0 <= value < inf for value in values):
+        if len(values) != len(names) or not all(value >= 0.0 and range_problem(value) is None for value in values):
             self._problem(number, f"{text!r} has to be {len(names)} numbers, none below 0: {', '.join(names)}")
             return None
         return values
@@ -174,6 +182,9 @@ class _Reader:
             self._problem(number, f"image {text!r} stands before any b or d line")
             return
         file = self._folder / PurePosixPath(text.replace("\\", "/"))
+        if not _lies_within(file, self._folder):
+            self._problem(number, f"image {text!r} lies outside of the descriptor's folder; a data set has its own")
+            return
         if file in self._first_use:
             self._problem(number, f"image {text!r} is listed a second time (first in line {self._first_use[file]})")
         elif not file.is_file():

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from calibration.errors import refused
 from calibration.sensor.frame_statistics import LevelKind
 from drivers.cameras.raw_files import RAW_SUFFIXES
-from drivers.cameras.raw_planes import Plane
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, files_digest
 from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.image_file import read_image
+from rigctl.imports.image_file import ImageReading, read_image
 
 _FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})
 _PLAIN_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
@@ -44,6 +43,7 @@ _EXPOSURE = re.compile(
     rf"(?:{_BEFORE}|(?<![A-Za-z0-9.])){_NUMBER}\s?({'|'.join(map(re.escape, _SECONDS))})(?![A-Za-z0-9])", re.IGNORECASE
 )
 _BARE_EXPOSURE = re.compile(rf"{_BEFORE}\s?{_NUMBER}(?![A-Za-z0-9])", re.IGNORECASE)
+_PLAIN = ImageReading()
 _LISTED_PROBLEMS = 5
 _EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
 _KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
@@ -75,7 +75,7 @@ class ListedImage:
 
 
 def folder_frames(
-    folder: Path, *, bit_depth: int, plane: Plane | None = None, exposure_unit: ExposureUnit | None = None
+    folder: Path, *, bit_depth: int, reading: ImageReading = _PLAIN, exposure_unit: ExposureUnit | None = None
 ) -> FrameSet:
     """Return the dark and flat frames of a folder of images, subfolders included.
 
@@ -87,8 +87,8 @@ def folder_frames(
         header as ``EXPTIME``. Flats of one exposure in different subfolders are of different light.
     bit_depth : int
         Bits per sample of the camera.
-    plane : str or None
-        Which colour of RAW files.
+    reading : ImageReading
+        Which colour of RAW files, and how large a picture may be.
     exposure_unit : str or None
         Unit of exposures in headers, and of numbers in names that have none, such as ``exp000522``.
 
@@ -108,7 +108,7 @@ def folder_frames(
     for path in paths:
         if path.suffix.lower() in _FITS_SUFFIXES | _PLAIN_SUFFIXES | RAW_SUFFIXES:
             try:
-                images.append(_listed(path, path.relative_to(folder), plane, exposure_unit))
+                images.append(_listed(path, path.relative_to(folder), reading, exposure_unit))
             except ConfigError as error:
                 problems.append(str(error))
     if not images and not problems:
@@ -117,11 +117,11 @@ def folder_frames(
         raise ConfigError("\n  ".join([f"{folder}:", *_shortened(problems)]))
     digest = hashlib.sha256("\n".join(str(image.path.relative_to(folder)) for image in images).encode()).hexdigest()
     source = partial(FrameSource, kind="folder", path=str(folder), sha256=digest)
-    return frame_set(images, bit_depth=bit_depth, plane=plane, source=source)
+    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source)
 
 
 def frame_set(
-    images: Sequence[ListedImage], *, bit_depth: int, plane: Plane | None, source: Callable[..., FrameSource]
+    images: Sequence[ListedImage], *, bit_depth: int, reading: ImageReading, source: Callable[..., FrameSource]
 ) -> FrameSet:
     """Return a set of frames from images of which all is known.
 
@@ -131,8 +131,8 @@ def frame_set(
         In the order in which they were taken, within a level.
     bit_depth : int
         Bits per sample of the camera.
-    plane : str or None
-        Which colour of RAW files.
+    reading : ImageReading
+        Which colour of RAW files, and how large a picture may be.
     source : callable
         Makes the source, given ``frames_sha256``.
     """
@@ -144,7 +144,7 @@ def frame_set(
             FrameGroup(
                 kind=kind,
                 exposure_s=exposure_s,
-                loaders=tuple(partial(_counts, image.path, plane) for image in group),
+                loaders=tuple(partial(_counts, image.path, reading) for image in group),
                 photons=group[0].photons,
             )
             for (kind, exposure_s, _), group in groups.items()
@@ -155,9 +155,9 @@ def frame_set(
     )
 
 
-def _counts(path: Path, plane: Plane | None) -> NDArray[np.uint16]:
+def _counts(path: Path, reading: ImageReading) -> NDArray[np.uint16]:
     try:
-        return read_image(path, plane=plane).counts
+        return read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).counts
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
 
@@ -179,11 +179,11 @@ def _shortened(problems: Sequence[str]) -> list[str]:
     return [*problems[:3], f"and {len(problems) - 3} more files of which the same is to be said"]
 
 
-def _listed(path: Path, inside: Path, plane: Plane | None, unit: ExposureUnit | None) -> ListedImage:
+def _listed(path: Path, inside: Path, reading: ImageReading, unit: ExposureUnit | None) -> ListedImage:
     name = inside.as_posix()
     kind, exposure_s = _kind_of_name(name), _exposure_of_name(name, unit)
     if (kind is None or exposure_s is None) and path.suffix.lower() in _FITS_SUFFIXES | RAW_SUFFIXES:
-        header = read_image(path, plane=plane).header
+        header = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).header
         kind, exposure_s = kind or _kind_of_header(header), exposure_s or _exposure_of_header(header, unit)
     if kind is None:
         words = ", ".join(sorted(word for words in _KIND_WORDS.values() for word in words))

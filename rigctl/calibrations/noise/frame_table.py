@@ -1,27 +1,30 @@
 """A table of dark and flat frames: a CSV file that says what each image is."""
 
 import csv
+import io
 from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
 
 from calibration.sensor.frame_statistics import LevelKind
-from drivers.cameras.raw_planes import Plane
+from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.calibrations.noise.folder_frames import ListedImage, frame_set
 from rigctl.calibrations.noise.noise_frames import FrameSet, FrameSource
 from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.config import sha256_of
 from rigctl.errors import ConfigError
+from rigctl.imports.image_file import ImageReading
 
 _S_PER_MS = 1e-3
 _NEEDED = ("file", "kind")
 _ALLOWED = (*_NEEDED, "exposure_ms", "photons", "level")
+_PLAIN = ImageReading()
 _KINDS: dict[str, LevelKind] = {"dark": "dark", "flat": "flat"}
 
 
 def table_frames(
-    path: Path, *, bit_depth: int, plane: Plane | None = None, exposure_unit: ExposureUnit | None = None
+    path: Path, *, bit_depth: int, reading: ImageReading = _PLAIN, exposure_unit: ExposureUnit | None = None
 ) -> FrameSet:
     """Return the dark and flat frames that a table lists.
 
@@ -33,8 +36,8 @@ def table_frames(
         level; any text). Rows of a level in the order in which its frames were taken.
     bit_depth : int
         Bits per sample of the camera.
-    plane : str or None
-        Which colour of RAW files.
+    reading : ImageReading
+        Which colour of RAW files, and how large a picture may be.
     exposure_unit : str or None
         Unit of the column ``exposure_ms`` where it is another.
 
@@ -44,8 +47,8 @@ def table_frames(
         The table cannot be read, or is wrong: every problem with its line.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
+        text = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8-sig")
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     columns = list(rows[0]) if rows else []
@@ -66,7 +69,7 @@ def table_frames(
         images = [
             replace(one, exposure_s=None if one.exposure_s is None else one.exposure_s * factor) for one in images
         ]
-    return frame_set(images, bit_depth=bit_depth, plane=plane, source=source)
+    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source)
 
 
 def _image(folder: Path, row: dict[str, str | None]) -> ListedImage:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelKind
+from rigctl.bounded_file import MOST_FRAME_BYTES
 from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.calibrations.noise.emva_descriptor import read_emva_descriptor
 from rigctl.calibrations.noise.run_checks import record_flags
@@ -165,7 +166,9 @@ def _common_setting(path: Path, records: Sequence[FrameRecord]) -> CameraSetting
     )
 
 
-def emva_frames(path: Path, *, exposure_unit: ExposureUnit | None = None) -> FrameSet:
+def emva_frames(
+    path: Path, *, exposure_unit: ExposureUnit | None = None, most_bytes: int = MOST_FRAME_BYTES
+) -> FrameSet:
     """Return the frames of an EMVA 1288 data set.
 
     Parameters
@@ -174,6 +177,8 @@ def emva_frames(path: Path, *, exposure_unit: ExposureUnit | None = None) -> Fra
         Its descriptor file.
     exposure_unit : str or None
         Unit of its exposures; None is nanoseconds, as the format wants.
+    most_bytes : int
+        A picture of more bytes of samples is refused.
 
     Raises
     ------
@@ -188,7 +193,7 @@ def emva_frames(path: Path, *, exposure_unit: ExposureUnit | None = None) -> Fra
             FrameGroup(
                 kind=group.kind,
                 exposure_s=float(f"{group.exposure_s * factor:.9g}"),
-                loaders=tuple(partial(_read_emva_image, file, shape) for file in group.files),
+                loaders=tuple(partial(_read_emva_image, file, shape, most_bytes) for file in group.files),
                 photons=group.photons or None,
             )
             for group in descriptor.groups
@@ -204,9 +209,9 @@ def emva_frames(path: Path, *, exposure_unit: ExposureUnit | None = None) -> Fra
     )
 
 
-def _read_emva_image(file: Path, shape: tuple[int, int]) -> NDArray[np.uint16]:
+def _read_emva_image(file: Path, shape: tuple[int, int], most_bytes: int) -> NDArray[np.uint16]:
     try:
-        counts = read_image(file).counts
+        counts = read_image(file, most_bytes=most_bytes).counts
     except DataError as error:
         raise DataError(f"{file}: {error}") from error
     if counts.shape != shape:

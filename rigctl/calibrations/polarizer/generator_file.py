@@ -8,8 +8,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.config import Section, load
 from rigctl.errors import ConfigError, DataError
+from rigctl.number_range import wild_numbers
 from rigctl.runs.run_folder import FrameRecord
 
 GeneratorAngle = Callable[[FrameRecord], float]
@@ -55,14 +57,20 @@ def _read_toml(path: Path) -> dict[int, float]:
 
 def _read_csv(path: Path) -> tuple[str, dict[int, float]]:
     try:
-        rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))))
+        rows = list(csv.DictReader(io.StringIO(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8"))))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{path}: is no text of commas and lines: {error}") from error
     columns = set(rows[0]) if rows else set()
     keys = [key for key in _CSV_KEYS if key in columns]
     if len(keys) != 1 or _ANGLE not in columns:
         raise ConfigError(f"{path}: needs the column {_ANGLE} and one of {', '.join(_CSV_KEYS)} in its first line")
     try:
-        return keys[0], {int(row[keys[0]]): float(row[_ANGLE]) for row in rows}
+        angles = {int(row[keys[0]]): float(row[_ANGLE]) for row in rows}
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{path}: {error}; wanted are whole numbers of {keys[0]} and angles in degrees") from error
+    wild = [f"{key}: {problem}" for key, problem in wild_numbers(angles, _ANGLE)]
+    if wild:
+        raise ConfigError("\n  ".join([f"{path}:", *wild]))
+    return keys[0], angles

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.lighting.table_lighting import TableLighting
-from rigctl.errors import ConfigError
+from rigctl.array_archive import read_arrays
+from rigctl.errors import ConfigError, DataError
 
 # The sun of the scene may differ from the table's by this much.
 _SAME_SUN_DEG = 0.5
@@ -39,10 +40,12 @@ def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
         The file cannot be read, lacks an array, or is of another sun.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: np.asarray(archive[name], dtype=np.float64) for name in ARRAYS if name in archive}
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: is no numpy archive (.npz): {error}") from error
+        found = read_arrays(path)
+        arrays = {name: np.asarray(found[name], dtype=np.float64) for name in ARRAYS if name in found}
+    except DataError as error:
+        raise ConfigError(str(error)) from error
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}: holds what is no number: {error}") from error
     missing = [f"{name} {shape}" for name, shape in ARRAYS.items() if name not in arrays]
     if missing:
         raise ConfigError("\n  ".join([f"{path}: a table of the sky also needs", *missing]))
