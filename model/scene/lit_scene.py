@@ -12,6 +12,7 @@ from model.atmosphere.sun import SolarBand
 from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.field_light import Source
 from model.scene.field_of_view import FieldPart
+from model.scene.illumination import require_sun_zenith
 from model.scene.scenario import Readout
 from model.scene.view import View
 from model.sensor.imperfections import PERFECT, Imperfections
@@ -51,6 +52,11 @@ class Air:
     alternative, share
         Another air that it might as well be, and how much of its light is taken
         (`model.atmosphere.lighting.mixed_lighting`); None for none.
+
+    Raises
+    ------
+    ValueError
+        The sun is lower than a plane-parallel atmosphere is made for.
     """
 
     sun_zenith_rad: float
@@ -63,6 +69,9 @@ class Air:
     table: Lighting | None = None
     alternative: "Air | None" = None
     share: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_sun_zenith(self.sun_zenith_rad)
 
     @property
     def is_solved(self) -> bool:

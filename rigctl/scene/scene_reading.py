@@ -21,6 +21,7 @@ from rigctl.files.material_file import find_material
 from rigctl.files.place import SiteSection
 from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion, SensorSection
 from rigctl.scene.effect_choice import choice_remarks
+from rigctl.scene.geometry_limits import geometry_remarks
 from rigctl.scene.parameter_table import DRIFT, NOISE_FACTOR, SUN_AZIMUTH, SUN_ZENITH
 from rigctl.scene.scene_record import JointErrors, Scene, SceneRegionRecord, Sun
 from rigctl.scene.skies.solar_band import response_band
@@ -56,7 +57,13 @@ def scene_of_file(file: SceneFile, noise: NoiseParameters | None = None) -> Scen
         atmosphere=file.atmosphere,
         field_of_view=file.field_of_view,
         joint_errors=(*joint, *by_site),
-        remarks=(*_of_noise(file, noise, known), *assumed_materials(file), *choice_remarks(file), *_of_old_keys(file)),
+        remarks=(
+            *_of_noise(file, noise, known),
+            *assumed_materials(file),
+            *choice_remarks(file),
+            *_of_old_keys(file),
+            *geometry_remarks(file),
+        ),
     )
 
 

@@ -124,8 +124,12 @@ def _of_dolp(result: ChainResult) -> dict[Reading, float]:
         numbers = one.quantities.get("dolp_pixels")
         if numbers is None:
             continue
-        mean, std = one.dolp_mean_error, one.dolp_std_error / numbers["std"]
+        mean = one.dolp_mean_error
         found[Reading(name, "dolp_pixels", "mean")] = mean
+        if numbers["std"] == 0.0:
+            # Nothing fluctuates: there is no deviation to be off, and no SNR.
+            continue
+        std = one.dolp_std_error / numbers["std"]
         found[Reading(name, "dolp_pixels", "std")] = std
         found[Reading(name, "dolp_snr", "mean")] = mean / numbers["mean"] + std
     return found

@@ -20,7 +20,7 @@ from model.scene.aperture_radiance import ApertureLight, aperture_lights
 from model.scene.field_light import FieldLight, light_over_field, light_over_tiles
 from model.scene.field_of_view import FieldPart
 from model.scene.hemisphere import Rules
-from model.scene.illumination import Illumination, illuminate, require_sun_zenith
+from model.scene.illumination import Illumination, illuminate
 from model.scene.lit_scene import ALL_LIGHT, Air, LightParts, LitRegion
 from model.scene.sampled_sky import MixedSky, sample_sky
 from model.scene.sky import Sky
@@ -106,7 +106,6 @@ class LightStore:
         ValueError
             A number is outside its range, such as a sun below 85 deg from the zenith.
         """
-        require_sun_zenith(air.sun_zenith_rad)
         lit = self._kept_sky(air, settings, parts)
         return illuminate(
             lit.lighting,
