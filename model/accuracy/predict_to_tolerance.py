@@ -26,9 +26,9 @@ _FIRST_AIM, _AIM = 0.6, 0.75
 # little beside the one that follows, and tells it what counts.
 _FIRST_COARSEST, _FIRST_FINEST = 1e-2, 7e-4
 _ROUNDS = 6
-_SPHERES = (
+SPHERES = (
     "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "
-    "the estimate is given, and no promise"
+    "the estimate is given, and no promise; --estimated-only takes it as it is"
 )
 
 
@@ -52,6 +52,8 @@ class AccuratePrediction:
         Time of each stage over all rounds, that of the error estimates beside them [s].
     rounds
         How often the chain was evaluated.
+    estimated_only
+        Whether no error is promised of light of which no convergence is known: they are estimates.
     """
 
     result: ChainResult
@@ -61,6 +63,7 @@ class AccuratePrediction:
     not_guaranteed: Mapping[Reading, str]
     stage_s: Mapping[str, float]
     rounds: int
+    estimated_only: bool = False
 
 
 def predict(
@@ -68,6 +71,7 @@ def predict(
     *,
     tolerance: float,
     effects: frozenset[Effect] = ALL,
+    estimated_only: bool = False,
     store: LightStore | None = None,
     clock: Clock = time.perf_counter,
 ) -> AccuratePrediction:
@@ -82,6 +86,8 @@ def predict(
         deviations and SNR (S1 and S2 as shares of S0).
     effects
         That act; what leaving one out costs is not counted here.
+    estimated_only
+        Take the errors of aerosol of spheres as they are estimated, though nothing is promised of them.
     store
         Keeps skies and lights between calls; None for a new one.
     clock
@@ -121,9 +127,10 @@ def predict(
         tolerance=tolerance,
         plan=plan,
         budget=budget,
-        not_guaranteed=_not_guaranteed(scene, budget, tolerance),
+        not_guaranteed=_not_guaranteed(scene, budget, tolerance, estimated_only=estimated_only),
         stage_s=taken,
         rounds=rounds,
+        estimated_only=estimated_only and _has_spheres(scene),
     )
 
 
@@ -148,9 +155,11 @@ def _scales(ahead: Forecast, plan: Plan, budget: Budget, key: Reading) -> dict[s
     return {name: budget.by_setting[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
 
 
-def _not_guaranteed(scene: LitScene, budget: Budget, tolerance: float) -> dict[Reading, str]:
-    if _has_spheres(scene):
-        return dict.fromkeys(budget.total, _SPHERES)
+def _not_guaranteed(
+    scene: LitScene, budget: Budget, tolerance: float, *, estimated_only: bool
+) -> dict[Reading, str]:
+    if _has_spheres(scene) and not estimated_only:
+        return dict.fromkeys(budget.total, SPHERES)
     return {
         key: f"estimated error {error:.2g}, the most of it by {_most(budget, key)}"
         for key, error in budget.total.items()

@@ -1,0 +1,82 @@
+"""The page of hard cases, docs/hard-cases.md: written from the matrix, whole.
+
+Usage: python -m tests.hard_cases.page [--only WORDS] [--out FILE.md]
+
+With --only, cases whose names contain the words are computed anew, and the others are kept as the page has them.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from tests.hard_cases.cases import HARD_CASES
+from tests.hard_cases.matrix import COLUMNS, Cell, cell
+from tests.hard_cases.references import reference_lines
+
+PAGE = Path(__file__).parents[2] / "docs" / "hard-cases.md"
+
+_HEAD = """# Hard cases
+
+Written by `python -m tests.hard_cases.page`; do not edit. Each row is a scene with one thing at its edge
+(`tests/hard_cases/cases.py` has the files), each column a command; a cell is the number that it answers, or the words
+and the exit code (2: the scene is refused) of its refusal. `tests/hard_cases/` holds that no cell is a fault of the program
+(exit 70), a number that is not finite, or a refusal without words, and that DoLP of a given radiance is what was given,
+to rounding.
+
+- `predict`: DoLP of the target and its SNR over the pixels. "no SNR": mean and deviation of DoLP do not exist, for S0 is too
+  near to 0; quantiles do, and are printed.
+- `--tolerance`: with `--tolerance 0.01`: the largest estimated error of any number, and whether all are promised.
+- `sweep`: DoLP at two f-numbers. `uncertainty`: what f_number = 2.00 +- 0.02 makes of S0 [DN] and DoLP.
+- `effects`: how many of all effects act at 0.01. `tradeoff`: the true error at a tolerance of 0.1.
+- `ROC`: probability of detecting the target on the background at a false alarm rate of 1e-3, and the area under the curve.
+- `compare`: the verdict on one and the same run of two panels, which is of the first row's scene, but for its background.
+"""
+
+
+def main() -> int:
+    """Write the page; return 1 where a cell is not acceptable."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--out", type=Path, default=PAGE)
+    arguments = parser.parse_args()
+    kept = rows_of(arguments.out) if arguments.only and arguments.out.exists() else {}
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ["XDG_CACHE_HOME"] = cache
+        lines = list(_matrix(kept, arguments.only))
+    faults = sum("**" in line for line in lines)
+    arguments.out.write_text("\n".join([_HEAD, *lines, "", *reference_lines(), ""]), encoding="utf-8")
+    sys.stderr.write(f"{arguments.out}: {len(lines) - 2} cases, {faults} with a fault\n")
+    return 1 if faults else 0
+
+
+def rows_of(page: Path) -> dict[str, str]:
+    """Return the name of each case of a page with its line."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    names = {case.name for case in HARD_CASES}
+    found = {line.split("|")[1].strip(): line for line in lines if line.startswith("|")}
+    return {name: line for name, line in found.items() if name in names}
+
+
+def _matrix(kept: Mapping[str, str], only: str) -> Iterator[str]:
+    yield f"| case | {' | '.join(column.name for column in COLUMNS)} |"
+    yield "|---" * (len(COLUMNS) + 1) + "|"
+    for case in HARD_CASES:
+        if case.name in kept and only not in case.name:
+            yield kept[case.name]
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            cells = [cell(case, column, Path(folder)) for column in COLUMNS]
+        seconds = ", ".join(f"{column.name} {one.seconds:.1f}" for column, one in zip(COLUMNS, cells, strict=True))
+        sys.stderr.write(f"{case.name}: {seconds} s\n")
+        yield f"| {case.name} | {' | '.join(_text(one) for one in cells)} |"
+
+
+def _text(one: Cell) -> str:
+    return f"**{one.fault}**: {one.words}" if one.fault else one.words
+
+
+if __name__ == "__main__":
+    sys.exit(main())
