@@ -155,9 +155,7 @@ def _scales(ahead: Forecast, plan: Plan, budget: Budget, key: Reading) -> dict[s
     return {name: budget.by_setting[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
 
 
-def _not_guaranteed(
-    scene: LitScene, budget: Budget, tolerance: float, *, estimated_only: bool
-) -> dict[Reading, str]:
+def _not_guaranteed(scene: LitScene, budget: Budget, tolerance: float, *, estimated_only: bool) -> dict[Reading, str]:
     if _has_spheres(scene) and not estimated_only:
         return dict.fromkeys(budget.total, SPHERES)
     return {

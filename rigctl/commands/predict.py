@@ -37,6 +37,10 @@ def command(
         float | None,
         typer.Option(metavar="T", help="Largest numerical error, 1e-6 to 0.1; settings are chosen, errors estimated."),
     ] = None,
+    estimated_only: Annotated[
+        bool,
+        typer.Option("--estimated-only", help="With --tolerance: aerosol = spheres too; its errors are no promises."),
+    ] = False,
     switched_on: Annotated[
         list[str] | None, typer.Option("--with", metavar="NAME", help="Let an effect act (rigctl effects lists them).")
     ] = None,
@@ -60,12 +64,16 @@ def command(
 
     Example: rigctl predict examples/scene-airborne.toml --tolerance 0.01
 
+    --tolerance goes with --sweep: some values are judged, those between them take the plans and errors of these.
+
     Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
     from rigctl.jobs.predict import PredictRequest
 
-    if key_and_range is not None and (tolerance is not None or uncertainty):
-        raise ConfigError("--tolerance and --uncertainty: are of one prediction; leave out --sweep")
+    if key_and_range is not None and uncertainty:
+        raise ConfigError("--uncertainty: is of one prediction; leave out --sweep")
+    if estimated_only and tolerance is None:
+        raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
     if tolerance is not None and uncertainty:
         raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
     if key_and_range is None and out is not None:
@@ -80,9 +88,9 @@ def command(
         left_out=tuple(left_out or ()),
     )
     if key_and_range is not None:
-        _sweep(request, key_and_range, out=out, as_json=as_json)
+        _sweep(request, key_and_range, out=out, tolerance=tolerance, estimated_only=estimated_only, as_json=as_json)
     elif tolerance is not None:
-        _predict_to(request, tolerance, as_json=as_json)
+        _predict_to(request, tolerance, estimated_only=estimated_only, as_json=as_json)
     else:
         _predict(request, uncertainty=uncertainty, as_json=as_json)
 
@@ -128,14 +136,14 @@ def _of_uncertainty(predicted: "PredictedScene") -> Iterable[str]:
         yield f"{len(uncertain)} inputs have a stated uncertainty: --uncertainty says what that makes of these numbers"
 
 
-def _predict_to(request: "PredictRequest", tolerance: float, *, as_json: bool) -> None:
+def _predict_to(request: "PredictRequest", tolerance: float, *, estimated_only: bool, as_json: bool) -> None:
     from rigctl.jobs.predict import predict_scene_to
     from rigctl.reports.tables.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
     from rigctl.reports.tables.comparison_json import prediction_json
     from rigctl.reports.tables.effects_tables import effects_json, left_out_line
     from rigctl.reports.tables.quantity_tables import quantity_tables
 
-    predicted = predict_scene_to(request, tolerance=tolerance)
+    predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only)
     found, effects = predicted.found, predicted.effects
     _warn_of(predicted.doubts)
     content = prediction_json(found.result.predictions, predicted.performance, remarks=predicted.remarks)
@@ -148,19 +156,29 @@ def _predict_to(request: "PredictRequest", tolerance: float, *, as_json: bool) -
         progress().print(line, markup=False)
 
 
-def _sweep(request: "PredictRequest", key_and_range: str, *, out: Path | None, as_json: bool) -> None:
+def _sweep(
+    request: "PredictRequest",
+    key_and_range: str,
+    *,
+    out: Path | None,
+    tolerance: float | None,
+    estimated_only: bool,
+    as_json: bool,
+) -> None:
     from rigctl.jobs.predict import sweep_scene
+    from rigctl.reports.tables.accuracy_tables import series_json, series_lines
     from rigctl.reports.tables.sweep_tables import sweep_json, sweep_tables
 
-    swept = sweep_scene(request, key_and_range, out=out)
+    swept = sweep_scene(request, key_and_range, out=out, tolerance=tolerance, estimated_only=estimated_only)
     _warn_of(swept.doubts)
     if as_json:
-        print_json(sweep_json(swept.found) | {"remarks": list(swept.remarks)})
+        accuracy = {} if swept.accuracy is None else {"accuracy": series_json(swept.accuracy)}
+        print_json(sweep_json(swept.found) | accuracy | {"remarks": list(swept.remarks)})
         return
     results().print(f"sweep of {swept.found.key}", markup=False)
     for table in sweep_tables(swept.found):
         results().print(terminal_table(table))
-    for remark in swept.remarks:
+    for remark in (*(() if swept.accuracy is None else series_lines(swept.accuracy)), *swept.remarks):
         progress().print(remark, markup=False)
     if out is not None:
         progress().print(f"sweep.csv, sweep.json and sweep.png in {out}", markup=False)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.predict_to_tolerance import AccuratePrediction
+from model.accuracy.series_to_tolerance import SeriesPrediction
 from model.effects.planner import EffectPlan
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
@@ -21,6 +22,7 @@ from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.prediction.sweep import Sweep, parse_sweep, sweep_over
+from rigctl.prediction.sweep_to_tolerance import sweep_to_tolerance
 from rigctl.reports.outputs.sweep_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
@@ -102,6 +104,7 @@ class SweptScene:
     found: Sweep
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
+    accuracy: SeriesPrediction | None = None
 
 
 def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> PredictedScene:
@@ -130,7 +133,9 @@ def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> Pred
     )
 
 
-def predict_scene_to(request: PredictRequest, *, tolerance: float) -> PredictedToTolerance:
+def predict_scene_to(
+    request: PredictRequest, *, tolerance: float, estimated_only: bool = False
+) -> PredictedToTolerance:
     """Return what the model says of a scene, to a stated numerical error.
 
     Parameters
@@ -139,6 +144,8 @@ def predict_scene_to(request: PredictRequest, *, tolerance: float) -> PredictedT
         The scene.
     tolerance : float
         Of effects that are left out and numerical settings together, 1e-6 to 0.1.
+    estimated_only : bool
+        Take errors that nothing promises as they are estimated.
 
     Raises
     ------
@@ -147,7 +154,7 @@ def predict_scene_to(request: PredictRequest, *, tolerance: float) -> PredictedT
     """
     predictor, doubts = _predictor(request)
     effects = predictor.effect_plan(tolerance)
-    found = predictor.to_tolerance(tolerance, effects=effects)
+    found = predictor.to_tolerance(tolerance, effects=effects, estimated_only=estimated_only)
     return PredictedToTolerance(
         found=found,
         effects=effects,
@@ -157,7 +164,14 @@ def predict_scene_to(request: PredictRequest, *, tolerance: float) -> PredictedT
     )
 
 
-def sweep_scene(request: PredictRequest, key_and_range: str, *, out: Path | None = None) -> SweptScene:
+def sweep_scene(
+    request: PredictRequest,
+    key_and_range: str,
+    *,
+    out: Path | None = None,
+    tolerance: float | None = None,
+    estimated_only: bool = False,
+) -> SweptScene:
     """Return what the model says of a scene through a range of one of its numbers.
 
     Parameters
@@ -168,24 +182,39 @@ def sweep_scene(request: PredictRequest, key_and_range: str, *, out: Path | None
         ``KEY=start:stop:n``.
     out : Path or None
         Folder for sweep.csv, sweep.json and sweep.png.
+    tolerance : float or None
+        Largest numerical error, 1e-6 to 0.1; None: with the settings of the scene file.
+    estimated_only : bool
+        Take errors that nothing promises as they are estimated.
 
     Raises
     ------
     ConfigError, DataError
         A file is wrong or does not fit, or there is no such number, or it is outside its range.
     """
-    return sweep_scene_over(request, *parse_sweep(key_and_range), out=out)
+    key, values = parse_sweep(key_and_range)
+    return sweep_scene_over(request, key, values, out=out, tolerance=tolerance, estimated_only=estimated_only)
 
 
 def sweep_scene_over(
-    request: PredictRequest, key: str, values: NDArray[np.float64], *, out: Path | None = None
+    request: PredictRequest,
+    key: str,
+    values: NDArray[np.float64],
+    *,
+    out: Path | None = None,
+    tolerance: float | None = None,
+    estimated_only: bool = False,
 ) -> SweptScene:
     """Return what the model says of a scene at each value of one of its numbers; the rest as in `sweep_scene`."""
     predictor, doubts = _predictor(request)
-    found = sweep_over(predictor, key, values)
+    accuracy: SeriesPrediction | None = None
+    if tolerance is None:
+        found = sweep_over(predictor, key, values)
+    else:
+        found, accuracy = sweep_to_tolerance(predictor, key, values, tolerance, estimated_only=estimated_only)
     if out is not None:
         write_sweep(found, out, remarks=predictor.inputs.remarks)
-    return SweptScene(found=found, remarks=predictor.inputs.remarks, doubts=doubts)
+    return SweptScene(found=found, remarks=predictor.inputs.remarks, doubts=doubts, accuracy=accuracy)
 
 
 def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]]:

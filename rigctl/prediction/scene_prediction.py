@@ -1,7 +1,7 @@
 """Prediction of a scene file without a run, and where the light of each region comes from."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from model.accuracy.evaluation.chain import Clock
 from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction
 from model.accuracy.predict_to_tolerance import predict as predict_to
+from model.accuracy.series_to_tolerance import SeriesPrediction, predict_series
 from model.effects.planner import EffectPlan, plan
 from model.prediction.prediction import RegionPrediction, predict
 from model.prediction.rig_errors import predict_with_errors
@@ -168,7 +169,12 @@ class ScenePredictor:
             raise ConfigError(f"scene {self.scene.name}: {error}") from error
 
     def to_tolerance(
-        self, tolerance: float, *, effects: EffectPlan | None = None, clock: Clock = time.perf_counter
+        self,
+        tolerance: float,
+        *,
+        effects: EffectPlan | None = None,
+        estimated_only: bool = False,
+        clock: Clock = time.perf_counter,
     ) -> AccuratePrediction:
         """Return what the model says of the scene, to a stated numerical error.
 
@@ -178,6 +184,8 @@ class ScenePredictor:
             Of effects that are left out and numerical settings together.
         effects : EffectPlan or None
             From `effect_plan`; settings have what that did not spend. None: all that the scene file does not leave out.
+        estimated_only : bool
+            Take errors that nothing promises as they are estimated.
         clock : callable
             Seconds, rising.
 
@@ -187,11 +195,7 @@ class ScenePredictor:
             The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded, which is
             no part of such a prediction.
         """
-        if rig_errors(self.scene) is not None:
-            raise ConfigError(
-                f"scene {self.scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "
-                "polarizer_offset_deg = 0, exposure_ratio = 1 (uncertainties may stay)"
-            )
+        _require_recorded_rig(self.scene)
         active = acting_effects(self.scene) if effects is None else effects.active
         spent = 0.0 if effects is None else effects.spent.largest
         try:
@@ -199,8 +203,41 @@ class ScenePredictor:
                 self.lit_scene(),
                 tolerance=tolerance - spent,
                 effects=active,
+                estimated_only=estimated_only,
                 store=self._light.lights,
                 clock=clock,
+            )
+        except ValueError as error:
+            raise ConfigError(f"scene {self.scene.name}: {error}") from error
+
+    def series_to_tolerance(
+        self, scenes: Sequence[Scene], tolerance: float, *, estimated_only: bool = False
+    ) -> SeriesPrediction:
+        """Return what the model says of this scene with some numbers changed step by step, to a numerical error.
+
+        Parameters
+        ----------
+        scenes : sequence of Scene
+            In an order in which they change smoothly.
+        tolerance : float
+            Of numerical settings; all effects act that the scene file does not leave out.
+        estimated_only : bool
+            Take errors that nothing promises as they are estimated.
+
+        Raises
+        ------
+        ConfigError
+            The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded.
+        """
+        for scene in scenes:
+            _require_recorded_rig(scene)
+        try:
+            return predict_series(
+                [self.lit_scene(scene) for scene in scenes],
+                tolerance=tolerance,
+                effects=acting_effects(self.scene),
+                estimated_only=estimated_only,
+                store=self._light.lights,
             )
         except ValueError as error:
             raise ConfigError(f"scene {self.scene.name}: {error}") from error
@@ -227,4 +264,12 @@ class ScenePredictor:
             phi_deg=180.0 - float(180.0 - phi_deg) % 360.0,
             direct_irradiance=illumination.lighting.direct_irradiance,
             sky_irradiance=illumination.sky_irradiance,
+        )
+
+
+def _require_recorded_rig(scene: Scene) -> None:
+    if rig_errors(scene) is not None:
+        raise ConfigError(
+            f"scene {scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "
+            "polarizer_offset_deg = 0, exposure_ratio = 1 (uncertainties may stay)"
         )

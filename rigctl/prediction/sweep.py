@@ -86,7 +86,7 @@ def sweep_over(predictor: ScenePredictor, key: str, values: NDArray[np.float64])
     ConfigError
         There is no such number, or a value is outside its range.
     """
-    scenes = [_with_value(predictor.scene, key, value) for value in values.tolist()]
+    scenes = [swept_scene(predictor.scene, key, value) for value in values.tolist()]
     steps = [predictor.predictions_of(scene) for scene in scenes]
     quantities = tuple({name: region.quantities for name, region in step.items()} for step in steps)
     detections = tuple(pair_detections(step, SWEPT_RATES) for step in steps)
@@ -115,7 +115,14 @@ def parse_sweep(request: str) -> tuple[str, NDArray[np.float64]]:
     return key.strip(), np.linspace(start, stop, steps)
 
 
-def _with_value(scene: Scene, key: str, value: float) -> Scene:
+def swept_scene(scene: Scene, key: str, value: float) -> Scene:
+    """Return a scene at one value of a sweep.
+
+    Raises
+    ------
+    ConfigError
+        There is no such number, or the value is outside its range.
+    """
     try:
         return with_value(scene, key, value)
     except ConfigError as error:

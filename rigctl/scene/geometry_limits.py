@@ -1,4 +1,4 @@
-"""Limits of the geometry: where a plane-parallel atmosphere and a few tiles of a wide field are poor, with their error."""
+"""Limits of the geometry: where a plane-parallel atmosphere and few tiles of a wide field are poor, and by how much."""
 
 from collections.abc import Iterable
 from math import cos, hypot, radians, sqrt
@@ -9,8 +9,7 @@ from rigctl.files.scene_file import SceneFile
 # As far as a plane-parallel atmosphere is taken for the sun without remark.
 _PLANE_TO_DEG = 85.0
 _EARTH_RADIUS_M = 6.371e6
-# A field so wide, corner to corner, is no longer smooth over the tiles of a plain prediction: the airborne scene's DoLP
-# is off by 2e-4 at 60 deg, by 1e-2 at 120.
+# A field so wide, corner to corner, may come near the horizon, where light is not smooth over few tiles.
 _WIDE_DEG = 90.0
 
 
@@ -57,15 +56,16 @@ def slant_path_m(*, height_m: float, zenith_rad: float) -> float:
 
 
 def _of_view(geometry: GeometrySection) -> str:
-    zenith_rad, height_m = radians(geometry.camera_zenith_deg.value), geometry.camera_height_m.value
+    zenith_deg, height_m = geometry.camera_zenith_deg.value, geometry.camera_height_m.value
+    zenith_rad = radians(zenith_deg)
     if height_m == 0.0:
         return (
-            f"camera zenith {geometry.camera_zenith_deg.value:g} deg: above {_PLANE_TO_DEG:g} deg light of the sky that is "
+            f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg light of the sky that is "
             "reflected comes from near the horizon, where a plane-parallel atmosphere is wrong"
         )
     plane_m, round_m = height_m / cos(zenith_rad), slant_path_m(height_m=height_m, zenith_rad=zenith_rad)
     return (
-        f"camera zenith {geometry.camera_zenith_deg.value:g} deg: above {_PLANE_TO_DEG:g} deg a plane-parallel atmosphere is "
+        f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg a plane-parallel atmosphere is "
         f"wrong; it takes {plane_m / 1000.0:.3g} km of air to the camera, over a round earth they are "
         f"{round_m / 1000.0:.3g} km ({100.0 * (plane_m / round_m - 1.0):.2g} % too long)"
     )

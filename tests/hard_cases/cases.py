@@ -76,7 +76,13 @@ def _given(name: str, *, known: bool = True, condition: float = 1.0, **changes: 
 
 
 def _lit(
-    name: str, *, surface: str = "", more: str = "", extent: str = "", air: str = "visibility_km = 23.0", **numbers: object
+    name: str,
+    *,
+    surface: str = "",
+    more: str = "",
+    extent: str = "",
+    air: str = "visibility_km = 23.0",
+    **numbers: object,
 ) -> HardCase:
     light = _LIGHT.replace("visibility_km = 23.0", air)
     material = "surface.toml" if surface else "black-paint"
@@ -106,7 +112,9 @@ HARD_CASES: tuple[HardCase, ...] = (
     _given("extinction 1.000001", condition=2e6, sensor={"extinction_ratio": 1.000001}),
     _given("identical angles", sensor={"exposure_ms": "0.03\nangles_deg = [10, 10, 10, 10]"}),
     _given("angles 0, 180, 90", sensor={"exposure_ms": "0.03\nangles_deg = [0, 180, 90]"}),
-    _given("rank 3 barely: 0, 0.01, 0.02 deg", condition=3e8, sensor={"exposure_ms": "0.03\nangles_deg = [0, 0.01, 0.02]"}),
+    _given(
+        "rank 3 barely: 0, 0.01, 0.02 deg", condition=3e8, sensor={"exposure_ms": "0.03\nangles_deg = [0, 0.01, 0.02]"}
+    ),
     _given("two angles", sensor={"exposure_ms": "0.03\nangles_deg = [0, 45]"}),
     _given("zero noise", texture_rms=0.0, more=_QUIET),
     _given("texture alone: singular covariance", sensor={"read_noise_e": 0.0}, more=_QUIET.replace("'texture', ", "")),

@@ -22,17 +22,17 @@ _HEAD = """# Hard cases
 
 Written by `python -m tests.hard_cases.page`; do not edit. Each row is a scene with one thing at its edge
 (`tests/hard_cases/cases.py` has the files), each column a command; a cell is the number that it answers, or the words
-and the exit code (2: the scene is refused) of its refusal. `tests/hard_cases/` holds that no cell is a fault of the program
-(exit 70), a number that is not finite, or a refusal without words, and that DoLP of a given radiance is what was given,
-to rounding.
+and the exit code (2: the scene is refused) of its refusal. `tests/hard_cases/` holds that no cell is a fault of the
+program (exit 70), a number that is not finite, or a refusal without words, and that DoLP of a given radiance is what
+was given, to rounding.
 
-- `predict`: DoLP of the target and its SNR over the pixels. "no SNR": mean and deviation of DoLP do not exist, for S0 is too
-  near to 0; quantiles do, and are printed.
+- `predict`: DoLP of the target and its SNR over the pixels. "no SNR": mean and deviation of DoLP do not exist, for S0
+  is too near to 0, or nothing fluctuates.
 - `--tolerance`: with `--tolerance 0.01`: the largest estimated error of any number, and whether all are promised.
 - `sweep`: DoLP at two f-numbers. `uncertainty`: what f_number = 2.00 +- 0.02 makes of S0 [DN] and DoLP.
 - `effects`: how many of all effects act at 0.01. `tradeoff`: the true error at a tolerance of 0.1.
-- `ROC`: probability of detecting the target on the background at a false alarm rate of 1e-3, and the area under the curve.
-- `compare`: the verdict on one and the same run of two panels, which is of the first row's scene, but for its background.
+- `ROC`: probability of detecting the target on the background at a false alarm rate of 1e-3, and the area under it.
+- `compare`: the verdict on one and the same run, of a target like that of the first row.
 """
 
 

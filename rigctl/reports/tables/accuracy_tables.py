@@ -6,6 +6,7 @@ from typing import Any
 
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STATISTICS
 from model.accuracy.predict_to_tolerance import AccuratePrediction
+from model.accuracy.series_to_tolerance import SeriesCase, SeriesPrediction
 from rigctl.reports.table import Column, Table
 
 _PERCENT = 100.0
@@ -49,8 +50,13 @@ def accuracy_lines(found: AccuratePrediction) -> list[str]:
     lines = []
     if promised:
         worst = max(promised, key=lambda key: promised[key])
+        kind = (
+            "numbers, of which errors are estimated and none is promised,"
+            if found.estimated_only
+            else ("promised numbers")
+        )
         lines.append(
-            f"all {len(promised)} promised numbers keep {found.tolerance:g}; the largest estimated error is "
+            f"all {len(promised)} {kind} keep {found.tolerance:g}; the largest estimated error is "
             f"{promised[worst]:.1e} ({', '.join(worst)})"
         )
     total = sum(found.stage_s.values())
@@ -76,7 +82,45 @@ def accuracy_json(found: AccuratePrediction) -> dict[str, Any]:
         "not_promised": {"/".join(key): reason for key, reason in found.not_guaranteed.items()},
         "stage_s": dict(found.stage_s),
         "rounds": found.rounds,
+    } | ({"estimated_only": True} if found.estimated_only else {})
+
+
+def series_lines(found: SeriesPrediction) -> list[str]:
+    """Return how many cases of a series were judged, the largest error of any, and what is not promised."""
+    errors = [error for case in found.cases for key, error in case.errors.items() if key not in case.not_guaranteed]
+    total = sum(found.stage_s.values())
+    judged = (
+        f"tolerance {found.tolerance:g}: {found.judged} of {len(found.cases)} cases were judged, the others take the "
+        f"plans and errors of their neighbours; {total:.2g} s, of it {_PERCENT * found.share_of_estimates:.0f} % for "
+        "error estimates"
+    )
+    lines = [judged]
+    if errors:
+        lines.append(f"all {len(errors)} promised numbers keep it; the largest error is {max(errors):.1e}")
+    missed = [
+        f"case {place + 1}: {', '.join(key)}: {reason}"
+        for place, case in enumerate(found.cases)
+        for key, reason in case.not_guaranteed.items()
+    ]
+    lines += [f"not promised: {line}" for line in missed[:_MOST_LISTED]]
+    if len(missed) > _MOST_LISTED:
+        lines.append(f"not promised: {len(missed) - _MOST_LISTED} more; --json lists all")
+    return lines
+
+
+def series_json(found: SeriesPrediction) -> dict[str, Any]:
+    """Return the same as JSON holds it, a list entry a case."""
+    return {
+        "tolerance": found.tolerance,
+        "judged": [case.is_judged for case in found.cases],
+        "largest_error": [_number(_largest(case)) for case in found.cases],
+        "not_promised": [{"/".join(key): why for key, why in case.not_guaranteed.items()} for case in found.cases],
+        "stage_s": dict(found.stage_s),
     }
+
+
+def _largest(case: SeriesCase) -> float:
+    return max((error for key, error in case.errors.items() if key not in case.not_guaranteed), default=0.0)
 
 
 def _share(seconds: float, total: float) -> str:
