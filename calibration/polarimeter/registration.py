@@ -1,6 +1,6 @@
 """Image registration: shift of the picture from one polarizer angle to the next, and what undoing it does to noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -24,6 +24,10 @@ _NOISE_IN_COMMON = 5.0 * 25.0**0.5
 # OpenCV moves pictures in steps of a thirty-second of a pixel.
 _STEP_ERROR_PIXELS = 1.0 / 32.0 / 12.0**0.5
 _DIRECTIONS = 12
+# Shifts below this are none, and need no proof [pixel].
+_TOO_SMALL_PIXELS = 0.05
+# Around unusable pixels others are looked for so far [pixel].
+_REACHES_PIXELS = (2.0, 8.0, 32.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,10 +40,21 @@ class Registration:
         x to the right, y down: what is at (x, y) in the first picture is at (x, y) + shift in the other.
     std_error_pixels : (N, 2) array
         From how ninths of the picture differ.
+    edge_residual : (N, 2) array
+        Of the edges, as a share of them, before and after the picture is moved back by what one half of the ninths
+        says, in the other half; both halves in turn.
     """
 
     shift_pixels: FloatArray
     std_error_pixels: FloatArray
+    edge_residual: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+    def is_plain(self, index: int) -> bool:
+        """Whether edges lie better on one another for the shift, in tiles that it was not fitted on."""
+        if index >= len(self.edge_residual) or np.linalg.norm(self.shift_pixels[index]) < _TOO_SMALL_PIXELS:
+            return True
+        before, after = self.edge_residual[index]
+        return bool(after < before)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,13 +83,15 @@ class Wander:
         return np.array([moved.real, moved.imag])
 
 
-def register(pictures: FloatArray) -> Registration:
+def register(pictures: FloatArray, usable: NDArray[np.bool_] | None = None) -> Registration:
     """Return the shift of each picture of a set against the first.
 
     Parameters
     ----------
     pictures : (N, H, W) array
         One scene at two or more polarizer angles, dark taken off, no saturated pixels; both sides 144 pixels or more.
+    usable : (H, W) array or None
+        Pixels that are neither missing nor saturated nor a border in any picture; None is all.
 
     Raises
     ------
@@ -98,7 +115,7 @@ def register(pictures: FloatArray) -> Registration:
             f"pictures {pictures.shape} are too few or too small to register: two or more are needed, "
             f"with both sides {_TILES_ACROSS * _LEAST_TILE_PIXELS} pixels or more"
         )
-    frames = [picture.astype(np.float32) for picture in pictures]
+    frames = [_filled(picture, usable) for picture in pictures]
     shifts = np.array([_ecc(_edges(frames[0]), _edges(frame), np.zeros(2)) for frame in frames])
     for _ in range(_PASSES):
         mean = _mean_moved_back(frames, shifts)
@@ -107,7 +124,29 @@ def register(pictures: FloatArray) -> Registration:
         )
         shifts -= shifts[0]
     _require_edges_in_common(frames, shifts)
-    return Registration(shift_pixels=shifts, std_error_pixels=_tile_errors(mean, frames, shifts))
+    found = _tile_shifts(mean, frames, shifts)
+    errors = np.hypot(found.std(axis=1, ddof=1) / _TILES_ACROSS, _STEP_ERROR_PIXELS)
+    errors[0] = 0.0
+    residuals = np.array([_edge_residual(mean, frame, own) for frame, own in zip(frames, found, strict=True)])
+    return Registration(shift_pixels=shifts, std_error_pixels=errors, edge_residual=residuals)
+
+
+def _filled(picture: FloatArray, usable: NDArray[np.bool_] | None) -> _Picture:
+    """Return a picture whose unusable pixels are like the usable ones around them, so that they make no edges."""
+    if usable is None or usable.all():
+        return np.asarray(picture, dtype=np.float32)
+    if not usable.any():
+        raise CalibrationError("pictures cannot be registered: no pixel is usable in all of them")
+    known = np.where(usable, picture, 0.0)
+    filled = np.asarray(picture, dtype=np.float64)
+    left = ~usable
+    for reach in _REACHES_PIXELS:
+        weights = cv2.GaussianBlur(usable.astype(np.float64), (0, 0), reach)
+        smooth = cv2.GaussianBlur(known, (0, 0), reach) / np.maximum(weights, 1e-12)
+        near = left & (weights > 1e-3)
+        filled = np.where(near, smooth, filled)
+        left &= ~near
+    return np.asarray(np.where(left, known.sum() / usable.sum(), filled), dtype=np.float32)
 
 
 def _edges(picture: _Picture) -> _Picture:
@@ -167,21 +206,42 @@ def _slopes(edges: _Picture) -> FloatArray:
     return centred
 
 
-def _tile_errors(mean: _Picture, frames: list[_Picture], shifts: FloatArray) -> FloatArray:
-    """Return the standard errors by how the shifts of ninths of the pictures scatter."""
-    height, width = (side // _TILES_ACROSS for side in mean.shape)
-    reference = _edges(mean)
-    errors = np.zeros_like(shifts)
+def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
+    height, width = (side // _TILES_ACROSS for side in shape)
+    return [
+        (slice(row * height, (row + 1) * height), slice(column * width, (column + 1) * width))
+        for row in range(_TILES_ACROSS)
+        for column in range(_TILES_ACROSS)
+    ]
+
+
+def _tile_shifts(mean: _Picture, frames: list[_Picture], shifts: FloatArray) -> FloatArray:
+    """Return the shifts of ninths of the pictures, shape (N, 9, 2); those of the first are nothing."""
+    reference, tiles = _edges(mean), _tiles(mean.shape)
+    found = np.zeros((len(frames), len(tiles), 2))
     for index, (frame, shift) in enumerate(zip(frames[1:], shifts[1:], strict=True), start=1):
         edges = _edges(frame)
-        tiles = [
-            (slice(row * height, (row + 1) * height), slice(column * width, (column + 1) * width))
-            for row in range(_TILES_ACROSS)
-            for column in range(_TILES_ACROSS)
-        ]
-        found = np.array([_ecc(reference[tile], edges[tile], shift) for tile in tiles])
-        errors[index] = np.hypot(found.std(axis=0, ddof=1) / _TILES_ACROSS, _STEP_ERROR_PIXELS)
-    return errors
+        found[index] = [_ecc(reference[tile], edges[tile], shift) for tile in tiles]
+    return found
+
+
+def _edge_residual(mean: _Picture, frame: _Picture, found: FloatArray) -> tuple[float, float]:
+    """Return what is left of the edges before and after, each half of the ninths moved by what the other half says."""
+    reference, tiles = _edges(mean), _tiles(mean.shape)
+    plain, before, after = _edges(frame), 0.0, 0.0
+    for half in (0, 1):
+        fitted, held = found[half::2].mean(axis=0), tiles[1 - half :: 2]
+        moved = _edges(_warped(frame, fitted))
+        before += sum(_left(reference[tile], plain[tile]) for tile in held)
+        after += sum(_left(reference[tile], moved[tile]) for tile in held)
+    return before / len(tiles), after / len(tiles)
+
+
+def _left(reference: _Picture, edges: _Picture) -> float:
+    """Return the share of edges that are not those of the reference, whatever their contrast."""
+    own, other = reference.astype(np.float64).ravel(), edges.astype(np.float64).ravel()
+    power = float(own @ own) * float(other @ other)
+    return 1.0 - float(own @ other) ** 2 / power if power > 0.0 else 1.0
 
 
 def fit_wander(stage_rad: FloatArray, shift_pixels: FloatArray, *, sense: int = 1) -> Wander:

@@ -61,7 +61,7 @@ class Check:
 def registration_of(measurement: Measurement) -> Registration | str:
     """Return the shifts of a run's pictures against the first, or why they cannot be told."""
     try:
-        return register(measurement.channels)
+        return register(measurement.channels, ~(measurement.saturated | measurement.missing))
     except CalibrationError as error:
         return str(error)
 
@@ -158,12 +158,25 @@ def _registration(measurement: Measurement, found: Registration | str) -> Check:
         f"at {angle_of(measurement.grid.channel_names[k])} deg lies {sizes[k]:.2f} +- {errors[k]:.2f} pixel"
         for k in (off or [worst])
     ]
+    not_plain = [angle_of(measurement.grid.channel_names[k]) for k in off if not found.is_plain(k)]
+    doubt = (
+        f"; at {', '.join(not_plain)} deg it is not a plain shift: edges do not lie better on one another for it"
+        if not_plain
+        else "".join(_before_and_after(found, k) for k in off[:1])
+    )
     return Check(
         name=name,
         verdict="flagged" if off else "sound",
-        text=f"the picture {', '.join(lies)} from the first; flagged above {_SHIFT_FLAGGED_PIXELS:g} pixel: edges show "
-        "polarization that is not there (rigctl calibrate registration, then --register)",
+        text=f"the picture {', '.join(lies)} from the first{doubt}; flagged above {_SHIFT_FLAGGED_PIXELS:g} pixel: "
+        "edges show polarization that is not there (rigctl calibrate registration, then --register)",
     )
+
+
+def _before_and_after(found: Registration, index: int) -> str:
+    if index >= len(found.edge_residual):
+        return ""
+    before, after = found.edge_residual[index]
+    return f"; what is left of edges that do not lie on one another: {before:.1%}, moved back {after:.1%}"
 
 
 def _drift(measurement: Measurement) -> Check:

@@ -112,13 +112,20 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
     if len(records) < 2:
         raise DataError(f"{run.path}: {len(records)} scene frames in cycle {wanted}; two or more angles are needed")
     pictures = np.array([run.counts(record).astype(np.float64) for record in records])
-    found = register(pictures)
+    usable = np.all([_usable(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
+    found = register(pictures, usable)
     return RunRegistration(
         angle_deg=angles,
         records=tuple(records),
         found=found,
         wander=_wander(np.radians(angles), found.shift_pixels),
     )
+
+
+def _usable(record: FrameRecord, counts: FloatArray) -> NDArray[np.bool_]:
+    """Return the pixels of a frame that are neither saturated nor missing."""
+    received = np.ones(counts.shape, dtype=np.bool_) if record.missing_dn is None else counts != record.missing_dn
+    return np.asarray(received & (counts < record.saturation_dn))
 
 
 def angle_deg(run: Run, record: FrameRecord) -> float:
