@@ -1,10 +1,11 @@
 """Trial of the noise calibration over simulated sets with known truth: intervals, wrong levels, false names.
 
-Usage: python -m benchmarks.trial_noise_sets [--seeds 200] [--processes 2]
+Usage: python -m benchmarks.trial_noise_sets [--seeds 200] [--processes 2] [--sets NAME ...]
 """
 
 import argparse
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -78,19 +79,24 @@ def is_sound(found: Count, seeds: int, *, has_wrong: bool) -> bool:
     return bool(sound)
 
 
-def run_noise_sets(seeds: int, *, processes: int) -> bool:
+def run_noise_sets(seeds: int, *, processes: int, sets: Sequence[str] = ()) -> bool:
     """Run the trial; return whether all is as stated."""
-    all_sound, makers = True, (*GOOD, *ONE_WRONG, *OUTSIDE)
+    all_sound = True
+    makers = [make for make in (*GOOD, *ONE_WRONG, *OUTSIDE) if not sets or make.__name__ in sets]
     with ProcessPoolExecutor(max_workers=processes) as pool:
-        counts = list(pool.map(count, makers, [seeds] * len(makers)))
-    for make, found in zip(makers, counts, strict=True):
-        wrong = f", wrong level named in {found.named}" if make in ONE_WRONG else ""
-        print(f"{make.__name__}: {seeds} sets, {found.refused} refused{wrong}, false name in {found.falsely_named}")
-        sound = is_sound(found, seeds, has_wrong=make in ONE_WRONG)
-        all_sound &= sound
-        causes = ", ".join(f"{name} {n}" for name, n in found.causes.most_common())
-        print(f"    {'as stated' if sound else 'NOT AS STATED'}{'; ' + causes if causes else ''}", flush=True)
+        counts = pool.map(count, makers, [seeds] * len(makers))
+        for make, found in zip(makers, counts, strict=True):
+            all_sound &= _told(make, found, seeds)
     return all_sound
+
+
+def _told(make: SetMaker, found: Count, seeds: int) -> bool:
+    wrong = f", wrong level named in {found.named}" if make in ONE_WRONG else ""
+    print(f"{make.__name__}: {seeds} sets, {found.refused} refused{wrong}, false name in {found.falsely_named}")
+    sound = is_sound(found, seeds, has_wrong=make in ONE_WRONG)
+    causes = ", ".join(f"{name} {n}" for name, n in found.causes.most_common())
+    print(f"    {'as stated' if sound else 'NOT AS STATED'}{'; ' + causes if causes else ''}", flush=True)
+    return sound
 
 
 def main() -> int:
@@ -98,8 +104,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--sets", nargs="*", default=())
     arguments = parser.parse_args()
-    return 0 if run_noise_sets(arguments.seeds, processes=arguments.processes) else 1
+    return 0 if run_noise_sets(arguments.seeds, processes=arguments.processes, sets=arguments.sets) else 1
 
 
 if __name__ == "__main__":

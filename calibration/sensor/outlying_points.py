@@ -146,6 +146,9 @@ def _eliminate(
         fit = _fit(model, values, sampling, active, scatter_variance)
         off, limit = _distances(fit, sampling[active], freedom, p_false / n)
         worst = int(np.argmax(off / limit))
+        if fit.scatter_variance == 0.0 and off[worst] < limit[worst]:
+            # Sampling alone explains all: nothing is hidden behind a scatter.
+            break
         active = active.copy()
         active[np.flatnonzero(active)[worst]] = False
         if off[worst] > limit[worst]:
