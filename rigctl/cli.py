@@ -6,6 +6,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from calibration.errors import CalibrationError
 from drivers.errors import DeviceError
 from rigctl.console_streams import lasting_streams, visible
 from rigctl.errors import ConfigError, DataError
+from rigctl.failure_json import failure_json
 from rigctl.number_range import with_options_in_range
 
 # 0 (done) and 130 (interrupted) are the command line library's own.
@@ -24,6 +26,7 @@ EXIT_DEVICE = 3
 EXIT_DATA = 4
 EXIT_DISAGREES = 5
 EXIT_OWN_FAULT = 70
+EXIT_INTERRUPTED = 130
 
 # Which exit code a failure has. The first class that fits decides.
 EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
@@ -95,6 +98,14 @@ class LazyGroup(TyperGroup):
             app.command(cmd_name)(module.command)
         return _in_range(typer.main.get_command(app))
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the verb that was asked for; of an unknown one say which may have been meant."""
+        if args and args[0] not in VERBS and not args[0].startswith("-"):
+            close = get_close_matches(args[0].lower(), VERBS, n=2, cutoff=0.5)
+            alike = f" Did you mean {' or '.join(close)}?" if close else ""
+            ctx.fail(f"No such command {args[0]!r}.{alike}")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the list of verbs without importing any of them."""
         with formatter.section("Commands"):
@@ -110,7 +121,7 @@ def _in_range(command: Any) -> Any:
     return command
 
 
-app = typer.Typer(cls=LazyGroup, add_completion=False, no_args_is_help=True, epilog=EPILOG, rich_markup_mode=None)
+app = typer.Typer(cls=LazyGroup, add_completion=True, no_args_is_help=True, epilog=EPILOG, rich_markup_mode=None)
 
 
 def _print_version(asked: bool) -> None:
@@ -132,8 +143,9 @@ def rigctl(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; return its exit code. Only this function turns an exception into words."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
     with lasting_streams():
-        return _run(list(sys.argv[1:] if arguments is None else arguments))
+        return _run_for_programs(given) if "--json" in given else _run(given)
 
 
 def _run(arguments: list[str]) -> int:
@@ -142,19 +154,44 @@ def _run(arguments: list[str]) -> int:
         command.main(args=arguments, prog_name="rigctl")
     except SystemExit as finished:  # typer has said what there is to say: help, a usage error, an exit code
         return finished.code if isinstance(finished.code, int) else 0
-    except tuple(kind for kind, _ in EXIT_CODES) as error:
-        _say(str(error))
-        return next(code for kind, code in EXIT_CODES if isinstance(error, kind))
-    except MemoryError:
-        _say("this needs more memory than there is; nothing was written")
-        return EXIT_DATA
-    except OSError as error:
-        _say(f"{error.filename or 'a file'}: {error.strerror or error}")
-        return EXIT_DATA if error.errno in _DISK_FAULTS else EXIT_USAGE
     except Exception as error:
-        _say(f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}")
-        return EXIT_OWN_FAULT
+        code, message = _failure(error)
+        _say(message)
+        return code
     return 0
+
+
+def _run_for_programs(arguments: list[str]) -> int:
+    """Run one command line that is to answer in JSON: a failure is JSON on standard output too; the exit code stays."""
+    command = typer.main.get_command(app)
+    try:
+        code = command.main(args=arguments, prog_name="rigctl", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        code, message = EXIT_INTERRUPTED, "interrupted"
+    except SystemExit as finished:
+        return finished.code if isinstance(finished.code, int) else 0
+    except Exception as error:
+        code, message = _failure(error)
+    else:
+        return code if isinstance(code, int) else 0
+    sys.stdout.write(failure_json(code, visible(message), verb=arguments[0]))
+    _say(message)
+    return code
+
+
+def _failure(error: Exception) -> tuple[int, str]:
+    """Return the exit code and the words of a failure."""
+    if isinstance(error, tuple(kind for kind, _ in EXIT_CODES)):
+        return next(code for kind, code in EXIT_CODES if isinstance(error, kind)), str(error)
+    if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # the command line library's own
+        return int(error.exit_code), str(error.format_message())
+    if isinstance(error, MemoryError):
+        return EXIT_DATA, "this needs more memory than there is; nothing was written"
+    if isinstance(error, OSError):
+        code = EXIT_DATA if error.errno in _DISK_FAULTS else EXIT_USAGE
+        return code, f"{error.filename or 'a file'}: {error.strerror or error}"
+    text = f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}"
+    return EXIT_OWN_FAULT, text
 
 
 def _say(message: str) -> None:

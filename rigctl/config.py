@@ -14,6 +14,7 @@ from model.rectangular import rectangular_std
 from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
 from rigctl.number_range import shown, wild_numbers
+from rigctl.problem_words import Key, meant, other_kind, place_text
 
 
 class Section(BaseModel):
@@ -91,7 +92,6 @@ NotNegative = Annotated[Uncertain, AfterValidator(_not_negative)]
 Fraction = Annotated[Uncertain, AfterValidator(_fraction)]
 
 FileModel = TypeVar("FileModel", bound=BaseModel)
-Key = tuple[int | str, ...]
 
 # What pydantic puts into the place of a value for each kind that it tried there.
 _KIND_TRIED = re.compile(r"constrained-\w+|float|int|str|bool|(literal|list|tuple|dict)\[.*\]")
@@ -106,13 +106,16 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
         The file cannot be read, is no TOML, or has problems: all of them, each with its key.
     """
     table = _table(path)
+    other = other_kind(table, model)
+    if other is not None:
+        raise ConfigError(f"{path}: {other}")
     wild = [f"{key}: {problem}" for key, problem in wild_numbers(table)]
     if wild:
         raise ConfigError(_listed(path, wild))
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        raise ConfigError(describe(path, error)) from error
+        raise ConfigError(describe(path, error, model)) from error
 
 
 def _table(path: Path) -> dict[str, Any]:
@@ -128,9 +131,9 @@ def _table(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: is no TOML that can be read: {_first_line(error)}") from error
 
 
-def describe(path: Path, error: ValidationError) -> str:
-    """Return every problem of a file as text, one a line: key, what is wrong, what was found."""
-    return _listed(path, _problems(error.errors(include_url=False)))
+def describe(path: Path, error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """Return every problem of a file as text, one a line: key, what is wrong, what was found, what was meant."""
+    return _listed(path, _problems(error.errors(include_url=False), model))
 
 
 def _first_line(error: Exception) -> str:
@@ -142,7 +145,7 @@ def _listed(path: Path, problems: Sequence[str]) -> str:
     return "\n".join([f"{path}: {count}", *(f"  {line}" for line in problems)])
 
 
-def _problems(details: Sequence[Any]) -> list[str]:
+def _problems(details: Sequence[Any], model: type[BaseModel] | None) -> list[str]:
     """Return a line for each key that is wrong; what a value of several allowed kinds is not, in one line."""
     by_key: dict[Key, list[Any]] = defaultdict(list)
     for detail in details:
@@ -150,7 +153,7 @@ def _problems(details: Sequence[Any]) -> list[str]:
     # Of a list, its items say more than that it is no number.
     inner = {key[:size] for key in by_key for size in range(len(key))}
     told = {key: found for key, found in by_key.items() if len(found) == 1 or key not in inner}
-    return [_problem(key, found) for key, found in told.items()]
+    return [_problem(key, found, model) for key, found in told.items()]
 
 
 def _key(place: Sequence[int | str]) -> Key:
@@ -158,16 +161,22 @@ def _key(place: Sequence[int | str]) -> Key:
     return tuple(part for part in place if not (isinstance(part, str) and _KIND_TRIED.fullmatch(part)))
 
 
-def _problem(key: Key, details: Sequence[Any]) -> str:
-    name, first = ".".join(map(str, key)) or "(whole file)", details[0]
+def _problem(key: Key, details: Sequence[Any], model: type[BaseModel] | None) -> str:
+    name, first = place_text(key) or "(whole file)", details[0]
     if first["type"] == "extra_forbidden":
-        return f"{name}: is no known key (found {shown(first['input'])})"
+        return f"{name}: is no known key{_found(first['input'])}{meant(key, model)}"
     if first["type"] == "missing":
         return f"{name}: is missing"
     texts = [detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ") for detail in details]
     start = "input should be " if details[0]["msg"].startswith("Input should be ") else ""
     text = start + ", or ".join(text[0].lower() + text[1:] for text in texts)
-    return f"{name}: {text}" + ("" if first["type"] == "value_error" else f" (found {shown(first['input'])})")
+    return f"{name}: {text}" + ("" if first["type"] == "value_error" else _found(first["input"]))
+
+
+def _found(given: object) -> str:
+    """Return what stands in the file; a whole table is not repeated."""
+    is_table = isinstance(given, dict) or (isinstance(given, list) and any(isinstance(one, dict) for one in given))
+    return " (found a table)" if is_table else f" (found {shown(given)})"
 
 
 def sha256_of(path: Path) -> str:

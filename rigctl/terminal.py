@@ -31,7 +31,8 @@ def results() -> Console:
 
 def progress() -> Console:
     """Return the console for progress bars and remarks."""
-    return _SafeConsole(stderr=True, highlight=False, markup=False)
+    # In a file a remark is one line.
+    return _SafeConsole(stderr=True, highlight=False, markup=False, soft_wrap=not sys.stderr.isatty())
 
 
 def warn(text: str) -> None:

@@ -58,7 +58,8 @@ def command(
 ) -> None:
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
 
-    Exit codes: 0 finished, 75 stopped before its end by a signal or by `rigctl stop`, 2, 3 and 4 as everywhere.
+    Exit codes: 0 finished, 75 stopped before its end by Ctrl-C, a signal or `rigctl stop` (a second Ctrl-C stops at
+    once: 130), 2, 3 and 4 as everywhere.
 
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels
 
@@ -100,9 +101,12 @@ def command(
 
 def say_outcome(outcome: "Outcome", run: Path) -> None:
     """Say how a session went, and end with the exit code that a scheduler understands."""
+    if outcome.was_finished:
+        progress().print(f"nothing to do: this session is finished, {outcome.frames} frames in {run}", markup=False)
+        return
     progress().print(f"{outcome.frames} frames in {run}", markup=False)
     if not outcome.is_finished:
-        progress().print(f"stopped before its end; `rigctl resume {run}` goes on", markup=False)
+        progress().print(f"stopped at {outcome.frames} of {outcome.planned}; rigctl resume {run}", markup=False)
         raise typer.Exit(EXIT_INCOMPLETE)
 
 

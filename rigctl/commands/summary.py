@@ -1,16 +1,18 @@
 """``rigctl summary``: a page on how a session went."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rigctl.terminal import progress
+from rigctl.terminal import print_json, progress
 
 
 def command(
     run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")],
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; RUN/summary.html if left out.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Write a page on how a session went: contact sheet, counts and drift by angle, sun track, events.
 
@@ -19,5 +21,10 @@ def command(
     from rigctl.jobs.summary import summarise_session
 
     page = run / "summary.html" if out is None else out
-    summarise_session(run, page)
+    history = summarise_session(run, page)
+    if as_json:
+        kinds = Counter(record.kind for record in history.run.frames)
+        events = Counter(event.event for event in history.events)
+        print_json({"run": str(run), "page": str(page), "frames": dict(kinds), "events": dict(events)})
+        return
     progress().print(f"summary: {page}", markup=False)

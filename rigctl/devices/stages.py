@@ -1,8 +1,9 @@
 """Opens rotation stages: through the entry points of their drivers, on real ports and on simulated ones."""
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -18,6 +19,14 @@ from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.pty_server import serve_on_pty
 
 SIMULATED = "sim:"
+# What is printed on a device, and the driver for it.
+_DRIVERS_OF_MODELS = (
+    (("ell", "elliptec"), "ellx"),
+    (("kdc", "k10cr", "prm", "thorlabs", "kinesis", "tdc"), "apt"),
+    (("x-r", "rst", "zaber"), "zaber"),
+    (("aravis", "genicam", "gc", "prosilica", "allied", "basler", "flir"), "gige"),
+    (("usb", "uvc", "/dev/video", "webcam"), "v4l2"),
+)
 
 
 @contextmanager
@@ -82,8 +91,17 @@ def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
     installed = {entry.name: entry for entry in entry_points(group=group)}
     if name not in installed:
         known = ", ".join(sorted(installed)) or "none"
-        raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}")
+        raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}{_driver_meant(name, installed)}")
     return installed[name]
+
+
+def _driver_meant(name: str, installed: Collection[str]) -> str:
+    """Return which driver a name of a model leads to, in words."""
+    word = name.strip().lower()
+    by_model = next((driver for models, driver in _DRIVERS_OF_MODELS if word.startswith(models)), None)
+    known = by_model is not None and by_model in installed
+    close = [by_model] if known else get_close_matches(word, list(installed), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def require_serial(what: str, configured: str | None, found: DeviceIdentity) -> None:

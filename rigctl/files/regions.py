@@ -10,13 +10,20 @@ from typing import Annotated, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from rigctl.choices import Dictionary
 from rigctl.config import Section, load
 from rigctl.errors import ConfigError
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+def _speakable(name: str) -> str:
+    if not name[:1].isalnum() or not all(letter.isalnum() or letter in "_.-" for letter in name):
+        raise ValueError(f"is {name!r}; a name has letters, digits, _ . and -, and begins with a letter or a digit")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_speakable)]
 _HEAD = "# Regions of interest. x runs right, y down, (0, 0) is the centre of the top left pixel.\n"
 
 

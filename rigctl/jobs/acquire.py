@@ -208,7 +208,7 @@ def acquire(
     ConfigError, DataError, DeviceError, RunFolderError
         A calibration does not fit the devices, a device fails, or the folder cannot be written.
     KeyboardInterrupt
-        Somebody pressed Ctrl-C; the frame in hand is stored.
+        Somebody pressed Ctrl-C twice. After the first the frame in hand is stored and the session ends, unfinished.
     """
     request, noise = prepared.request, prepared.noise
     clock = clock_of(prepared.rig_file)

@@ -30,17 +30,21 @@ class Outcome:
 
     Attributes
     ----------
-    frames : int
-        How many frames the run has now.
+    frames, planned : int
+        How many frames the run has now, and how many the session asks for.
     is_finished : bool
         It went to its end; False where somebody asked it to stop.
     repair : Repair or None
         What was done to the run before it was gone on with.
+    was_finished : bool
+        There was nothing left to take.
     """
 
     frames: int
+    planned: int
     is_finished: bool
     repair: Repair | None = None
+    was_finished: bool = False
 
 
 class ReconnectLoop:
@@ -93,9 +97,8 @@ class ReconnectLoop:
                 try:
                     opened = opened or self._opened_again(devices)
                     finished = self._take_rest(opened, watch)
-                    if self._context.control.was_interrupted and not finished:
-                        raise KeyboardInterrupt
-                    return Outcome(frames=len(read_run(self._writer.path).frames), is_finished=finished)
+                    frames = len(read_run(self._writer.path).frames)
+                    return Outcome(frames=frames, planned=len(self._steps), is_finished=finished)
                 except (NotConnectedError, DeviceTimeoutError) as error:
                     devices.close()
                     opened = None

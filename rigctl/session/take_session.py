@@ -62,7 +62,7 @@ def take_session(
     ConfigError, DeviceError, RunFolderError
         The rig cannot be, a device fails, or the folder cannot be written.
     KeyboardInterrupt
-        Somebody pressed Ctrl-C; the frame in hand is stored.
+        Somebody pressed Ctrl-C twice. After the first the frame in hand is stored and the session ends, unfinished.
     """
     clock = clock_of(rig_file) if clock is None else clock
     now_ns = clock.utc_ns() if at_ns is None else at_ns
@@ -116,7 +116,7 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
     steps = plan_steps(session, run.session.rounds_ns)
     rest = continuation(run, steps)
     if not rest.steps and rest.is_finished:
-        return Outcome(frames=len(run.frames), is_finished=True, repair=repair)
+        return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())

@@ -11,6 +11,7 @@ from sim_devices.truth_log import TruthLog
 # A camera at this address is on the network, at that of this machine: ``sim:gige?lost=0.001&hang=20``.
 ON_NETWORK = "sim:gige"
 THIS_MACHINE = "127.0.0.1"
+_SIMULATED = ("sim:gc780", ON_NETWORK)
 _TRUTH = "truth="
 
 
@@ -41,6 +42,13 @@ def split_truth(address: str) -> tuple[str, TruthLog | None]:
         return plain, TruthLog(Path(files[0]))
     except OSError as error:
         raise ConfigError(f"camera.address: truth={files[0]}: cannot be written: {error.strerror}") from error
+
+
+def require_known_camera(address: str) -> None:
+    """Raise ConfigError for the address of a simulated camera that there is not."""
+    name = address.partition("?")[0]
+    if name.startswith("sim:") and name not in _SIMULATED:
+        raise ConfigError(f"camera.address: there is no simulated camera {name!r}; there are {', '.join(_SIMULATED)}")
 
 
 def split_faults(options: str) -> tuple[GigeFaults, str]:

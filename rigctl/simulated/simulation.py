@@ -18,7 +18,7 @@ from rigctl.files.regions import masks
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
 from rigctl.runs.simulated_light import SimulatedLight
-from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, split_faults, split_truth
+from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, require_known_camera, split_faults, split_truth
 from rigctl.simulated.lit_roof import LitRoof
 from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.rendering import rendering_effect
@@ -137,6 +137,7 @@ def simulate(
     """
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
+    require_known_camera(rig.camera.address)
     try:
         options = _stage_options(rig.stage.port, rig.simulation.seed)
         stage_clock = SimClock(speed=options.speed)

@@ -78,7 +78,7 @@ def test_signals_hold_and_go_on(running):
     _wait_for(lambda: '"go on"' in _events(run))
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, _INCOMPLETE), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, _INCOMPLETE), (signal.SIGINT, _INCOMPLETE)])
 def test_a_signal_stops_between_frames(running, number, code):
     run, process = running
     process.send_signal(number)

@@ -81,7 +81,7 @@ def test_sizes_and_indices_as_tables(tmp_path):
     ],
 )
 def test_problems_of_a_mode_are_named(tmp_path, mode, problem):
-    with pytest.raises(ConfigError, match=rf"atmosphere.own_aerosol.modes.0.*{problem}"):
+    with pytest.raises(ConfigError, match=rf"atmosphere.own_aerosol.modes.*{problem}"):
         loaded(tmp_path, modes(mode))
 
 
