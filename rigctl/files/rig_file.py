@@ -10,6 +10,10 @@ from rigctl.config import Section, load, with_std_apart
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.rendering_sections import RenderingSection
 
+PLACEHOLDER = (
+    "sense and offset of the polarizer are placeholders: angles, S1, S2 and AoLP mean nothing until "
+    "`rigctl calibrate axis ... --write RIG.toml` has filled them in"
+)
 PositiveNumber = Annotated[float, Field(gt=0)]
 NotNegativeNumber = Annotated[float, Field(ge=0)]
 FractionNumber = Annotated[float, Field(gt=0, le=1)]
@@ -35,13 +39,15 @@ class PolarizerSection(Section):
     """Seat of the polarizer in the stage, as calibrated: neither sense nor offset has a default.
 
     polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene. The offset may be
-    given as ``{value = 12.3, std = 0.05}``; a comparison then allows for that standard uncertainty.
+    given as ``{value = 12.3, std = 0.05}``; a comparison then allows for that standard uncertainty. `placeholder` says
+    that sense and offset are not calibrated yet; every command that takes or reads frames says so.
     """
 
     sense: Literal[1, -1]
     offset_deg: float
     offset_std_deg: Annotated[float, Field(ge=0)] = 0.0
     extinction_ratio: Annotated[float, Field(gt=1)] | None = None
+    placeholder: bool = False
 
     @model_validator(mode="before")
     @classmethod

@@ -11,7 +11,7 @@ from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, re
 from rigctl.choices import RoofChange
 from rigctl.devices.rig import Rig, open_rig, require_drivers
 from rigctl.errors import ConfigError
-from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.rig_file import PLACEHOLDER, RigFile, load_rig
 from rigctl.files.session_file import SessionFile, load_session
 from rigctl.live.mean_noise import noise_numbers
 from rigctl.runs.run_writer import require_new_folder
@@ -124,7 +124,7 @@ def prepare_session(request: AcquireRequest) -> PreparedSession:
     session_file, chosen = with_target(
         session_file, noise, scene=request.scene, target_dolp_sigma=request.target_dolp_sigma
     )
-    doubts = (grouping_cost(session_file), missing_axes(plan_steps(session_file)))
+    doubts = (placeholder_doubt(rig_file), grouping_cost(session_file), missing_axes(plan_steps(session_file)))
     return PreparedSession(
         request=request,
         rig_file=rig_file,
@@ -133,6 +133,11 @@ def prepare_session(request: AcquireRequest) -> PreparedSession:
         chosen=chosen,
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
     )
+
+
+def placeholder_doubt(rig: RigFile) -> str | None:
+    """Return in words that sense and offset of a rig file are placeholders; None where they are not."""
+    return f"rig {rig.name}: {PLACEHOLDER}" if rig.polarizer.placeholder else None
 
 
 def with_target(

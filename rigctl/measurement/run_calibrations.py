@@ -11,6 +11,7 @@ from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, re
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_fitting_radiometric
 from rigctl.calibrations.registration.registration_file import ImageRegistration, read_fitting_registration
 from rigctl.files.regions import Region
+from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.measurement.corrections import FoundCorrections
 from rigctl.measurement.flat_division import flat_remarks
 from rigctl.measurement.measurement import Measurement, measure
@@ -69,7 +70,7 @@ def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
     DataError
         A file is wrong, or of other devices or settings.
     """
-    doubts: list[str] = []
+    doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and paths.polarizer is None else []
 
     def read(path: Path | None, reader: _Read[_Content]) -> _Content | None:
         if path is None:

@@ -18,6 +18,7 @@ class PolarizerAsTaken:
     offset_deg: Annotated[float, Field(allow_inf_nan=False)] | None = None
     offset_std_deg: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     extinction_ratio: Annotated[float, Field(gt=1, allow_inf_nan=False)] | None = None
+    placeholder: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,8 @@ from sim_devices.truth_log import TruthLog
 # A camera at this address is on the network, at that of this machine: ``sim:gige?lost=0.001&hang=20``.
 ON_NETWORK = "sim:gige"
 THIS_MACHINE = "127.0.0.1"
+# The camera behind one that is served to other programs; nobody writes it into a rig file.
+SERVED = "sim:served"
 _SIMULATED = ("sim:gc780", ON_NETWORK)
 _TRUTH = "truth="
 
@@ -47,7 +49,7 @@ def split_truth(address: str) -> tuple[str, TruthLog | None]:
 def require_known_camera(address: str) -> None:
     """Raise ConfigError for the address of a simulated camera that there is not."""
     name = address.partition("?")[0]
-    if name.startswith("sim:") and name not in _SIMULATED:
+    if name.startswith("sim:") and name not in (*_SIMULATED, SERVED):
         raise ConfigError(f"camera.address: there is no simulated camera {name!r}; there are {', '.join(_SIMULATED)}")
 
 

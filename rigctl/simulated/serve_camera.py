@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
-from rigctl.simulated.camera_address import split_faults
+from rigctl.simulated.camera_address import SERVED, split_faults
 from rigctl.simulated.simulation import simulate
 from sim_devices.cameras.gige_server import serve_gige_camera
 
@@ -42,7 +42,7 @@ def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) 
     faults = replace(faults, lost_share=lost_share or faults.lost_share)
     with as_file(files("rigctl") / "data" / "examples") as examples:
         rig = load_rig(rig_path or examples / _EXAMPLE)
-        camera_section = rig.camera.model_copy(update={"address": "sim:served"})  # not twice on the network
+        camera_section = rig.camera.model_copy(update={"address": SERVED})  # not twice on the network
         rig = rig.model_copy(update={"camera": camera_section})
         with simulate(rig, session_name="served") as simulation:
             serial_number = simulation.camera.identify().serial_number
