@@ -25,7 +25,7 @@ def compared(tmp_path_factory):
 def test_the_report_is_one_file_that_needs_no_other(compared):
     html = (compared[0] / "report.html").read_text()
     assert re.findall(r'(?:src|href)="(?!data:)', html) == []
-    assert html.count("data:image/png;base64,") == 5
+    assert html.count("data:image/png;base64,") == 6
 
 
 def test_the_report_says_what_is_simulated_assumed_and_not_tested(compared):
