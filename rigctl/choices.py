@@ -16,6 +16,13 @@ ScaleKind = Literal["absolute", "panel", "free"]
 # Parts of the light of a material, as `model.scene.field_light.Source` has them.
 LightPart = Literal["total", "reflected", "reflected_sun", "reflected_sky", "path"]
 
+# Vectors that the RX detector works on: Stokes parameters, or the counts behind each angle of the polarizer.
+RocKind = Literal["stokes", "intensity"]
+ROC_KINDS: tuple[RocKind, ...] = get_args(RocKind)
+
+# DoLP SNR that tables and plots show: of the exact law, or to first order as [MK14] has it.
+SnrKind = Literal["exact", "first-order", "both"]
+
 # What solves the light of the air: the project's own solver, or an independent one beside it as a check.
 Engine = Literal["own", "sasktran2"]
 

@@ -5,6 +5,7 @@ import importlib
 import sys
 import tempfile
 import traceback
+from collections import Counter
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -80,6 +81,28 @@ VERBS: dict[str, tuple[str, str]] = {
 EPILOG = "Start with `rigctl demo`. Exit codes: 0 done, 2 usage, 3 device, 4 data, 5 disagrees, 75 stopped on request."
 
 
+def once_each(command: Any) -> Any:
+    """Return a command, or a group with its commands, that refuses an option given twice where it holds one value."""
+    for inner in getattr(command, "commands", {}).values():
+        once_each(inner)
+    parse = command.parse_args
+
+    def parse_args(context: Any, arguments: list[str]) -> Any:
+        _refuse_repeats(command, context, arguments)
+        return parse(context, arguments)
+
+    command.parse_args = parse_args
+    return command
+
+
+def _refuse_repeats(command: Any, context: Any, arguments: list[str]) -> None:
+    """Read the arguments as the command line does, and count which options stand there."""
+    _, _, order = command.make_parser(context).parse_args(args=list(arguments))
+    for one, times in Counter(found for found in order if found.param_type_name == "option").items():
+        if times > 1 and not one.multiple and not getattr(one, "count", False):
+            raise typer.BadParameter(f"is given {times} times; it has one value", context, one)
+
+
 class LazyGroup(TyperGroup):
     """A group of commands that imports a command's module only when that command is asked for."""
 
@@ -96,7 +119,7 @@ class LazyGroup(TyperGroup):
         if app is None:
             app = typer.Typer(add_completion=False, rich_markup_mode=None)
             app.command(cmd_name)(module.command)
-        return _in_range(typer.main.get_command(app))
+        return once_each(_in_range(typer.main.get_command(app)))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the verb that was asked for; of an unknown one say which may have been meant."""

@@ -144,6 +144,29 @@ def predict_region(
     )
 
 
+def reason_missing(prediction: RegionPrediction) -> dict[str, str]:
+    """Return the quantities that a region lacks, wholly or in part, each with the reason.
+
+    Parameters
+    ----------
+    prediction
+        Of the region.
+    """
+    s0 = float(prediction.stokes_dn.mean[0])
+    if not s0 > 0.0:
+        lost = ("s1n", "s2n", "dolp", "aolp_deg", "dolp_pixels", "dolp_snr")
+        return dict.fromkeys(lost, f"the mean of S0 is {s0:.3g} DN, not above 0")
+    found = {}
+    if "aolp_deg" not in prediction.quantities:
+        found["aolp_deg"] = found["dolp.std"] = "unpolarised light has no angle, and no first-order deviation of DoLP"
+        found["dolp_snr.first_order"] = found["dolp.std"]
+    if "dolp_pixels" not in prediction.quantities:
+        found["dolp_pixels"] = found["dolp_snr.mean"] = prediction.warnings[-1]
+    elif "mean" not in prediction.quantities.get("dolp_snr", {}):
+        found["dolp_snr.mean"] = "nothing fluctuates: the deviation of DoLP is 0"
+    return found
+
+
 def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
     """Return moments of channels with what flat fields and interpolation do to them.
 

@@ -1,12 +1,14 @@
 """Performance of a predicted scene: distribution of DoLP, its noise floor, and detection between regions."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.moments import Moments
 from model.prediction.prediction import RegionPrediction
 from model.processing import dolp
 from model.processing.detection import rx_roc
@@ -164,6 +166,41 @@ def pair_detection(
             auc_error=np.nan,
             warnings=(f"{background} cannot be a background: {error}",),
         )
+
+
+def roc_of_pair(
+    target: str,
+    background: str,
+    predictions: Mapping[str, RegionPrediction],
+    p_false_alarm: Sequence[float] | FloatArray,
+    *,
+    kind: Literal["stokes", "intensity"],
+    tolerance: float = 1e-10,
+) -> PairDetection:
+    """Return what `pair_detection` does, on Stokes parameters or on the counts behind each angle of the polarizer.
+
+    Parameters
+    ----------
+    kind
+        "stokes", three components, or "intensity", one for each angle.
+    target, background, predictions, p_false_alarm, tolerance
+        As in `pair_detection`.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B: "multichannel intensity or Stokes parameters".
+    """
+    if kind == "intensity":
+        counted = {name: replace(one, stokes_dn=_counts(one)) for name, one in predictions.items()}
+        return pair_detection(target, background, counted, np.asarray(p_false_alarm).tolist(), tolerance=tolerance)
+    return pair_detection(target, background, predictions, np.asarray(p_false_alarm).tolist(), tolerance=tolerance)
+
+
+def _counts(prediction: RegionPrediction) -> Moments:
+    """Return mean and covariance of the counts of single pixels of one cycle, [MK14] eq. (18), (20)."""
+    channels = prediction.channels
+    noise = np.diag(channels.temporal_var_dn2)
+    return Moments(mean=channels.mean_dn, cov=channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2 + noise)
 
 
 def detections_of_pair(

@@ -1,18 +1,25 @@
 """``rigctl predict``: what the model says that a scene will give."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.choices import Engine, LightPart
+from rigctl.choices import Engine, LightPart, SnrKind
 from rigctl.errors import ConfigError
 from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from model.prediction.prediction import RegionPrediction
+    from model.prediction.region_performance import PairDetection
+    from rigctl.choices import RocKind
     from rigctl.jobs.predict import PredictedScene, PredictRequest
+    from rigctl.reports.table import AnyTable
 
 
 def command(
@@ -26,10 +33,22 @@ def command(
     light: Annotated[
         LightPart, typer.Option(metavar="PART", help="Light of materials: total, reflected, reflected_sun, ..., path.")
     ] = "total",
-    key_and_range: Annotated[
-        str | None, typer.Option("--sweep", metavar="KEY=start:stop:n", help="Any number of the scene, over a range.")
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A number in place of the file's. Repeatable."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for table and plot of a sweep.")] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option("--sweep", metavar="KEY=start:stop:n", help="A number over a range; a second one makes a grid."),
+    ] = None,
+    roc: Annotated[
+        str | None,
+        typer.Option(metavar="TARGET,BACKGROUND", help="Whole ROC curves of a pair, on Stokes and on intensity."),
+    ] = None,
+    snr: Annotated[
+        SnrKind, typer.Option(metavar="KIND", help="DoLP SNR that is shown: exact, first-order ([MK14]), or both.")
+    ] = "exact",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for pictures, tables, JSON.")] = None,
     engine: Annotated[
         Engine, typer.Option(metavar="NAME", help="What solves the sky: own, or sasktran2 as an independent check.")
     ] = "own",
@@ -62,22 +81,28 @@ def command(
     Inputs may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }: --uncertainty gives each number its standard
     uncertainty by all of them, [rig] included, and ranks them (docs/comparison.md).
 
+    --set and --sweep take any number of docs/parameters.md. With --out: counts behind each angle and the laws of s1, s2
+    and DoLP ([MK14] Figs 7, 8b); of a sweep table and plot, of a grid of two maps; with --roc the curves.
+
     Example: rigctl predict examples/scene-airborne.toml --tolerance 0.01
 
-    --tolerance goes with --sweep: some values are judged, those between them take the plans and errors of these.
+    Example: rigctl predict examples/scene-airborne.toml --set sun.zenith_deg=25 --roc black_paint,asphalt --out noon
+
+    --tolerance goes with one --sweep: some values are judged, those between them take the plans and errors of these.
 
     Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
     from rigctl.jobs.predict import PredictRequest
+    from rigctl.scene.parameters import parse_changes
 
-    if key_and_range is not None and uncertainty:
+    if ranges and uncertainty:
         raise ConfigError("--uncertainty: is of one prediction; leave out --sweep")
+    if tolerance is not None and len(ranges or ()) > 1:
+        raise ConfigError("--tolerance: goes with one --sweep; a grid takes the settings of the scene file")
     if estimated_only and tolerance is None:
         raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
     if tolerance is not None and uncertainty:
         raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
-    if key_and_range is None and out is not None:
-        raise ConfigError("--out: is for a sweep; give --sweep KEY=start:stop:n too")
     request = PredictRequest(
         scene=scene,
         noise=noise,
@@ -86,16 +111,28 @@ def command(
         engine=engine,
         switched_on=tuple(switched_on or ()),
         left_out=tuple(left_out or ()),
+        changes=parse_changes(changes or ()),
+        roc=roc,
     )
-    if key_and_range is not None:
-        _sweep(request, key_and_range, out=out, tolerance=tolerance, estimated_only=estimated_only, as_json=as_json)
+    shown = _Shown(out=out, snr=snr, as_json=as_json)
+    if ranges:
+        _sweep(request, ranges, shown, tolerance=tolerance, estimated_only=estimated_only)
     elif tolerance is not None:
-        _predict_to(request, tolerance, estimated_only=estimated_only, as_json=as_json)
+        _predict_to(request, tolerance, shown, estimated_only=estimated_only)
     else:
-        _predict(request, uncertainty=uncertainty, as_json=as_json)
+        _predict(request, shown, uncertainty=uncertainty)
 
 
-def _predict(request: "PredictRequest", *, uncertainty: bool, as_json: bool) -> None:
+@dataclass(frozen=True, kw_only=True)
+class _Shown:
+    """Where and how results are shown."""
+
+    out: Path | None
+    snr: SnrKind
+    as_json: bool
+
+
+def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -> None:
     from rigctl.jobs.predict import predict_scene
     from rigctl.reports.tables.comparison_json import prediction_json
     from rigctl.reports.tables.light_tables import geometry_lines, light_json, light_tables
@@ -105,25 +142,52 @@ def _predict(request: "PredictRequest", *, uncertainty: bool, as_json: bool) -> 
     predicted = predict_scene(request, uncertainty=uncertainty)
     found, errors = predicted.found, predicted.uncertainty
     _warn_of(predicted.doubts)
-    content = prediction_json(found.predictions, predicted.performance, remarks=found.remarks) | light_json(found)
+    remarks = (*predicted.doubts, *found.remarks)
+    content = prediction_json(found.predictions, predicted.performance, remarks=remarks) | light_json(found)
+    content |= _reasons(found.predictions) | _roc(predicted.rocs)
     if errors is not None:
         content |= {"regions": with_input_errors(found.predictions, errors)} | input_effects_json(errors)
-    if as_json:
+    if shown.out is not None:
+        from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
+
+        written = write_prediction(content, found.predictions, predicted.rocs, shown.out, remarks=predicted.remarks)
+        progress().print(f"{', '.join(written)} in {shown.out}", markup=False)
+    if shown.as_json:
         print_json(content)
         return
     for line in geometry_lines(found):
         results().print(line)
     effects = () if errors is None else input_effect_tables(errors)
-    for table in (*light_tables(found), *quantity_tables(content["regions"]), *effects):
+    tables = (*light_tables(found), *quantity_tables(content["regions"], snr=shown.snr), *effects)
+    for table in (*tables, *_roc_tables(predicted.rocs)):
         results().print(terminal_table(table))
-    for remark in (*found.remarks, *_warnings(predicted), *_of_uncertainty(predicted)):
+    for remark in (*predicted.remarks[len(predicted.doubts) :], *_of_uncertainty(predicted)):
         progress().print(remark, markup=False)
 
 
-def _warnings(predicted: "PredictedScene") -> Iterable[str]:
-    from rigctl.comparison.remarks import model_warnings
+def _roc(rocs: "Mapping[RocKind, PairDetection]") -> dict[str, object]:
+    from rigctl.reports.tables.roc_tables import roc_json
 
-    return model_warnings(predicted.found.predictions)
+    return {"roc": roc_json({kind: (one,) for kind, one in rocs.items()}, ())} if rocs else {}
+
+
+def _roc_tables(rocs: "Mapping[RocKind, PairDetection]") -> "Iterable[AnyTable]":
+    from rigctl.reports.tables.roc_tables import roc_table
+
+    return [roc_table({kind: (one,) for kind, one in rocs.items()})] if rocs else []
+
+
+def _reasons(predictions: "Mapping[str, RegionPrediction]") -> dict[str, object]:
+    """Return which numbers do not exist, and why."""
+    from model.prediction.prediction import reason_missing
+
+    return {
+        "reasons": [
+            {"number": f"{name}.{quantity}", "reason": reason}
+            for name, one in predictions.items()
+            for quantity, reason in reason_missing(one).items()
+        ]
+    }
 
 
 def _of_uncertainty(predicted: "PredictedScene") -> Iterable[str]:
@@ -136,8 +200,8 @@ def _of_uncertainty(predicted: "PredictedScene") -> Iterable[str]:
         yield f"{len(uncertain)} inputs have a stated uncertainty: --uncertainty says what that makes of these numbers"
 
 
-def _predict_to(request: "PredictRequest", tolerance: float, *, estimated_only: bool, as_json: bool) -> None:
-    from rigctl.jobs.predict import predict_scene_to
+def _predict_to(request: "PredictRequest", tolerance: float, shown: "_Shown", *, estimated_only: bool) -> None:
+    from rigctl.jobs.predict import predict_scene_to, said_of
     from rigctl.reports.tables.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
     from rigctl.reports.tables.comparison_json import prediction_json
     from rigctl.reports.tables.effects_tables import effects_json, left_out_line
@@ -146,42 +210,56 @@ def _predict_to(request: "PredictRequest", tolerance: float, *, estimated_only: 
     predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only)
     found, effects = predicted.found, predicted.effects
     _warn_of(predicted.doubts)
-    content = prediction_json(found.result.predictions, predicted.performance, remarks=predicted.remarks)
-    if as_json:
-        print_json(content | {"accuracy": accuracy_json(found), "effects": effects_json(effects, None)})
+    predictions = found.result.predictions
+    remarks = (*predicted.doubts, *predicted.remarks)
+    said = said_of(predictions, predicted.performance, predicted.rocs)
+    content = prediction_json(predictions, predicted.performance, remarks=remarks)
+    content |= _reasons(predictions) | _roc(predicted.rocs)
+    content |= {"accuracy": accuracy_json(found), "effects": effects_json(effects, None)}
+    if shown.out is not None:
+        from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
+
+        written = write_prediction(content, predictions, predicted.rocs, shown.out, remarks=(*remarks, *said))
+        progress().print(f"{', '.join(written)} in {shown.out}", markup=False)
+    if shown.as_json:
+        print_json(content)
         return
-    for table in (*quantity_tables(content["regions"]), accuracy_table(found)):
+    tables = (*quantity_tables(content["regions"], snr=shown.snr), *_roc_tables(predicted.rocs), accuracy_table(found))
+    for table in tables:
         results().print(terminal_table(table))
-    for line in (*accuracy_lines(found), left_out_line(effects), *predicted.remarks):
+    for line in (*accuracy_lines(found), left_out_line(effects), *predicted.remarks, *said):
         progress().print(line, markup=False)
 
 
 def _sweep(
     request: "PredictRequest",
-    key_and_range: str,
+    ranges: "Sequence[str]",
+    shown: "_Shown",
     *,
-    out: Path | None,
     tolerance: float | None,
     estimated_only: bool,
-    as_json: bool,
 ) -> None:
     from rigctl.jobs.predict import sweep_scene
     from rigctl.reports.tables.accuracy_tables import series_json, series_lines
-    from rigctl.reports.tables.sweep_tables import sweep_json, sweep_tables
+    from rigctl.reports.tables.sweep_tables import sweep_json, sweep_tables, warning_lines
 
-    swept = sweep_scene(request, key_and_range, out=out, tolerance=tolerance, estimated_only=estimated_only)
+    out, snr = shown.out, shown.snr
+    swept = sweep_scene(request, ranges, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only)
     _warn_of(swept.doubts)
-    if as_json:
+    if shown.as_json:
         accuracy = {} if swept.accuracy is None else {"accuracy": series_json(swept.accuracy)}
-        print_json(sweep_json(swept.found) | accuracy | {"remarks": list(swept.remarks)})
+        print_json(sweep_json(swept.found, remarks=(*swept.doubts, *swept.remarks)) | accuracy)
         return
     results().print(f"sweep of {swept.found.key}", markup=False)
-    for table in sweep_tables(swept.found):
+    for table in sweep_tables(swept.found, snr=snr):
         results().print(terminal_table(table))
-    for remark in (*(() if swept.accuracy is None else series_lines(swept.accuracy)), *swept.remarks):
-        progress().print(remark, markup=False)
+    of_series = () if swept.accuracy is None else series_lines(swept.accuracy)
+    for line in (*of_series, *warning_lines(swept.found), *swept.remarks):
+        progress().print(line, markup=False)
+    for number, reason in dict.fromkeys((one.number, one.reason) for one in swept.found.missing):
+        progress().print(f"{number}: missing where {reason}", markup=False)
     if out is not None:
-        progress().print(f"sweep.csv, sweep.json and sweep.png in {out}", markup=False)
+        progress().print(f"sweep.csv, sweep.json and plots in {out}", markup=False)
 
 
 def _warn_of(doubts: Iterable[str]) -> None:

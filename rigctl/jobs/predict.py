@@ -1,7 +1,7 @@
 """Predicting a scene: what the model says of each region, to a tolerance or with the uncertainty of its inputs."""
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,16 +12,20 @@ from numpy.typing import NDArray
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from model.accuracy.series_to_tolerance import SeriesPrediction
 from model.effects.planner import EffectPlan
+from model.prediction.prediction import RegionPrediction
+from model.prediction.region_performance import PairDetection
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
-from rigctl.choices import Engine, LightPart
+from rigctl.choices import Engine, LightPart, RocKind, SnrKind
+from rigctl.comparison.remarks import model_warnings
 from rigctl.comparison.scale import with_panel_scale
 from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
+from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
-from rigctl.prediction.sweep import Sweep, parse_sweep, sweep_over
+from rigctl.prediction.sweep import Axis, Sweep, parse_sweeps, sweep_over
 from rigctl.prediction.sweep_to_tolerance import sweep_to_tolerance
 from rigctl.reports.outputs.sweep_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
@@ -49,6 +53,8 @@ class PredictRequest:
         Effects that act, or do not, whatever they change.
     changes : mapping
         Numbers of the scene in the place of those of the file and of the calibrations, by their keys.
+    roc : str or None
+        ``TARGET,BACKGROUND``: the pair of which whole ROC curves are found.
     """
 
     scene: Path | SceneFile
@@ -59,6 +65,7 @@ class PredictRequest:
     switched_on: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     changes: Mapping[str, float] = field(default_factory=dict)
+    roc: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,6 +84,8 @@ class PredictedScene:
         What they make of each number, where that was asked.
     doubts : tuple of str
         About the calibrations.
+    rocs : dict
+        Kind to the whole curve; empty where none was asked for.
     """
 
     found: ScenePrediction
@@ -84,6 +93,12 @@ class PredictedScene:
     uncertain_inputs: tuple[str, ...]
     uncertainty: PredictedUncertainty | None
     doubts: tuple[str, ...]
+    rocs: dict[RocKind, PairDetection]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """All that is to be said: of the calibrations, the scene, the regions and their detection."""
+        return (*self.doubts, *self.found.remarks, *said_of(self.found.predictions, self.performance, self.rocs))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,6 +110,7 @@ class PredictedToTolerance:
     performance: Performance
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
+    rocs: dict[RocKind, PairDetection]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,6 +139,7 @@ def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> Pred
         A file is wrong or does not fit, or there is no prediction.
     """
     predictor, doubts = _predictor(request)
+    pair = _pair(request, predictor)
     found = predictor.predict()
     return PredictedScene(
         found=found,
@@ -130,6 +147,7 @@ def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> Pred
         uncertain_inputs=only_uncertain(predictor.inputs).names,
         uncertainty=predicted_uncertainty(predictor, found.predictions) if uncertainty else None,
         doubts=doubts,
+        rocs={} if pair is None else roc_curves(found.predictions, pair),
     )
 
 
@@ -153,37 +171,42 @@ def predict_scene_to(
         A file is wrong or does not fit, or the tolerance cannot be had.
     """
     predictor, doubts = _predictor(request)
+    pair = _pair(request, predictor)
     effects = predictor.effect_plan(tolerance)
     found = predictor.to_tolerance(tolerance, effects=effects, estimated_only=estimated_only)
     return PredictedToTolerance(
         found=found,
         effects=effects,
         performance=performance_of(found.result.predictions),
-        remarks=(*predictor.inputs.remarks, *effects.remarks),
+        remarks=(*predictor.remarks, *effects.remarks),
         doubts=doubts,
+        rocs={} if pair is None else roc_curves(found.result.predictions, pair),
     )
 
 
 def sweep_scene(
     request: PredictRequest,
-    key_and_range: str,
+    ranges: Sequence[str],
     *,
     out: Path | None = None,
+    snr: SnrKind = "exact",
     tolerance: float | None = None,
     estimated_only: bool = False,
 ) -> SweptScene:
-    """Return what the model says of a scene through a range of one of its numbers.
+    """Return what the model says of a scene through ranges of its numbers: of one, or on a grid of several.
 
     Parameters
     ----------
     request : PredictRequest
         The scene.
-    key_and_range : str
-        ``KEY=start:stop:n``.
+    ranges : sequence of str
+        Each ``KEY=start:stop:n``.
     out : Path or None
-        Folder for sweep.csv, sweep.json and sweep.png.
+        Folder for sweep.csv, sweep.json and sweep.png, roc.csv and roc.png.
+    snr : {"exact", "first-order", "both"}
+        DoLP SNR of the plot.
     tolerance : float or None
-        Largest numerical error, 1e-6 to 0.1; None: with the settings of the scene file.
+        Largest numerical error, 1e-6 to 0.1, of one range; None: with the settings of the scene file.
     estimated_only : bool
         Take errors that nothing promises as they are estimated.
 
@@ -192,8 +215,8 @@ def sweep_scene(
     ConfigError, DataError
         A file is wrong or does not fit, or there is no such number, or it is outside its range.
     """
-    key, values = parse_sweep(key_and_range)
-    return sweep_scene_over(request, key, values, out=out, tolerance=tolerance, estimated_only=estimated_only)
+    axes = parse_sweeps(ranges)
+    return _swept(request, axes, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only)
 
 
 def sweep_scene_over(
@@ -206,15 +229,43 @@ def sweep_scene_over(
     estimated_only: bool = False,
 ) -> SweptScene:
     """Return what the model says of a scene at each value of one of its numbers; the rest as in `sweep_scene`."""
+    axes = (Axis(key=key, values=values),)
+    return _swept(request, axes, out=out, snr="exact", tolerance=tolerance, estimated_only=estimated_only)
+
+
+def _swept(
+    request: PredictRequest,
+    axes: tuple[Axis, ...],
+    *,
+    out: Path | None,
+    snr: SnrKind,
+    tolerance: float | None,
+    estimated_only: bool,
+) -> SweptScene:
     predictor, doubts = _predictor(request)
-    accuracy: SeriesPrediction | None = None
+    pair, accuracy = _pair(request, predictor), None
     if tolerance is None:
-        found = sweep_over(predictor, key, values)
+        found = sweep_over(predictor, axes, roc=pair)
     else:
-        found, accuracy = sweep_to_tolerance(predictor, key, values, tolerance, estimated_only=estimated_only)
+        found, accuracy = sweep_to_tolerance(predictor, axes[0], tolerance, roc=pair, estimated_only=estimated_only)
+    remarks = predictor.remarks
     if out is not None:
-        write_sweep(found, out, remarks=predictor.inputs.remarks)
-    return SweptScene(found=found, remarks=predictor.inputs.remarks, doubts=doubts, accuracy=accuracy)
+        write_sweep(found, out, remarks=(*doubts, *remarks), snr=snr)
+    return SweptScene(found=found, remarks=remarks, doubts=doubts, accuracy=accuracy)
+
+
+def said_of(
+    predictions: Mapping[str, RegionPrediction], performance: Performance, rocs: Mapping[RocKind, PairDetection]
+) -> tuple[str, ...]:
+    """Return the warnings of predictions and of detection, each once."""
+    pairs = (*performance.detections, *rocs.values())
+    of_pairs = (f"{pair.target} on {pair.background}: {text}" for pair in pairs for text in pair.warnings)
+    return tuple(dict.fromkeys((*model_warnings(predictions), *of_pairs)))
+
+
+def _pair(request: PredictRequest, predictor: ScenePredictor) -> RocPair | None:
+    names = tuple(region.name for region in predictor.scene.regions)
+    return None if request.roc is None else parse_roc(request.roc, names)
 
 
 def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]]:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from rigctl.scene.effect_choice import acting_effects, forced_effects
 from rigctl.scene.effect_plan import SHARE
 from rigctl.scene.model_records import camera_view
 from rigctl.scene.model_scene import build_scenario, lit_scene, readout_of, sensor_of
-from rigctl.scene.parameters import with_values
+from rigctl.scene.parameters import require_within, with_values
 from rigctl.scene.rig_inputs import cycle_of_file, rig_errors, with_rig
 from rigctl.scene.scene_inputs import Inputs, gather
 from rigctl.scene.scene_light import SceneLight
@@ -41,6 +41,17 @@ class SceneGeometry:
     phi_deg: float
     direct_irradiance: float
     sky_irradiance: float
+
+
+def _with_changes(scene: Scene, changed: Mapping[str, float]) -> Scene:
+    """Return a scene as if its file said otherwise, and a remark that it does."""
+    try:
+        found = with_values(scene, changed)
+    except ConfigError as error:
+        raise ConfigError(f"--set: {error}") from error
+    require_within(scene, changed, option="--set")
+    said = ", ".join(f"{key} = {value:g}" for key, value in changed.items())
+    return replace(found, remarks=(*scene.remarks, f"--set: {said}, not as the scene file has it"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +101,8 @@ class ScenePredictor:
         if source != "total" and not scene.has_materials:
             raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
         stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_file(scene))
-        stated = with_values(stated, changes or {})
+        if changes:
+            stated = _with_changes(stated, changes)
         self._light, self._source = SceneLight() if light is None else light, source
         self._inputs = gather(stated) if scaled is None else scaled(gather(stated))
         # The processing takes what is stated, whatever is true.
@@ -105,6 +117,11 @@ class ScenePredictor:
     def inputs(self) -> Inputs:
         """Its numbers with their covariance."""
         return self._inputs
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is assumed, what was set aside, and what is least known of the air."""
+        return (*self._inputs.remarks, *self._light.remarks(self.scene))
 
     def predictions(self, changed: Mapping[str, float] | None = None) -> dict[str, RegionPrediction]:
         """Return what the model says with some numbers changed, by their keys.
@@ -250,7 +267,7 @@ class ScenePredictor:
             predictions=predictions,
             lights={region.name: self._light.region(scene, region) for region in materials},
             geometry=self._geometry() if materials else None,
-            remarks=(*self._inputs.remarks, *self._light.remarks(scene)),
+            remarks=self.remarks,
         )
 
     def _geometry(self) -> SceneGeometry:

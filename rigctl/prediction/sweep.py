@@ -1,99 +1,225 @@
-"""One number of a scene through a range: what the model says at each value."""
+"""Numbers of a scene through ranges, one or a grid of several: what the model says at each point."""
 
 import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.prediction import Quantities
+from model.prediction.prediction import Quantities, RegionPrediction, reason_missing
 from model.prediction.region_performance import PairDetection, pair_detections
+from rigctl.choices import RocKind
 from rigctl.errors import ConfigError
 from rigctl.prediction.performance import SWEPT_RATES
+from rigctl.prediction.roc_curves import RocPair, roc_curves
 from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.parameters import with_value
+from rigctl.scene.parameters import require_within, with_values
 from rigctl.scene.scene_record import Scene
 
+FloatArray = NDArray[np.float64]
+
 MOST_STEPS = 10_000
+# What light and air hang on: these change least often, so that no sky is made twice.
+_SLOW = ("sun.", "atmosphere.", "sensor.")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Axis:
+    """A number of the scene, and the values that it takes, in the unit of the file."""
+
+    key: str
+    values: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointWarning:
+    """Something to be said of one point: its place along each axis, and the words."""
+
+    index: tuple[int, ...]
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissingNumber:
+    """A number that does not exist at a point: its place along each axis, its name, and why."""
+
+    index: tuple[int, ...]
+    number: str
+    reason: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sweep:
-    """Predictions at each value of one number.
+    """Predictions at each point of a grid; the last axis varies fastest.
 
     Attributes
     ----------
-    key : str
-        Which number.
-    values : (n,) array
-        In the unit of the file.
+    axes : tuple of Axis
+        One or more.
     quantities : tuple of dict
-        For each value, region to quantities.
+        For each point, region to quantities.
     detections : tuple of tuple of PairDetection
-        For each value, every ordered pair of regions at `SWEPT_RATES`.
+        For each point, every ordered pair of regions at `SWEPT_RATES`.
+    rocs : dict
+        Kind to a curve for each point; empty where none was asked for.
+    warnings : tuple of PointWarning
+        Of the predictions and of detection.
+    missing : tuple of MissingNumber
+        What does not exist.
     """
 
-    key: str
-    values: NDArray[np.float64]
+    axes: tuple[Axis, ...]
     quantities: tuple[dict[str, Quantities], ...]
     detections: tuple[tuple[PairDetection, ...], ...]
+    rocs: dict[RocKind, tuple[PairDetection, ...]]
+    warnings: tuple[PointWarning, ...]
+    missing: tuple[MissingNumber, ...]
+
+    @property
+    def key(self) -> str:
+        """The numbers that change, in words."""
+        return ", ".join(axis.key for axis in self.axes)
+
+    @property
+    def values(self) -> FloatArray:
+        """Values along the first axis."""
+        return self.axes[0].values
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points along each axis."""
+        return tuple(axis.values.size for axis in self.axes)
 
     @property
     def regions(self) -> tuple[str, ...]:
         """The regions, in the order of the scene file."""
         return tuple(self.quantities[0])
 
-    def series(self, region: str, quantity: str, statistic: str) -> NDArray[np.float64]:
-        """Return one number of a region at each value; not a number where it does not exist."""
+    def series(self, region: str, quantity: str, statistic: str) -> FloatArray:
+        """Return one number of a region at each point, in the shape of the grid; not a number where there is none."""
         found = [step[region].get(quantity, {}).get(statistic, math.nan) for step in self.quantities]
-        return np.array(found, dtype=np.float64)
+        return np.array(found, dtype=np.float64).reshape(self.shape)
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Target and background of each pair."""
         return tuple((found.target, found.background) for found in self.detections[0])
 
-    def detection(self, pair: tuple[str, str], p_false_alarm: float) -> NDArray[np.float64]:
-        """Return the probability of detection of a pair at each value, at one of `SWEPT_RATES`."""
+    def detection(self, pair: tuple[str, str], p_false_alarm: float) -> FloatArray:
+        """Return the probability of detection of a pair at each point, at one of `SWEPT_RATES`."""
         place, rate = self.pairs.index(pair), SWEPT_RATES.index(p_false_alarm)
-        return np.array([step[place].p_detection[rate] for step in self.detections], dtype=np.float64)
+        found = [step[place].p_detection[rate] for step in self.detections]
+        return np.array(found, dtype=np.float64).reshape(self.shape)
 
 
-def sweep(predictor: ScenePredictor, request: str) -> Sweep:
-    """Return what the model says over a range of one number.
+def sweep(predictor: ScenePredictor, *requests: str, roc: RocPair | None = None) -> Sweep:
+    """Return what the model says over ranges of numbers: of one, or of every combination of several.
 
     Parameters
     ----------
     predictor : ScenePredictor
         The scene.
-    request : str
-        ``KEY=start:stop:n``: n values from start to stop, both included.
+    requests : str
+        Each ``KEY=start:stop:n``: n values from start to stop, both included.
+    roc : RocPair or None
+        Of which the whole ROC is found at each point.
 
     Raises
     ------
     ConfigError
-        The request cannot be read, there is no such number, or a value is outside its range.
+        A request cannot be read, there is no such number, a value is outside its range, or one is asked for twice.
     """
-    key, values = parse_sweep(request)
-    return sweep_over(predictor, key, values)
+    return sweep_over(predictor, parse_sweeps(requests), roc=roc)
 
 
-def sweep_over(predictor: ScenePredictor, key: str, values: NDArray[np.float64]) -> Sweep:
-    """Return what the model says at each value of one number.
+def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPair | None = None) -> Sweep:
+    """Return what the model says at each point of a grid.
 
     Raises
     ------
     ConfigError
         There is no such number, or a value is outside its range.
     """
-    scenes = [swept_scene(predictor.scene, key, value) for value in values.tolist()]
-    steps = [predictor.predictions_of(scene) for scene in scenes]
-    quantities = tuple({name: region.quantities for name, region in step.items()} for step in steps)
-    detections = tuple(pair_detections(step, SWEPT_RATES) for step in steps)
-    return Sweep(key=key, values=values, quantities=quantities, detections=detections)
+    scenes = swept_scenes(predictor.scene, axes)
+    slow = [k for k, axis in enumerate(axes) if axis.key.startswith(_SLOW)]
+    found: dict[tuple[int, ...], dict[str, RegionPrediction]] = {}
+    for index in sorted(scenes, key=lambda index: tuple(index[k] for k in slow)):
+        found[index] = predictor.predictions_of(scenes[index])
+        # The model names what it cannot compute better than a range can; what it could is held to the range as well.
+        require_within(predictor.scene, _at(axes, index), option="--sweep")
+    return sweep_of(axes, [found[index] for index in scenes], roc=roc)
 
 
-def parse_sweep(request: str) -> tuple[str, NDArray[np.float64]]:
+def swept_scenes(scene: Scene, axes: tuple[Axis, ...]) -> dict[tuple[int, ...], Scene]:
+    """Return the scene at each point of a grid, by its place along each axis, the last axis fastest.
+
+    Raises
+    ------
+    ConfigError
+        There is no such number.
+    """
+    shape = tuple(axis.values.size for axis in axes)
+    return {index: _changed(scene, _at(axes, index)) for index in np.ndindex(shape)}
+
+
+def sweep_of(
+    axes: tuple[Axis, ...], predictions: Sequence[Mapping[str, RegionPrediction]], *, roc: RocPair | None = None
+) -> Sweep:
+    """Return a sweep from the predictions of its points.
+
+    Parameters
+    ----------
+    axes : tuple of Axis
+        One or more.
+    predictions : sequence of mapping
+        Region to prediction for each point, the last axis fastest.
+    roc : RocPair or None
+        Of which the whole ROC is found at each point.
+    """
+    detections = tuple(pair_detections(one, SWEPT_RATES) for one in predictions)
+    curves = [] if roc is None else [roc_curves(one, roc) for one in predictions]
+    indices = list(np.ndindex(tuple(axis.values.size for axis in axes)))
+    rocs = [one.values() for one in curves] or [()] * len(indices)
+    points = list(zip(indices, predictions, detections, rocs, strict=True))
+    return Sweep(
+        axes=axes,
+        quantities=tuple({name: region.quantities for name, region in one.items()} for one in predictions),
+        detections=detections,
+        rocs={kind: tuple(one[kind] for one in curves) for kind in (curves[0] if curves else ())},
+        warnings=tuple(
+            PointWarning(index=index, message=message)
+            for index, found, pairs, roc_pairs in points
+            for message in _warnings(found, pairs, roc_pairs)
+        ),
+        missing=tuple(
+            MissingNumber(index=index, number=number, reason=reason)
+            for index, found, pairs, _ in points
+            for number, reason in _missing(found, pairs)
+        ),
+    )
+
+
+def parse_sweeps(requests: Sequence[str]) -> tuple[Axis, ...]:
+    """Return the axes of a grid.
+
+    Raises
+    ------
+    ConfigError
+        One cannot be read, two are of one number, or there are too many points.
+    """
+    axes = tuple(Axis(key=key, values=values) for key, values in map(parse_sweep, requests))
+    for key, times in Counter(axis.key for axis in axes).items():
+        if times > 1:
+            raise ConfigError(f"--sweep: {key} is given {times} times; a number has one range")
+    points = math.prod(axis.values.size for axis in axes)
+    if points > MOST_STEPS:
+        raise ConfigError(f"--sweep: the grid has {points} points, allowed is {MOST_STEPS}")
+    return axes
+
+
+def parse_sweep(request: str) -> tuple[str, FloatArray]:
     """Return name and values of a request ``KEY=start:stop:n``.
 
     Raises
@@ -115,15 +241,32 @@ def parse_sweep(request: str) -> tuple[str, NDArray[np.float64]]:
     return key.strip(), np.linspace(start, stop, steps)
 
 
-def swept_scene(scene: Scene, key: str, value: float) -> Scene:
-    """Return a scene at one value of a sweep.
+def _at(axes: tuple[Axis, ...], index: tuple[int, ...]) -> dict[str, float]:
+    return {axis.key: float(axis.values[k]) for axis, k in zip(axes, index, strict=True)}
 
-    Raises
-    ------
-    ConfigError
-        There is no such number, or the value is outside its range.
-    """
+
+def _changed(scene: Scene, numbers: dict[str, float]) -> Scene:
     try:
-        return with_value(scene, key, value)
+        return with_values(scene, numbers)
     except ConfigError as error:
         raise ConfigError(f"--sweep: {error}") from error
+
+
+def _warnings(
+    found: Mapping[str, RegionPrediction], detections: Iterable[PairDetection], rocs: Iterable[PairDetection]
+) -> Iterable[str]:
+    for name, region in found.items():
+        yield from (f"{name}: {warning}" for warning in region.warnings)
+    # The same pair may be among both.
+    pairs = (f"{pair.target} on {pair.background}: {text}" for pair in (*detections, *rocs) for text in pair.warnings)
+    yield from dict.fromkeys(pairs)
+
+
+def _missing(
+    found: Mapping[str, RegionPrediction], detections: Iterable[PairDetection]
+) -> Iterable[tuple[str, str]]:
+    for name, region in found.items():
+        yield from ((f"{name}.{quantity}", reason) for quantity, reason in reason_missing(region).items())
+    for pair in detections:
+        if math.isnan(pair.auc):
+            yield f"{pair.target}_on_{pair.background}.p_detection", "; ".join(pair.warnings)

@@ -1,7 +1,7 @@
 """Every number of a scene by its key: what there is, what it is, and the scene with another in its place."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
@@ -97,6 +97,54 @@ def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
         if _number(place, leaf)[0] != value:
             changed = _with(changed, place, value)
     return changed
+
+
+def require_within(scene: Scene, values: Mapping[str, float], *, option: str) -> None:
+    """Refuse numbers that are outside of their ranges.
+
+    Parameters
+    ----------
+    scene : Scene
+        Whose numbers they are.
+    values : mapping
+        Key to value, in the unit of the file.
+    option : str
+        Where they come from, for the message.
+
+    Raises
+    ------
+    ConfigError
+        One is outside, or the scene has no such number.
+    """
+    for key, value in values.items():
+        one = get(scene, key)
+        if not one.least <= value <= one.most:
+            limits = f"from {one.least:g}" if math.isinf(one.most) else f"{one.least:g} to {one.most:g}"
+            raise ConfigError(f"{option}: {key} = {value:g} {one.unit}".rstrip() + f", allowed is {limits}")
+
+
+def parse_changes(requests: Iterable[str], *, option: str = "--set") -> dict[str, float]:
+    """Return numbers by their keys from requests ``KEY=VALUE``.
+
+    Raises
+    ------
+    ConfigError
+        One cannot be read, or two are of one number.
+    """
+    found: dict[str, float] = {}
+    for request in requests:
+        key, _, text = request.partition("=")
+        name = OLD_KEYS.get(key.strip(), key.strip())
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not name or not math.isfinite(value):
+            raise ConfigError(f"{option}: is {request!r}, must be KEY=VALUE, for instance sun.zenith_deg=35")
+        if name in found:
+            raise ConfigError(f"{option}: {name} is given twice; a number has one value")
+        found[name] = value
+    return found
 
 
 def describe() -> tuple[Row, ...]:

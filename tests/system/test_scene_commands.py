@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from rigctl.cli import main
@@ -55,9 +56,79 @@ def test_a_low_sun_is_refused_with_what_is_allowed(tmp_path, capsys):
     assert "solar zenith = 86.00 deg, allowed is 0 to 85 deg" in capsys.readouterr().err
 
 
-def test_a_folder_without_a_sweep_is_refused(scene, capsys, tmp_path):
-    assert main(["predict", scene, "--out", str(tmp_path / "out")]) == 2
-    assert "--sweep" in capsys.readouterr().err
+def test_a_prediction_writes_pictures_without_a_run(scene, capsys, tmp_path):
+    assert main(["predict", scene, "--roc", "paint,road", "--out", str(tmp_path / "out"), "--json"]) == 0
+    roc = json.loads(capsys.readouterr().out)["roc"]
+    assert set(roc) == {"stokes", "intensity"}
+    assert len(roc["stokes"]["p_detection"]) == len(roc["stokes"]["p_false_alarm"])
+    assert 0.0 < roc["intensity"]["auc"] <= 1.0
+    names = {"prediction.json", "prediction.csv", "counts.png", "laws.png", "roc.csv", "roc.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+
+
+def test_a_grid_has_arrays_in_the_order_of_its_axes_and_every_warning(scene, capsys, tmp_path):
+    ranges = ("acquisition.exposure_ms=0.02:2:2", "geometry.camera_zenith_deg=20:40:3")
+    options = [part for text in ranges for part in ("--sweep", text)]
+    assert main(["predict", scene, *options, "--roc", "paint,road", "--out", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [axis["key"] for axis in found["axes"]] == ["acquisition.exposure_ms", "geometry.camera_zenith_deg"]
+    assert np.shape(found["regions"]["paint"]["dolp_snr"]["mean"]) == (2, 3)
+    assert np.shape(found["roc"]["intensity"]["auc"]) == (2, 3)
+    assert np.shape(found["roc"]["stokes"]["p_detection"]) == (2, 3, len(found["roc"]["stokes"]["p_false_alarm"]))
+    saturated = [one for one in found["warnings"] if "saturation" in one["message"]]
+    assert {tuple(one["index"]) for one in saturated} == {(1, 0), (1, 1), (1, 2)}
+    rows = (tmp_path / "sweep.csv").read_text().splitlines()
+    assert ["saturation" in row for row in rows[1:]] == [False] * 3 + [True] * 3
+    assert json.loads((tmp_path / "sweep.json").read_text())["warnings"] == found["warnings"]
+
+
+def test_a_saturated_sweep_says_so_in_the_terminal(scene, capsys):
+    assert main(["predict", scene, "--sweep", "acquisition.exposure_ms=0.02:2:2"]) == 0
+    found = capsys.readouterr()
+    assert "warning" in found.out
+    assert "saturation" in found.err
+
+
+def test_a_prediction_to_a_tolerance_says_that_it_saturates(scene, capsys):
+    assert main(["predict", scene, "--set", "acquisition.exposure_ms=2", "--tolerance", "0.05"]) == 0
+    assert "saturation" in capsys.readouterr().err
+
+
+def test_a_number_set_stands_in_place_of_the_files(scene, capsys):
+    assert main(["predict", scene, "--set", "acquisition.exposure_ms=0.01", "--json"]) == 0
+    set_ = json.loads(capsys.readouterr().out)
+    assert main(["predict", scene, "--sweep", "acquisition.exposure_ms=0.01:0.02:2", "--json"]) == 0
+    swept = json.loads(capsys.readouterr().out)
+    for statistic in ("mean", "std"):
+        value = set_["regions"]["paint"]["s0"][statistic]
+        assert value == pytest.approx(swept["regions"]["paint"]["s0"][statistic][0])
+    assert any("--set: acquisition.exposure_ms = 0.01" in remark for remark in set_["remarks"])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--sweep", "sun.zenith_deg=1:2:3", "--sweep", "sun.zenith_deg=2:3:2"), "sun.zenith_deg is given 2 times"),
+        (("--sweep", "sun.zenit=1:2", "--sweep", "sun.zenith_deg=20:30:2"), "KEY=start:stop:n"),
+        (("--set", "sun.zenith_deg=1", "--set", "sun.zenith_deg=2"), "given twice"),
+        (("--set", "sensor.optics_transmittance=1.5"), "allowed is 0 to 1"),
+        (("--set", "sun.zenit_deg=3"), "did you mean"),
+        (("--set", "sun.zenith_deg"), "KEY=VALUE"),
+        (("--roc", "paint,sea"), "two of the scene's regions"),
+        (("--snr", "exact", "--snr", "both"), "is given 2 times"),
+    ],
+)
+def test_what_means_one_thing_is_not_given_twice_nor_wrong(scene, capsys, options, said):
+    assert main(["predict", scene, *options]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_missing_number_of_a_sweep_has_its_reason(scene, capsys):
+    unlit = ("--set", "acquisition.exposure_ms=1e-9")
+    assert main(["predict", scene, *unlit, "--sweep", "noise.read_noise_e=1:200:2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["regions"]["paint"].get("dolp_pixels", {"mean": [None, None]})["mean"][1] is None
+    assert {(tuple(one["index"]), one["number"]) for one in found["reasons"]} >= {((1,), "paint.dolp_pixels")}
 
 
 def test_sky_draws_four_panels_and_says_what_it_is(scene, capsys, tmp_path):

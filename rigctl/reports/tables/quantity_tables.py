@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
+from rigctl.choices import SnrKind
 from rigctl.reports.number_text import to_digits
 from rigctl.reports.table import Column, Table
 
@@ -11,14 +12,25 @@ _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
 Statistics = Mapping[str, float]
 
 
-def quantity_tables(regions: Mapping[str, Mapping[str, Statistics]]) -> Iterable[Table[Any]]:
-    """Return a table for each region: a row a quantity, a column a statistic."""
+def quantity_tables(regions: Mapping[str, Mapping[str, Statistics]], *, snr: SnrKind = "exact") -> Iterable[Table[Any]]:
+    """Return a table for each region: a row a quantity, a column a statistic.
+
+    `snr` says which DoLP SNR is shown; that to first order has a row of its own.
+    """
     columns: tuple[Column[tuple[str, Statistics]], ...] = (
         Column(title="quantity", text=lambda row: row[0], left=True),
         *(Column(title=statistic, text=partial(_with_error, statistic=statistic)) for statistic in _STATISTICS),
     )
     for name, quantities in regions.items():
-        yield Table(title=name, columns=columns, rows=tuple(quantities.items()))
+        yield Table(title=name, columns=columns, rows=tuple(_rows(quantities, snr)))
+
+
+def _rows(quantities: Mapping[str, Statistics], snr: SnrKind) -> Iterable[tuple[str, Statistics]]:
+    for name, statistics in quantities.items():
+        if name != "dolp_snr" or snr != "first-order":
+            yield name, statistics
+        if name == "dolp_snr" and snr != "exact" and "first_order" in statistics:
+            yield "dolp_snr (first order)", {"mean": statistics["first_order"]}
 
 
 def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
