@@ -23,6 +23,9 @@ ROC_KINDS: tuple[RocKind, ...] = get_args(RocKind)
 # DoLP SNR that tables and plots show: of the exact law, or to first order as [MK14] has it.
 SnrKind = Literal["exact", "first-order", "both"]
 
+# DoLP SNR in which the paper's statements are checked.
+SnrForm = Literal["exact", "first-order"]
+
 # What solves the light of the air: the project's own solver, or an independent one beside it as a check.
 Engine = Literal["own", "sasktran2"]
 

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -38,6 +38,11 @@ def progress() -> Console:
 def warn(text: str) -> None:
     """Tell people something that they had better change."""
     progress().print(f"rigctl: warning: {text}", markup=False)
+
+
+def print_json_list(content: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows for other programs to read: a JSON list on standard output."""
+    sys.stdout.write(json.dumps(list(content), indent=2, allow_nan=False) + "\n")
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -6,10 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.processing import dolp
+from model.processing.poisson_dolp import poisson_dolp
 from model.processing.reconstruction import MODIFIED_PICKERING_RAD, Design, design
 from model.stokes import dolp as degree_of_polarization
 
 FloatArray = NDArray[np.float64]
+
+# SNR of S0, 16 dB, below which the law of Poisson counts is summed; above it Gaussian counts are exact to 1e-4.
+POISSON_BELOW = 10.0 ** (16.0 / 20.0) * (1.0 + 1e-9)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +34,9 @@ class DolpAgainstSnr:
         From drawn Poisson counts, with their standard errors; draws with S0 <= 0 are left out.
     drawn_without_light
         How many draws that were.
+    poisson_mean, poisson_std
+        Exact for Poisson counts, given S0 > 0; not a number above `POISSON_BELOW`, where Gaussian counts are exact
+        enough.
     """
 
     snr: FloatArray
@@ -43,6 +50,18 @@ class DolpAgainstSnr:
     drawn_mean_error: FloatArray
     drawn_std_error: FloatArray
     drawn_without_light: NDArray[np.int64]
+    poisson_mean: FloatArray
+    poisson_std: FloatArray
+
+    @property
+    def true_mean(self) -> FloatArray:
+        """Mean by the law of Poisson counts where it is summed, of Gaussian ones elsewhere."""
+        return np.where(np.isnan(self.poisson_mean), self.mean, self.poisson_mean)
+
+    @property
+    def true_std(self) -> FloatArray:
+        """Deviation by the law of Poisson counts where it is summed, of Gaussian ones elsewhere."""
+        return np.where(np.isnan(self.poisson_std), self.std, self.poisson_std)
 
 
 def dolp_against_snr(
@@ -73,8 +92,8 @@ def dolp_against_snr(
 
     Notes
     -----
-    Shot noise only. The draws are Poisson counts and the distribution is Gaussian: they differ where a channel holds
-    few electrons, which is at the lowest ratios.
+    Shot noise only. The draws are Poisson counts; where a channel holds few electrons their law is summed, elsewhere it
+    is Gaussian.
 
     Raises
     ------
@@ -94,6 +113,7 @@ def dolp_against_snr(
     s0_e = ratios**2 * unit_cov[0, 0] / shape[0] ** 2
     mean, cov = s0_e[:, None] * shape, s0_e[:, None, None] * unit_cov
     first, exact = dolp.first_order(mean, cov), dolp.moments(mean, cov, tolerance=tolerance)
+    poisson = np.array([_poisson(plan, light, ratio) for light, ratio in zip(mean, ratios, strict=True)])
     drawn = np.array([_drawn(plan, light, draws, generator) for light in mean])
     return DolpAgainstSnr(
         snr=ratios,
@@ -107,7 +127,17 @@ def dolp_against_snr(
         drawn_mean_error=drawn[:, 2],
         drawn_std_error=drawn[:, 3],
         drawn_without_light=drawn[:, 4].astype(np.int64),
+        poisson_mean=poisson[:, 0],
+        poisson_std=poisson[:, 1],
     )
+
+
+def _poisson(plan: Design, light_e: FloatArray, ratio: float) -> tuple[float, float]:
+    """Return exact mean and deviation at few electrons."""
+    if ratio > POISSON_BELOW:
+        return float("nan"), float("nan")
+    found = poisson_dolp(plan, light_e)
+    return found.mean, found.std
 
 
 def _drawn(plan: Design, light_e: FloatArray, draws: int, generator: np.random.Generator) -> FloatArray:

@@ -17,13 +17,13 @@ def fig5_plot(found: DolpAgainstSnr) -> bytes:
     figure, axes = subplots(1, 2, size=(11.0, 4.2))
     decibel = 20 * np.log10(found.snr)
     rows = (
-        (axes[0], "mean of DoLP", found.drawn_mean, found.drawn_mean_error, found.first_mean, found.mean),
-        (axes[1], "deviation of DoLP", found.drawn_std, found.drawn_std_error, found.first_std, found.std),
+        (axes[0], "mean of DoLP", found.drawn_mean, found.drawn_mean_error, found.first_mean, found.true_mean),
+        (axes[1], "deviation of DoLP", found.drawn_std, found.drawn_std_error, found.first_std, found.true_std),
     )
     for ax, label, drawn, error, first, exact in rows:
         ax.errorbar(decibel, drawn, yerr=error, fmt="o", markersize=4, color=MEASURED, label="Poisson draws")
         ax.plot(decibel, first, color="0.45", linestyle="--", label="first order, [MK14]")
-        ax.plot(decibel, exact, color=PREDICTED, label="exact law (where moments exist)")
+        ax.plot(decibel, exact, color=PREDICTED, label="exact law: Poisson to 16 dB, Gaussian above")
         ax.axvline(20.0, color="0.8", linewidth=1.0)
         ax.set_xlabel("SNR of S0 [dB, amplitude]")
         ax.set_ylabel(label)

@@ -6,6 +6,7 @@ from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -82,8 +83,8 @@ def _maps(found: Sweep, snr: SnrKind) -> Figure:
         ax.set_axis_off()
     first, second = found.axes
     for ax, (title, values) in zip(axes, panels, strict=False):
-        top = {"vmin": 0.0, "vmax": 1.0} if title.startswith("P_D") else {"vmin": 0.0}
-        shown = ax.pcolormesh(second.values, first.values, values, shading="nearest", cmap="viridis", **top)
+        norm = Normalize(0.0, 1.0 if title.startswith("P_D") else float(np.nanmax(values, initial=1e-12)))
+        shown = ax.pcolormesh(second.values, first.values, values, shading="nearest", cmap="viridis", norm=norm)
         ax.set_title(title, fontsize=9)
         ax.set_xlabel(second.key)
         ax.set_ylabel(first.key)

@@ -12,10 +12,12 @@ from rigctl.reports.table import Column, Table
 # Heading, and what stands under it.
 _FIG5 = (
     ("mean: first", "first_mean"),
-    ("exact", "mean"),
+    ("Gaussian", "mean"),
+    ("Poisson", "poisson_mean"),
     ("drawn", "drawn_mean"),
     ("std: first", "first_std"),
-    ("exact", "std"),
+    ("Gaussian", "std"),
+    ("Poisson", "poisson_std"),
     ("drawn", "drawn_std"),
 )
 
@@ -40,7 +42,7 @@ def estimator_table(found: Mapping[str, EstimatorError], true_snr: Sequence[floa
 
 
 def _five_digits(k: int, values: Sequence[float]) -> str:
-    return f"{values[k]:.5f}"
+    return "-" if np.isnan(values[k]) else f"{values[k]:.5f}"
 
 
 def _errors(k: int, found: EstimatorError) -> str:

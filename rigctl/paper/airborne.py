@@ -1,0 +1,253 @@
+"""The airborne scene of [MK14] section V: DoLP SNR and detection at any geometry, each with its numerical error."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.evaluation.quantities import Reading
+from model.accuracy.evaluation.settings import Settings
+from model.accuracy.predict_to_tolerance import predict as predict_to
+from model.prediction.prediction import RegionPrediction, predict
+from model.prediction.region_performance import PairDetection, pair_detection
+from model.processing.detection_draws import rx_draws
+from model.scene.scenario import RegionLight, Scenario
+from rigctl.choices import SnrForm
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import SceneFile
+from rigctl.paper.numbers import Kind, Number
+from rigctl.prediction.roc_curves import ROC_RATES
+from rigctl.prediction.scene_prediction import ScenePredictor
+from rigctl.scene.model_records import settings_of
+from rigctl.scene.parameters import with_values
+from rigctl.scene.scene_light import SceneLight
+
+FloatArray = NDArray[np.float64]
+Source = Literal["total", "reflected", "path"]
+
+TARGET, BACKGROUND = "black_paint", "asphalt"
+WHITE = "white_paint"
+P_FALSE_ALARM = 1e-3
+TOLERANCE = 3e-3
+# The authors' way: K = 9 tiles at their midpoints, a sky on a 10 deg grid, 1e5 draws.
+_PAPER_TILES, _PAPER_ZENITHS, _PAPER_AZIMUTHS, _PAPER_DRAWS, _PAPER_SEED = 3, 9, 18, 100_000, 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry:
+    """Sun, view and azimuth [deg], height of the camera [m], and the noise factor Kn."""
+
+    sun: float
+    view: float
+    phi: float = 180.0
+    height_m: float = 3000.0
+    kn: float = 1.0
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        noise = "" if self.kn == 1.0 else f", Kn {self.kn:g}"
+        return f"sun {self.sun:g}, view {self.view:g}, phi {self.phi:g}, {self.height_m / 1000:g} km{noise}"
+
+    def numbers(self) -> dict[str, float]:
+        """By their keys in a scene."""
+        return {
+            "sun.zenith_deg": self.sun,
+            "geometry.camera_zenith_deg": self.view,
+            "geometry.phi_deg": self.phi,
+            "geometry.camera_height_m": self.height_m,
+            "noise.noise_factor": self.kn,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluated:
+    """What was found at a geometry, with the relative errors of its numbers (absolute for P_D)."""
+
+    scenario: Scenario
+    predictions: Mapping[str, RegionPrediction]
+    errors: Mapping[Reading, float]
+
+
+class Airborne:
+    """The scene with one set of materials; everything that was computed is kept."""
+
+    def __init__(
+        self,
+        scene: SceneFile,
+        *,
+        light: SceneLight | None = None,
+        snr: SnrForm = "exact",
+        as_paper: bool = False,
+        changed: Mapping[str, float] | None = None,
+        tolerance: float | None = TOLERANCE,
+    ) -> None:
+        """Take a scene with the regions black_paint, asphalt and white_paint.
+
+        `tolerance` None takes the settings of the file, without errors.
+
+        Raises
+        ------
+        ConfigError
+            One of these regions is not there, or a number is outside its range.
+        """
+        names = {region.name for region in scene.regions}
+        missing = {TARGET, BACKGROUND, WHITE} - names
+        if missing:
+            raise ConfigError(f"scene {scene.name}: rigctl paper needs regions named {', '.join(sorted(missing))}")
+        self.light = SceneLight() if light is None else light
+        self.predictor = ScenePredictor(scene, None, light=self.light, changed=changed)
+        self.snr_form: SnrForm = "first-order" if as_paper else snr
+        self.as_paper = as_paper
+        self._tolerance = tolerance
+        self._found: dict[object, Evaluated] = {}
+        self._curves: dict[object, PairDetection] = {}
+
+    def snr(self, at: Geometry, *, source: Source = "total", turned: bool = False, label: str = "") -> Number:
+        """Return the DoLP SNR of the target.
+
+        Parameters
+        ----------
+        at : Geometry
+            Where.
+        source : {"total", "reflected", "path"}
+            Which light.
+        turned : bool
+            Whether the path radiance is that of the opposite azimuth, as if its azimuth were counted from the other
+            side.
+        label : str
+            What it is called.
+        """
+        found = self._turned(at, source) if turned and source != "reflected" else self._target(at, source)
+        statistic = "mean" if self.snr_form == "exact" else "first_order"
+        # Wholly unpolarised light has no first-order ratio: it is 0.
+        value = found.predictions[TARGET].quantities.get("dolp_snr", {}).get(statistic, 0.0)
+        error = found.errors.get(Reading(TARGET, "dolp_snr", statistic), 0.0)
+        kind: Kind = "exact_snr" if self.snr_form == "exact" else "plain"
+        return Number(label=f"SNR {label or source}", value=value, error=error * value, kind=kind)
+
+    def stokes(self, at: Geometry, source: Source) -> FloatArray:
+        """Return the Stokes radiance that comes from the target to the aperture, shape (3,)."""
+        return self._target(at, source).scenario.regions[0].stokes_radiance
+
+    def quantity(self, at: Geometry, region: str, quantity: str, statistic: str = "mean") -> float:
+        """Return one number of the prediction of target and background."""
+        return float(self._pair(at).predictions[region].quantities[quantity][statistic])
+
+    def p_detection(self, at: Geometry, *, label: str) -> Number:
+        """Return the probability of detection at `P_FALSE_ALARM`."""
+        curve = self.roc(at)
+        place = int(np.argmin(np.abs(curve.p_false_alarm - P_FALSE_ALARM)))
+        value = float(curve.p_detection[place])
+        error = self._pair(at).errors.get(Reading(f"{TARGET} on {BACKGROUND}", "p_detection", "0.001"), 0.0)
+        return Number(label=f"P_D {label}", value=value, error=error, kind="p_detection")
+
+    def roc(self, at: Geometry) -> PairDetection:
+        """Return the whole ROC of target on background."""
+        if at not in self._curves:
+            found = self._pair(at).predictions
+            rates = ROC_RATES.tolist()
+            self._curves[at] = (
+                _drawn(found, rates)
+                if self.as_paper
+                else pair_detection(TARGET, BACKGROUND, found, rates, tolerance=1e-8)
+            )
+        return self._curves[at]
+
+    def least_s0_snr(self) -> float:
+        """Return the least ratio of S0 to its noise among all that was computed of the whole light."""
+        ratios = [
+            one.quantities["s0"]["mean"] / one.quantities["s0"]["std_temporal"]
+            for key, found in self._found.items()
+            for one in found.predictions.values()
+            if isinstance(key, tuple) and key[1] in ("total", "pair")
+        ]
+        return min(ratios)
+
+    def _target(self, at: Geometry, source: Source) -> Evaluated:
+        return self._kept((at, source), lambda: self._evaluated(at, (TARGET,), source))
+
+    def _pair(self, at: Geometry) -> Evaluated:
+        return self._kept((at, "pair"), lambda: self._evaluated(at, (TARGET, BACKGROUND), "total"))
+
+    def _kept(self, key: object, make: Callable[[], Evaluated]) -> Evaluated:
+        if key not in self._found:
+            self._found[key] = make()
+        return self._found[key]
+
+    def _evaluated(self, at: Geometry, names: tuple[str, ...], source: Source) -> Evaluated:
+        scene = with_values(self.predictor.scene, at.numbers())
+        lit = self.predictor.lit_scene(scene)
+        pairs = () if len(names) == 1 else ((TARGET, BACKGROUND),)
+        kept = {region.name: region for region in lit.regions}
+        lit = replace(lit, regions=tuple(kept[name] for name in names), source=source, pairs=pairs)
+        try:
+            if self.as_paper or self._tolerance is None:
+                settings = settings_of(scene)
+                settings = _paper_settings(settings) if self.as_paper else settings
+                quick = evaluate(lit, settings, store=self.light.lights)
+                return Evaluated(scenario=quick.scenario, predictions=quick.predictions, errors={})
+            found = predict_to(lit, tolerance=self._tolerance, store=self.light.lights)
+        except ValueError as error:
+            raise ConfigError(f"scene {scene.name}: {error}") from error
+        result = found.result
+        return Evaluated(scenario=result.scenario, predictions=result.predictions, errors=found.budget.total)
+
+    def _turned(self, at: Geometry, source: Source) -> Evaluated:
+        opposite = replace(at, phi=(at.phi + 180.0) % 360.0 if at.phi else 180.0)
+        path = self._target(opposite, "path")
+        return path if source == "path" else self._kept((at, "turned"), lambda: self._sum(at, path))
+
+    def _sum(self, at: Geometry, path: Evaluated) -> Evaluated:
+        """Return the reflected light of a geometry with the path radiance of another."""
+        reflected = self._target(at, "reflected")
+        one, other = reflected.scenario.regions[0], path.scenario.regions[0]
+        light: RegionLight = replace(one, stokes_radiance=one.stokes_radiance + other.stokes_radiance)
+        scenario = replace(reflected.scenario, regions=(light,))
+        keys = set(reflected.errors) | set(path.errors)
+        errors = {key: reflected.errors.get(key, 0.0) + path.errors.get(key, 0.0) for key in keys}
+        return Evaluated(scenario=scenario, predictions=predict(scenario), errors=errors)
+
+
+def _paper_settings(settings: Settings) -> Settings:
+    return replace(
+        settings,
+        tiles_per_side=_PAPER_TILES,
+        tile_rule="midpoint",
+        sky_zeniths=_PAPER_ZENITHS,
+        sky_azimuths=_PAPER_AZIMUTHS,
+        negligible_spread=0.0,
+    )
+
+
+def _drawn(found: Mapping[str, RegionPrediction], rates: list[float]) -> PairDetection:
+    """Return the ROC by random vectors, the threshold drawn too, as [MK14] section IV-B has it."""
+    target, background = found[TARGET].stokes_dn, found[BACKGROUND].stokes_dn
+    # Fewer false alarms than two cannot be drawn, and all of them need no draw.
+    every = np.array(rates)
+    can_be = (every >= 2.0 / _PAPER_DRAWS) & (every < 1.0)
+    drawn = rx_draws(
+        every[can_be],
+        target.mean,
+        target.cov,
+        background.mean,
+        background.cov,
+        draws=_PAPER_DRAWS,
+        generator=np.random.default_rng(_PAPER_SEED),
+        draw_threshold=True,
+    )
+    detected, error = np.where(every == 1.0, 1.0, np.nan), np.zeros(every.size)
+    detected[can_be], error[can_be] = drawn.p_detection, drawn.standard_error
+    return PairDetection(
+        target=TARGET,
+        background=BACKGROUND,
+        p_false_alarm=every,
+        p_detection=detected,
+        auc=float(np.trapezoid(np.nan_to_num(detected), every)),
+        p_detection_error=error,
+        auc_error=float("nan"),
+        warnings=(),
+    )

@@ -1,0 +1,96 @@
+"""The figures of [MK14] as the model has them, with the verdicts on their statements beneath."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from model.prediction.prediction import RegionPrediction
+from rigctl.paper.curves import Panel, PaperFigure
+from rigctl.paper.digitised import DigitisedPoint
+from rigctl.reports.figures.figure_style import png, subplots
+from rigctl.reports.figures.prediction_figures import laws_of, say_beneath
+
+_PANEL_PIXELS = 120
+
+
+def curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[DigitisedPoint] = ()) -> bytes:
+    """Return a figure of curves; points of the paper's own figure, where somebody has them, lie over them."""
+    columns = len(figure.panels)
+    drawn, axes = subplots(1, columns, size=(max(6.4 * columns, 8.5), 4.8 + 0.16 * len(beneath)))
+    for letter, ax, panel in zip("abcd", axes, figure.panels, strict=False):
+        _draw(ax, panel)
+        _overlay(ax, [one for one in points if one.panel in ("", letter)])
+        ax.legend(fontsize=7)
+    drawn.suptitle(f"[MK14] Fig. {figure.number}: {figure.title}", fontsize=11)
+    say_beneath(drawn, beneath)
+    return png(drawn)
+
+
+def _draw(ax: Axes, panel: Panel) -> None:
+    for curve in panel.curves:
+        ax.plot(curve.x, curve.y, linestyle=curve.line or "none", marker=curve.marker or None, label=curve.label)
+    if panel.log_x:
+        ax.set_xscale("log")
+        ax.set_ylim(0.0, 1.03)
+    else:
+        ax.set_ylim(bottom=0.0)
+    ax.set_title(panel.title, fontsize=9)
+    ax.set_xlabel(panel.x_label)
+    ax.set_ylabel(panel.y_label)
+
+
+def _overlay(ax: Axes, points: Sequence[DigitisedPoint]) -> None:
+    for name in dict.fromkeys(point.label for point in points):
+        own = [point for point in points if point.label == name]
+        ax.plot([point.x for point in own], [point.y for point in own], "kx", markersize=6, label=f"digitised: {name}")
+
+
+def panels_png(predictions: Mapping[str, RegionPrediction], names: Mapping[str, str], beneath: Sequence[str]) -> bytes:
+    """Return Fig. 6: S0 and DoLP of panels, each pixel drawn from the predicted law (seed 1)."""
+    generator = np.random.default_rng(1)
+    size = (_PANEL_PIXELS * _PANEL_PIXELS, 3)
+    s0, degree = [], []
+    for name in names:
+        stokes = predictions[name].stokes_dn
+        pixels = stokes.mean + generator.standard_normal(size) @ np.linalg.cholesky(stokes.cov).T
+        s0.append(pixels[:, 0].reshape(_PANEL_PIXELS, -1))
+        degree.append(np.hypot(pixels[:, 1], pixels[:, 2]).reshape(_PANEL_PIXELS, -1) / s0[-1])
+    figure, axes = subplots(1, 2, size=(12.0, 4.0))
+    for ax, parts, label, cmap in zip(axes, (s0, degree), ("S0 [DN]", "DoLP"), ("gray", "magma"), strict=True):
+        shown = ax.imshow(np.hstack(parts), cmap=cmap, vmin=0.0)
+        ax.set_title(f"{label}: {', '.join(names.values())} (left to right)", fontsize=9)
+        ax.set_xlabel("x [pixel]")
+        ax.set_ylabel("y [pixel]")
+        figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
+    figure.suptitle("[MK14] Fig. 6: panels drawn from the predicted law; no picture of the authors", fontsize=11)
+    say_beneath(figure, beneath)
+    return png(figure)
+
+
+def laws_figure_png(
+    predictions: Mapping[str, RegionPrediction],
+    names: Mapping[str, str],
+    beneath: Sequence[str],
+    points: Sequence[DigitisedPoint] = (),
+) -> bytes:
+    """Return Fig. 8 (b): laws of s1, s2 and DoLP of the panels' pixels, exact and, dashed, Gaussian to first order."""
+    figure, axes = subplots(1, 3, size=(14.0, 4.6 + 0.16 * len(beneath)))
+    quantities = ("s1n", "s2n", "dolp")
+    for name, label in names.items():
+        one = predictions[name]
+        for ax, quantity, (x, density) in zip(axes, quantities, laws_of(one), strict=True):
+            (line,) = ax.plot(x, density, label=f"{label}, exact")
+            mean, std = one.quantities[quantity]["mean"], one.quantities[quantity]["std"]
+            gauss = np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
+            ax.plot(x, gauss, "--", color=line.get_color(), linewidth=1.0, label=f"{label}, first order")
+    for letter, ax, label in zip("abc", axes, ("s1 = S1/S0", "s2 = S2/S0", "DoLP"), strict=True):
+        _overlay(ax, [one for one in points if one.panel in ("", letter)])
+        ax.set_xlabel(f"{label} of a pixel")
+        ax.set_ylabel("density")
+        ax.locator_params(axis="x", nbins=6)
+        ax.set_ylim(bottom=0.0)
+        ax.legend(fontsize=7)
+    figure.suptitle("[MK14] Fig. 8 (b): sun 22, view 53, phi 180", fontsize=11)
+    say_beneath(figure, beneath)
+    return png(figure)
