@@ -15,6 +15,7 @@ from benchmarks.trial_inputs import run_inputs
 from benchmarks.trial_kills import run_kills
 from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_noise_sets import run_noise_sets
+from benchmarks.trial_paper import run_paper
 from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_stale_frames import run_turns
 from benchmarks.trial_tolerance import run_tolerance
@@ -46,6 +47,7 @@ def main() -> int:
     sound &= _run_network(turns=arguments.turns, frames=arguments.lossy_frames)
     sound &= run_effects(arguments.effect_scenes)
     sound &= run_tolerance(arguments.tolerance_scenes, [0.1, 0.03, 0.01, 0.003])
+    sound &= run_paper()
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )

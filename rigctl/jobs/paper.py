@@ -7,15 +7,16 @@ from pathlib import Path
 
 from rigctl.choices import SnrForm
 from rigctl.errors import ConfigError
-from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.files.scene_file import load_scene
 from rigctl.paper.airborne import Airborne
 from rigctl.paper.assumptions import assumed_lines
 from rigctl.paper.curves import FIGURES
-from rigctl.paper.digitised import DigitisedPoint, read_digitised
+from rigctl.paper.digitised import read_digitised
 from rigctl.paper.low_light import LowLight
-from rigctl.paper.results import Result, chosen, results
+from rigctl.paper.paper_result import MaterialSet, PaperResult
+from rigctl.paper.results import chosen, results
 from rigctl.paper.rooftop import ASSUMED, Rooftop
-from rigctl.paper.search import Search, search
+from rigctl.paper.search import search
 from rigctl.paper.statements import PaperScenes
 
 SHIPPED = ("library", "rough")
@@ -57,48 +58,6 @@ class PaperRequest:
     seed: int = 1
     digitised: Path | None = None
     out: Path | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MaterialSet:
-    """One set of materials: its scenes, what comes out of the statements, and what is assumed."""
-
-    name: str
-    scene: SceneFile
-    scenes: PaperScenes
-    as_paper: PaperScenes | None
-    results: tuple[Result, ...]
-    assumed: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PaperResult:
-    """What was found, by set of materials.
-
-    Attributes
-    ----------
-    sets : tuple of MaterialSet
-        In the order of the request.
-    figures : tuple of int
-        Which were asked for.
-    search : Search or None
-        About the first set.
-    points : tuple of DigitisedPoint
-        Of the paper's figures, where somebody has them.
-    remarks : tuple of str
-        What is to be said.
-    """
-
-    sets: tuple[MaterialSet, ...]
-    figures: tuple[int, ...]
-    search: Search | None
-    points: tuple[DigitisedPoint, ...]
-    remarks: tuple[str, ...]
-
-    @property
-    def results(self) -> tuple[Result, ...]:
-        """Of all sets."""
-        return tuple(one for each in self.sets for one in each.results)
 
 
 def check_paper(request: PaperRequest, *, progress: Callable[[str], None] = lambda _: None) -> PaperResult:

@@ -1,13 +1,27 @@
 """Looking at what a material does to sunlight."""
 
+from importlib.resources import as_file, files
 from pathlib import Path
 
 from model.surface.diffuse import DiffuseKind
-from model.surface.materials import surface_of
+from model.surface.material_library import MATERIALS, material
+from model.surface.materials import Material, surface_of
 from model.surface.shadowing import Shadowing
 from rigctl.errors import ConfigError
-from rigctl.files.material_file import NM_PER_M, find_material
+from rigctl.files.material_file import NM_PER_M, find_material, load_material
 from rigctl.scene.reflected_light import SurfaceSheet, reflected_maps, surface_sheet
+
+# Material files among the examples, beside the library.
+_FILES = "paper/rough-*.toml"
+
+
+def list_materials() -> dict[str, Material]:
+    """Return every material that comes with the program: the library by names, others by their files' paths."""
+    found = {name: material(name) for name in MATERIALS}
+    with as_file(files("rigctl") / "data" / "examples") as examples:
+        for path in sorted(examples.glob(_FILES)):
+            found[f"examples/{path.relative_to(examples)}"] = load_material(path)
+    return found
 
 
 def look_at_surface(

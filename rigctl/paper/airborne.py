@@ -99,7 +99,7 @@ class Airborne:
         if missing:
             raise ConfigError(f"scene {scene.name}: rigctl paper needs regions named {', '.join(sorted(missing))}")
         self.light = SceneLight() if light is None else light
-        self.predictor = ScenePredictor(scene, None, light=self.light, changed=changed)
+        self.predictor = ScenePredictor(scene, None, light=self.light, changes=changed)
         self.snr_form: SnrForm = "first-order" if as_paper else snr
         self.as_paper = as_paper
         self._tolerance = tolerance

@@ -94,7 +94,7 @@ def some_step_rises(numbers: Sequence[Number]) -> Test:
     """Return the test of numbers that do not fall all along: the largest step upward."""
     steps = [above(second, first) for first, second in pairwise(numbers)]
     largest = max(steps, key=lambda step: step.margin)
-    return Test(numbers=tuple(numbers), margin=largest.margin, error=largest.error)
+    return Test(numbers=_first(largest, numbers), margin=largest.margin, error=largest.error)
 
 
 def peak_within(numbers: Sequence[Number], places: Sequence[float], low: float, high: float) -> Test:
@@ -103,4 +103,9 @@ def peak_within(numbers: Sequence[Number], places: Sequence[float], low: float, 
     outside = [one for one, place in zip(numbers, places, strict=True) if not low <= place <= high]
     best, rival = (max(part, key=lambda one: one.value) for part in (inside, outside))
     found = above(best, rival)
-    return Test(numbers=tuple(numbers), margin=found.margin, error=found.error)
+    return Test(numbers=_first(found, numbers), margin=found.margin, error=found.error)
+
+
+def _first(decided: Test, numbers: Sequence[Number]) -> tuple[Number, ...]:
+    """Return all numbers, those that decide at the head."""
+    return (*decided.numbers, *(one for one in numbers if one not in decided.numbers))

@@ -45,13 +45,10 @@ class SceneGeometry:
 
 def _with_changes(scene: Scene, changed: Mapping[str, float]) -> Scene:
     """Return a scene as if its file said otherwise, and a remark that it does."""
-    try:
-        found = with_values(scene, changed)
-    except ConfigError as error:
-        raise ConfigError(f"--set: {error}") from error
-    require_within(scene, changed, option="--set")
+    found = with_values(scene, changed)
+    require_within(scene, changed, option="changed")
     said = ", ".join(f"{key} = {value:g}" for key, value in changed.items())
-    return replace(found, remarks=(*scene.remarks, f"--set: {said}, not as the scene file has it"))
+    return replace(found, remarks=(*scene.remarks, f"changed: {said}, not as the scene file has it"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

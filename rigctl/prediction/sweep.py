@@ -262,9 +262,7 @@ def _warnings(
     yield from dict.fromkeys(pairs)
 
 
-def _missing(
-    found: Mapping[str, RegionPrediction], detections: Iterable[PairDetection]
-) -> Iterable[tuple[str, str]]:
+def _missing(found: Mapping[str, RegionPrediction], detections: Iterable[PairDetection]) -> Iterable[tuple[str, str]]:
     for name, region in found.items():
         yield from ((f"{name}.{quantity}", reason) for quantity, reason in reason_missing(region).items())
     for pair in detections:

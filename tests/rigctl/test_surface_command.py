@@ -119,3 +119,17 @@ def test_a_surface_that_is_the_same_from_everywhere_can_be_plotted(tmp_path, dhr
     path = tmp_path / "dull.toml"
     path.write_text(f'name = "dull"\nn = 1.5\nslope_rms = 0.2\nspecular_weight = 0\ndhr = {dhr}\n')
     assert main(["surface", str(path), "--diffuse", "lambert", "--out", str(tmp_path)]) == 0
+
+
+def test_every_material_is_listed_with_its_sources(capsys):
+    assert main(["surface", "--list", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["materials"]
+    assert {"black-paint", "white-paint", "asphalt", "examples/paper/rough-paint.toml"} <= set(found)
+    assert all(given["source"] for one in found.values() for given in one.values())
+    assert main(["surface", "--list"]) == 0
+    assert "rough-asphalt.toml" in capsys.readouterr().out
+
+
+def test_a_surface_needs_a_material(capsys):
+    assert main(["surface"]) == 2
+    assert "--list" in capsys.readouterr().err

@@ -102,7 +102,7 @@ def test_a_number_set_stands_in_place_of_the_files(scene, capsys):
     for statistic in ("mean", "std"):
         value = set_["regions"]["paint"]["s0"][statistic]
         assert value == pytest.approx(swept["regions"]["paint"]["s0"][statistic][0])
-    assert any("--set: acquisition.exposure_ms = 0.01" in remark for remark in set_["remarks"])
+    assert any("changed: acquisition.exposure_ms = 0.01" in remark for remark in set_["remarks"])
 
 
 @pytest.mark.parametrize(

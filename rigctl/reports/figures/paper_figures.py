@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from model.prediction.prediction import RegionPrediction
 from rigctl.paper.curves import Panel, PaperFigure
 from rigctl.paper.digitised import DigitisedPoint
-from rigctl.reports.figures.figure_style import png, subplots
+from rigctl.reports.figures.figure_style import COLOURS, png, subplots
 from rigctl.reports.figures.prediction_figures import laws_of, say_beneath
 
 _PANEL_PIXELS = 120
@@ -28,8 +28,11 @@ def curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[Dig
 
 
 def _draw(ax: Axes, panel: Panel) -> None:
-    for curve in panel.curves:
-        ax.plot(curve.x, curve.y, linestyle=curve.line or "none", marker=curve.marker or None, label=curve.label)
+    colours = len(COLOURS)
+    for k, curve in enumerate(panel.curves):
+        # Where colours come round again, lines are broken.
+        line = "--" if k >= colours and curve.line == "-" else curve.line
+        ax.plot(curve.x, curve.y, linestyle=line or "none", marker=curve.marker or None, label=curve.label)
     if panel.log_x:
         ax.set_xscale("log")
         ax.set_ylim(0.0, 1.03)

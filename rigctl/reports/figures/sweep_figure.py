@@ -19,17 +19,16 @@ FloatArray = NDArray[np.float64]
 
 # Words under a plot: more of them stand in table, CSV and JSON.
 _MOST_LINES, _LINE_LENGTH = 4, 150
-_MOST_AXES = 2
+# More numbers than these make no plot.
+MOST_AXES = 2
 
 
-def sweep_png(found: Sweep, *, snr: SnrKind = "exact", remarks: Sequence[str] = ()) -> bytes | None:
+def sweep_png(found: Sweep, *, snr: SnrKind = "exact", remarks: Sequence[str] = ()) -> bytes:
     """Return DoLP with its deviation, DoLP SNR and detection of all regions over what was swept.
 
-    Over two numbers these are maps; over more there is no plot.
+    Over two numbers, the most that there may be, these are maps.
     """
-    if len(found.axes) > _MOST_AXES:
-        return None
-    figure = _maps(found, snr) if len(found.axes) == _MOST_AXES else _curves(found, snr)
+    figure = _maps(found, snr) if len(found.axes) == MOST_AXES else _curves(found, snr)
     _say_beneath(figure, [*warning_lines(found), *remarks])
     return png(figure)
 

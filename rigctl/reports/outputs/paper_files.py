@@ -5,9 +5,9 @@ import io
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rigctl.paper.curves import PaperFigure, curves_of
+from rigctl.paper.paper_result import MaterialSet, PaperResult
 from rigctl.paper.results import figures_of
 from rigctl.paper.rooftop import PANELS
 from rigctl.reports.figures.paper_figures import curves_png, laws_figure_png, panels_png
@@ -18,13 +18,10 @@ from rigctl.reports.tables.paper_tables import statement_csv, statement_json, ve
 from rigctl.reports.writers.html_page import html
 from rigctl.scene.sky_map import sky_map
 
-if TYPE_CHECKING:
-    from rigctl.jobs.paper import MaterialSet, PaperResult
-
 _SAME_FOR_ALL = (2, 5)
 
 
-def write_paper(found: "PaperResult", out: Path) -> tuple[str, ...]:
+def write_paper(found: PaperResult, out: Path) -> tuple[str, ...]:
     """Write paper.html, statements.csv, statements.json, curves.csv and fig*.png; return their names."""
     curves = {(one.name, number): _curves(one, number) for one in found.sets for number in found.figures}
     pictures = dict(_pictures(found, curves))
@@ -38,11 +35,11 @@ def write_paper(found: "PaperResult", out: Path) -> tuple[str, ...]:
     return write_folder(out, contents)
 
 
-def _curves(one: "MaterialSet", number: int) -> PaperFigure | None:
+def _curves(one: MaterialSet, number: int) -> PaperFigure | None:
     return curves_of(number, one.scenes, as_paper=one.as_paper)
 
 
-def _pictures(found: "PaperResult", curves: dict[tuple[str, int], PaperFigure | None]) -> Iterable[tuple[str, bytes]]:
+def _pictures(found: PaperResult, curves: dict[tuple[str, int], PaperFigure | None]) -> Iterable[tuple[str, bytes]]:
     for number in found.figures:
         for k, one in enumerate(found.sets):
             if number in _SAME_FOR_ALL and k > 0:
@@ -51,7 +48,7 @@ def _pictures(found: "PaperResult", curves: dict[tuple[str, int], PaperFigure | 
             yield f"fig{number}-{label}.png", _picture(found, one, number, curves[one.name, number])
 
 
-def _picture(found: "PaperResult", one: "MaterialSet", number: int, curves: PaperFigure | None) -> bytes:
+def _picture(found: PaperResult, one: MaterialSet, number: int, curves: PaperFigure | None) -> bytes:
     rows = [row for row in one.results if number in figures_of(row.statement)]
     beneath = (f"materials: {one.name}", *verdict_lines(rows))
     points = [point for point in found.points if point.figure == number]

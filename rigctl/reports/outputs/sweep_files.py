@@ -6,7 +6,7 @@ from pathlib import Path
 from rigctl.choices import SnrKind
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.roc_figure import roc_png
-from rigctl.reports.figures.sweep_figure import sweep_png
+from rigctl.reports.figures.sweep_figure import MOST_AXES, sweep_png
 from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.tables.roc_tables import roc_csv
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json
@@ -19,9 +19,8 @@ def write_sweep(found: Sweep, out: Path, *, remarks: Sequence[str], snr: SnrKind
         "sweep.csv": sweep_csv(found, remarks=remarks),
         "sweep.json": json_file(sweep_json(found, remarks=remarks)),
     }
-    plot = sweep_png(found, snr=snr, remarks=remarks)
-    if plot is not None:
-        contents["sweep.png"] = plot
+    if len(found.axes) <= MOST_AXES:
+        contents["sweep.png"] = sweep_png(found, snr=snr, remarks=remarks)
     if found.rocs:
         contents |= {"roc.csv": roc_csv(found.rocs), "roc.png": roc_png(found.rocs, _labels(found))}
     return write_folder(out, contents)

@@ -170,14 +170,15 @@ def statements_page(found: Sequence[Result], materials: Sequence[str]) -> str:
     rule = "|---" * (5 + len(materials)) + "|\n"
     rows = []
     for one in STATEMENTS:
-        cells = [_cell(by_key[name, one.id]) for name in materials]
+        cells = [verdict_cell(by_key[name, one.id]) for name in materials]
         rows.append(
             f"| {one.figure} | {one.id} | {one.sentence} | {one.geometry} | {one.check} | {' | '.join(cells)} |\n"
         )
     return _HEAD + head + rule + "".join(rows) + _NOTES
 
 
-def _cell(one: Result) -> str:
+def verdict_cell(one: Result) -> str:
+    """Return verdict and deciding numbers of a statement, as a cell of the page."""
     text = IN_WORDS[one.verdict]
     if len({reading.verdict for reading in one.readings}) > 1:
         text += ": " + "; ".join(f"{reading.name}: {IN_WORDS[reading.verdict]}" for reading in one.readings)

@@ -1,9 +1,10 @@
 """A material as tables, and as JSON."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
+from model.surface.materials import Material, Property, properties
 from rigctl.reports.table import Column, Table
 from rigctl.scene.reflected_light import PropertyValue, Reflectance, ReflectedLight, SurfaceSheet
 
@@ -35,6 +36,30 @@ def _properties(sheet: SurfaceSheet) -> Table[PropertyValue]:
         f"diffuse {'none' if surface.dhr is None else surface.diffuse}"
     )
     return Table(title=title, columns=columns, rows=sheet.properties)
+
+
+def materials_table(found: Mapping[str, Material]) -> Table[tuple[str, str, Property]]:
+    """Return every property of materials, with uncertainty, basis and source; tables over wavelength by their ends."""
+    columns: tuple[Column[tuple[str, str, Property]], ...] = (
+        Column(title="material", text=lambda row: row[0], left=True, unbroken=True),
+        Column(title="property", text=lambda row: row[1], left=True, unbroken=True),
+        Column(title="value", text=lambda row: _ends(row[2]), unbroken=True),
+        Column(title="± std", text=lambda row: f"{row[2].standard_uncertainty:.2g}", unbroken=True),
+        Column(title="basis", text=lambda row: "assumed" if row[2].assumed else "measured", left=True, unbroken=True),
+        Column(title="source", text=lambda row: row[2].source, left=True),
+    )
+    rows = tuple((name, key, given) for name, one in found.items() for key, given in properties(one).items())
+    return Table(columns=columns, rows=rows)
+
+
+def materials_json(found: Mapping[str, Material]) -> dict[str, Any]:
+    """Return the same as plain data."""
+    return {name: {key: asdict(given) for key, given in properties(one).items()} for name, one in found.items()}
+
+
+def _ends(given: Property) -> str:
+    first, last = given.values[0], given.values[-1]
+    return f"{first:.4g}" if len(given.values) == 1 else f"{first:.4g}..{last:.4g}"
 
 
 def _principal_plane(sheet: SurfaceSheet) -> Table[ReflectedLight]:

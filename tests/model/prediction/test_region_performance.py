@@ -1,13 +1,15 @@
 import numpy as np
 import pytest
 
-from model.prediction.prediction import predict
+from model.prediction.prediction import predict, reason_missing
 from model.prediction.region_performance import (
     detections_of_pair,
     pair_detection,
     pair_detections,
     polarization_strength,
+    roc_of_pair,
 )
+from model.processing.detection import rx_p_detection
 from model.scene.scenario import RegionLight, Scenario
 from tests.model.prediction.test_whole_chain import READOUT, SENSOR
 
@@ -62,3 +64,24 @@ def test_unpolarised_light_shows_its_noise_floor():
     # Rice: mean over deviation of a component is sqrt(pi / 2), up to the square of the noise of S0.
     assert strength.unpolarised_mean == pytest.approx(np.sqrt(np.pi / 2) * strength.nedolp, rel=1e-3)
     assert prediction.quantities["dolp_pixels"]["mean"] == pytest.approx(strength.unpolarised_mean, rel=1e-6)
+
+
+def test_a_roc_on_counts_is_the_detector_on_the_channels():
+    found = _predictions(a=((20.0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02))
+    rates = [1e-3, 1e-2, 1e-1]
+    counts = roc_of_pair("a", "b", found, rates, kind="intensity")
+    moments = []
+    for name in ("a", "b"):
+        channels = found[name].channels
+        cov = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2 + np.diag(channels.temporal_var_dn2)
+        moments += [channels.mean_dn, cov]
+    np.testing.assert_allclose(counts.p_detection, rx_p_detection(np.array(rates), *moments), rtol=1e-8)
+    stokes = roc_of_pair("a", "b", found, rates, kind="stokes")
+    np.testing.assert_array_equal(stokes.p_detection, pair_detection("a", "b", found, rates).p_detection)
+
+
+def test_what_a_region_lacks_has_its_reason():
+    assert reason_missing(_predictions(a=((20.0, 5.0, 1.0), 0.01))["a"]) == {}
+    unpolarised = reason_missing(_predictions(a=((20.0, 0.0, 0.0), 0.0))["a"])
+    assert "unpolarised" in unpolarised["aolp_deg"]
+    assert "dolp_pixels" not in unpolarised
