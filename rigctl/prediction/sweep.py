@@ -181,7 +181,7 @@ def sweep_of(
     detections = tuple(pair_detections(one, SWEPT_RATES) for one in predictions)
     curves = [] if roc is None else [roc_curves(one, roc) for one in predictions]
     indices = list(np.ndindex(tuple(axis.values.size for axis in axes)))
-    rocs = [one.values() for one in curves] or [()] * len(indices)
+    rocs = [list(one.values()) for one in curves] or [[] for _ in indices]
     points = list(zip(indices, predictions, detections, rocs, strict=True))
     return Sweep(
         axes=axes,
