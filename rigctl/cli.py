@@ -44,6 +44,7 @@ _DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS, er
 # called, so that `rigctl --help` starts at once.
 VERBS: dict[str, tuple[str, str]] = {
     "demo": ("rigctl.commands.demo", "Run the whole job on a simulated rig: session, calibration, report."),
+    "new": ("rigctl.commands.new", "Write the files of a new rig into a folder, ready to run."),
     "devices": ("rigctl.commands.devices", "List ports, stages and cameras, with lines for the rig file."),
     "stage": ("rigctl.commands.stage", "Characterise a rotation stage: readback error, backlash, settling."),
     "doctor": ("rigctl.commands.doctor", "Check network, disk, clock and devices, and say what to change."),

@@ -42,6 +42,9 @@ def axis(
     valid_days: Annotated[
         float | None, typer.Option(metavar="DAYS", min=0.0, help="For how long it holds; 180 if not said.")
     ] = None,
+    write: Annotated[
+        Path | None, typer.Option(metavar="RIG.toml", help="Write sense, offset and extinction into this rig file too.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:
     """Sense of rotation and axis offset of the polarizer, and its extinction, each with its error.
@@ -73,6 +76,7 @@ def axis(
         block_pixels=block,
         report=report,
         valid_days=valid_days,
+        write=write,
     )
     try:
         found = calibrate_axis(request)

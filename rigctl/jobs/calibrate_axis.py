@@ -16,6 +16,7 @@ from rigctl.calibrations.polarizer.polarizer_calibration import (
     from_references,
 )
 from rigctl.calibrations.polarizer.polarizer_json import polarizer_json, region_json
+from rigctl.calibrations.polarizer.rig_writing import write_into_rig
 from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_scan
 from rigctl.config import Uncertain
 from rigctl.errors import ConfigError, DataError
@@ -70,6 +71,7 @@ class AxisRequest:
     block_pixels: int = 8
     report: Path | None = None
     valid_days: float | None = None
+    write: Path | None = None
 
 
 class UndecidedSenseError(DataError):
@@ -126,6 +128,8 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         raise UndecidedSenseError(_undecided(found), content)
     maps = None if request.maps is None else _maps(runs[0], request, known)
     write_content(request.out, content)
+    if request.write is not None:
+        write_into_rig(request.write, found)
     if maps is not None and request.maps is not None:
         write_whole(request.maps, maps.npz())
     if request.report is not None:

@@ -1,0 +1,84 @@
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from rigctl import cli
+from rigctl.calibrations.polarizer.rig_writing import write_into_rig
+from rigctl.errors import ConfigError
+from rigctl.files.regions import load_regions
+from rigctl.files.rig_file import load_rig
+from rigctl.files.scene_file import load_scene
+from rigctl.files.session_file import load_session
+from rigctl.jobs.acquire import placeholder_doubt
+from rigctl.jobs.new_folder import NewRequest, new_folder
+
+
+def test_a_simulated_folder_holds_files_that_are_right(tmp_path):
+    folder = tmp_path / "rig"
+    written = new_folder(NewRequest(folder=folder, latitude_deg=43.1, longitude_deg=-77.7))
+    assert sorted(written) == sorted(path.name for path in folder.iterdir())
+    rig = load_rig(folder / "rig.toml")
+    assert rig.is_simulated
+    assert rig.site is not None
+    assert rig.site.latitude_deg == 43.1
+    for name in written:
+        if name.startswith("session"):
+            load_session(folder / name)
+        if name.startswith(("scene", "sheet")):
+            load_scene(folder / name)
+    load_regions(folder / "regions.toml")
+    assert load_rig(folder / "rig-sheet-30.toml").simulation.scene == folder / "sheet-30.toml"
+
+
+def test_a_real_rig_has_its_addresses_and_no_simulation(tmp_path):
+    new_folder(NewRequest(folder=tmp_path, stage="zaber:/dev/ttyUSB1", camera="gige:192.168.0.5"))
+    rig = load_rig(tmp_path / "rig.toml")
+    assert (rig.stage.driver, rig.stage.port, rig.camera.address) == ("zaber", "/dev/ttyUSB1", "gige:192.168.0.5")
+    assert rig.simulation is None
+    assert "rig-sheet" not in (tmp_path / "README.md").read_text()
+
+
+def test_placeholders_are_said_until_a_calibration_is_written(tmp_path):
+    new_folder(NewRequest(folder=tmp_path))
+    path = tmp_path / "rig.toml"
+    assert "placeholders" in placeholder_doubt(load_rig(path))
+    found = SimpleNamespace(
+        axis=SimpleNamespace(best=SimpleNamespace(sense=-1)),
+        offset_deg=SimpleNamespace(value=31.7012, std_error=0.021),
+        extinction=SimpleNamespace(ratio=498.7),
+    )
+    write_into_rig(path, found)
+    rig = load_rig(path)
+    assert (rig.polarizer.sense, rig.polarizer.offset_deg, rig.polarizer.offset_std_deg) == (-1, 31.7012, 0.021)
+    assert rig.polarizer.extinction_ratio == 498.7
+    assert rig.simulation.polarizer.offset_deg == 31.7
+    assert placeholder_doubt(rig) is None
+    assert "# polarizer angle = sense" in path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"stage": "/dev/ttyUSB0"}, "--stage, --camera: give both"),
+        ({"latitude_deg": 1.0}, "give both, or neither"),
+        ({"stage": "/dev/ttyUSB0", "camera": "nonsense"}, "gige:192.168.0.5"),
+    ],
+)
+def test_half_an_answer_is_refused(tmp_path, changes, words):
+    with pytest.raises(ConfigError, match=words):
+        new_folder(NewRequest(folder=tmp_path, **changes))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_holds_something_is_left_alone(tmp_path):
+    (tmp_path / "mine").touch()
+    with pytest.raises(ConfigError, match="is not empty"):
+        new_folder(NewRequest(folder=tmp_path))
+
+
+def test_the_command_asks_nothing_where_it_may_not(tmp_path, capsys):
+    assert cli.main(["new", str(tmp_path / "a"), "--no-input"]) == 2
+    assert "--simulated" in capsys.readouterr().err
+    assert cli.main(["new", str(tmp_path / "a"), "--simulated", "--no-input", "--json"]) == 0
+    assert "rig.toml" in json.loads(capsys.readouterr().out)["files"]
