@@ -27,6 +27,10 @@ def command(
     tolerances: Annotated[
         str, typer.Option(metavar="T,T,...", help="Tolerances to show, 1e-5 to 0.1; small ones take longest.")
     ] = _TOLERANCES,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE,...", help="Own choice beside the paper's: tiles_per_side=3,rule=midpoint."),
+    ] = None,
     acquisition: Annotated[
         bool, typer.Option("--acquisition", help="Frames, angles and exposure instead: error of DoLP against time.")
     ] = False,
@@ -49,7 +53,9 @@ def command(
 ) -> None:
     """Print error against time: of each numerical setting and of the whole chain, and the floor of uncertain inputs.
 
-    Times are measured on this machine, now. True errors are against finer settings of all.
+    Beside them stand choices of the paper (midpoint tiles, a 10 deg sky, first-order DoLP, draws for the ROC, one
+    wavelength, single scattering), and your own by --also. Times are measured on this machine, now. True errors are
+    against finer settings of all.
 
     Example: rigctl tradeoff examples/scene-airborne.toml --out tradeoff
 
@@ -60,7 +66,7 @@ def command(
             raise ConfigError(
                 "--target-dolp-sigma, --p-detection, --region and --pair: are for --acquisition; give it too"
             )
-        _show_accuracy(_curves(scene, noise, _numbers(tolerances), out), out, as_json=as_json)
+        _show_accuracy(_curves(scene, noise, _numbers(tolerances), out, tuple(also or ())), out, as_json=as_json)
         return
     from model.acquisition.session_design import Disturbances
     from model.acquisition.session_search import Wanted
@@ -82,7 +88,9 @@ def command(
     _show_acquisition(trade_acquisition(scene, request, noise=noise, out=out), out, as_json=as_json)
 
 
-def _curves(scene: Path, noise: Path | None, tolerances: list[float], out: Path | None) -> "Curves":
+def _curves(
+    scene: Path, noise: Path | None, tolerances: list[float], out: Path | None, also: tuple[str, ...]
+) -> "Curves":
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from rigctl.jobs.tradeoff import trade_accuracy
@@ -94,22 +102,23 @@ def _curves(scene: Path, noise: Path | None, tolerances: list[float], out: Path 
         def told(text: str, done: int, steps: int) -> None:
             bar.update(task, completed=done, total=steps, description=text)
 
-        return trade_accuracy(scene, tolerances, noise=noise, out=out, progress=told)
+        return trade_accuracy(scene, tolerances, noise=noise, also=also, out=out, progress=told)
 
 
 def _show_accuracy(curves: "Curves", out: Path | None, *, as_json: bool) -> None:
-    from rigctl.reports.tables.tradeoff_tables import choice_table, curve_json, curve_table, floor_lines
+    from rigctl.reports.tables.tradeoff_tables import choice_table, curve_json, curve_table, floor_lines, named_table
 
     if as_json:
         print_json(curve_json(curves))
         return
     results().print(terminal_table(curve_table(curves)))
     results().print(terminal_table(choice_table(curves)))
+    results().print(terminal_table(named_table(curves)))
     for line in floor_lines(curves):
         results().print(line)
     progress().print(f"the finest settings took {curves.reference_s:.3g} s")
     if out is not None:
-        progress().print(f"tradeoff.csv, tradeoff.json and tradeoff.png in {out}")
+        progress().print(f"tradeoff.csv, tradeoff.json, tradeoff.png and digits.png in {out}")
 
 
 def _show_acquisition(found: "AcquisitionTradeoff", out: Path | None, *, as_json: bool) -> None:

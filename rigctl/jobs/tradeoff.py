@@ -21,6 +21,7 @@ def trade_accuracy(
     tolerances: Sequence[float],
     *,
     noise: Path | None = None,
+    also: Sequence[str] = (),
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Curves:
@@ -34,8 +35,10 @@ def trade_accuracy(
         To be shown, 1e-5 to 0.1; small ones take longest.
     noise : Path or None
         Noise calibration, in place of the assumed noise.
+    also : sequence of str
+        Own choices to show beside the paper's, such as "tiles_per_side=3,rule=midpoint".
     out : Path or None
-        Folder for tradeoff.csv, tradeoff.json and tradeoff.png.
+        Folder for tradeoff.csv, tradeoff.json, tradeoff.png and digits.png.
     progress : callable or None
         Told of every step.
 
@@ -45,7 +48,7 @@ def trade_accuracy(
         A file is wrong, or a tolerance is outside its range.
     """
     predictor = ScenePredictor(load_scene(scene), None if noise is None else read_noise_file(noise), light=SceneLight())
-    for done, step in enumerate(accuracy_curves(predictor, tolerances)):
+    for done, step in enumerate(accuracy_curves(predictor, tolerances, also=also)):
         if isinstance(step, Curves):
             if out is not None:
                 write_accuracy_tradeoff(step, out)

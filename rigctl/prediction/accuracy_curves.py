@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.accuracy.effect_check import kind_of
 from model.accuracy.estimates.error_budget import error_budget
 from model.accuracy.estimates.light_error import light_errors
 from model.accuracy.evaluation.chain import ChainResult, evaluate
@@ -16,6 +17,7 @@ from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVEL
 from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
 from model.prediction.rig_errors import predict_with_errors
 from model.scene.lit_scene import LitScene
+from rigctl.prediction.paper_choices import NamedChoice, named_choices, settings_by
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import with_value
 from rigctl.scene.rig_inputs import rig_errors
@@ -29,6 +31,13 @@ _FINER = 0.1
 # Levels of a setting that are shown below that of the plan.
 _BELOW = 2
 WHOLE_CHAIN = "whole chain"
+# Kinds of numbers, by what a tolerance means for them.
+KINDS = {
+    "radiance": "radiance and counts",
+    "ratios": "DoLP, s1, s2",
+    "deviations": "deviations and SNR",
+    "detection": "probability of detection",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +67,15 @@ class CurvePoint:
     whole: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class DigitPoint:
+    """What one kind of number costs: its largest true error, and the time that it took with all others [s]."""
+
+    quantity: str
+    error: float
+    seconds: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves:
     """Curves of error against time for a scene.
@@ -72,12 +90,18 @@ class Curves:
         Reading to the standard deviation that the uncertain inputs give it, in the units of a tolerance.
     reference_s
         Time of the finest settings [s].
+    named
+        The paper's choices and the user's.
+    digits
+        True errors of each kind of number at each tolerance.
     """
 
     points: tuple[CurvePoint, ...]
     predictions: tuple[AccuratePrediction, ...]
     floor: dict[Reading, float]
     reference_s: float
+    named: tuple[NamedChoice, ...] = ()
+    digits: tuple[DigitPoint, ...] = ()
 
     @property
     def front(self) -> tuple[CurvePoint, ...]:
@@ -90,7 +114,11 @@ class Curves:
 
 
 def accuracy_curves(
-    predictor: ScenePredictor, tolerances: Sequence[float], *, clock: Clock = time.perf_counter
+    predictor: ScenePredictor,
+    tolerances: Sequence[float],
+    *,
+    also: Sequence[str] = (),
+    clock: Clock = time.perf_counter,
 ) -> Iterator[str | Curves]:
     """Yield what is being done, in words, and last the curves.
 
@@ -100,10 +128,15 @@ def accuracy_curves(
         The scene.
     tolerances : sequence of float
         To be shown, 1e-5 to 0.1.
+    also : sequence of str
+        Choices of the user, such as "tiles_per_side=3,rule=midpoint".
     clock
         Seconds, rising.
     """
     scene = predictor.lit_scene()
+    coarsest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), max(tolerances))
+    for text in also:
+        settings_by(text, coarsest)
     yield "floor of the inputs"
     floor = input_floor(predictor)
     predictions = []
@@ -121,17 +154,22 @@ def accuracy_curves(
     for name in NUMERICAL_SETTINGS:
         yield name
         points += _of_setting(scene, name, middle, truth, clock)
+    yield "the paper's choices"
+    fine = settings_at(_finer(middle.plan), middle.tolerance, face_m=scene.sensor_height_m)
+    named = tuple(named_choices(scene, fine, truth, also, clock=clock))
     yield Curves(
         points=tuple(points),
         predictions=tuple(predictions),
         floor=floor,
         reference_s=sum(reference.stage_s.values()),
+        named=named,
+        digits=tuple(one for found in predictions for one in _digits(found, truth)),
     )
 
 
 def steps(tolerances: Sequence[float]) -> int:
     """Return how many steps `accuracy_curves` takes."""
-    return len(tolerances) + len(NUMERICAL_SETTINGS) + 2
+    return len(tolerances) + len(NUMERICAL_SETTINGS) + 3
 
 
 def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
@@ -187,6 +225,17 @@ def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePo
         whole=largest,
         estimated=max((found.budget.total[key] for key in guaranteed), default=np.nan),
     )
+
+
+def _digits(found: AccuratePrediction, truth: dict[Reading, Value]) -> Iterator[DigitPoint]:
+    """Yield the largest true error of each kind of number that is guaranteed."""
+    seconds, worst = sum(found.stage_s.values()), dict.fromkeys(KINDS, 0.0)
+    for key, error in differences(_readings(found.result), truth).items():
+        if key not in found.not_guaranteed and np.isfinite(error):
+            kind = kind_of(key)
+            worst[kind] = max(worst[kind], error)
+    for kind, error in worst.items():
+        yield DigitPoint(quantity=KINDS[kind], error=error, seconds=seconds)
 
 
 def _of_setting(

@@ -19,7 +19,7 @@ _HATCHES = ("", "//", "..", "xx", "\\\\")
 
 def curve_png(curves: Curves) -> bytes:
     """Return true and estimated error against time on logarithmic axes, the floor, and the time of each stage."""
-    figure, axes = subplots(1, 3, size=(15.0, 4.8))
+    figure, axes = subplots(1, 3, size=(16.0, 7.0))
     for axis, kind in zip(axes[:2], ("true", "estimated"), strict=True):
         _draw_errors(axis, curves, kind)
     axes[0].plot(
@@ -32,9 +32,54 @@ def curve_png(curves: Curves) -> bytes:
         markeredgecolor="0.3",
         label="all knobs: none is faster and better",
     )
-    axes[0].legend(fontsize=7)
+    _draw_named(axes[0], curves)
+    axes[0].legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
     _draw_stages(axes[2], curves)
     return png(figure)
+
+
+def digits_png(curves: Curves) -> bytes:
+    """Return the time that each correct digit takes, a line for each kind of number: 2 digits are an error of 0.01."""
+    figure, axes = subplots(1, 1, size=(8.0, 5.0))
+    axis = axes[0]
+    for place, quantity in enumerate(dict.fromkeys(point.quantity for point in curves.digits)):
+        points = [point for point in curves.digits if point.quantity == quantity and point.error > 0.0]
+        if not points:
+            continue
+        axis.plot(
+            [-math.log10(point.error) for point in points],
+            [point.seconds for point in points],
+            marker=_MARKERS[place % len(_MARKERS)],
+            label=quantity,
+            color=f"C{place}",
+        )
+    axis.set(
+        xlabel="correct digits (2: true error 0.01, 3: 0.001)",
+        ylabel="time of the whole prediction [s]",
+        title="What you pay for a digit",
+    )
+    axis.set_ylim(bottom=0.0)
+    axis.grid(visible=True, alpha=0.3)
+    if axis.lines:
+        axis.legend(fontsize=9)
+    return png(figure)
+
+
+def _draw_named(axis: "Axes", curves: Curves) -> None:
+    """Draw the paper's choices as numbered crosses, the user's as pluses; the legend has their names."""
+    for place, choice in enumerate(curves.named, start=1):
+        if not choice.error > 0.0:
+            continue
+        axis.plot(
+            choice.seconds,
+            choice.error,
+            linestyle="none",
+            marker="P" if choice.by_user else "X",
+            color="black",
+            markersize=6,
+            label=f"{place}: {choice.name}",
+        )
+        axis.annotate(str(place), (choice.seconds, choice.error), xytext=(5, 3), textcoords="offset points", fontsize=7)
 
 
 def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:

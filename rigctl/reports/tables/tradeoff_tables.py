@@ -9,6 +9,7 @@ from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from rigctl.prediction.accuracy_curves import CurvePoint, Curves
+from rigctl.prediction.paper_choices import NamedChoice
 from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.accuracy_tables import accuracy_json
 from rigctl.reports.writers.json_rows import json_rows
@@ -86,7 +87,23 @@ def curve_json(curves: Curves) -> dict[str, Any]:
         "choices": [accuracy_json(found) for found in curves.predictions],
         "input_floor": {"/".join(key): floor for key, floor in curves.floor.items()},
         "reference_s": curves.reference_s,
+        "named_points": json_rows(named_table(curves)),
+        "digits": [
+            {"quantity": one.quantity, "seconds": one.seconds, "true_error": one.error} for one in curves.digits
+        ],
     }
+
+
+def named_table(curves: Curves) -> Table[NamedChoice]:
+    """Return the paper's choices, and the user's: all other settings are fine."""
+    columns: tuple[Column[NamedChoice], ...] = (
+        Column(title="choice", key="choice", value=lambda one: one.name, left=True),
+        Column(title="seconds", key="seconds", value=lambda one: one.seconds, text=lambda one: f"{one.seconds:.3g}"),
+        Column(title="true error", key="true_error", value=lambda one: one.error, text=lambda one: f"{one.error:.1e}"),
+        Column(title="of", key="of", value=lambda one: "/".join(one.reading or ("nothing",)), left=True),
+        Column(title="by", key="by", value=lambda one: "you" if one.by_user else "[MK14]", left=True),
+    )
+    return Table(title="choices of the paper, and yours: error against time", columns=columns, rows=curves.named)
 
 
 def choice_table(curves: Curves) -> Table[AccuratePrediction]:
