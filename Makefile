@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check bench trials clean
+.PHONY: demo test check bench trials monkey clean
 
 demo: $(STAMP)
 	rm -rf demo-out
@@ -24,6 +24,10 @@ bench: $(STAMP)
 
 trials: $(STAMP)
 	$(BIN)/python -m benchmarks.trials
+
+# CASES=5000 SEED=0: what is tried, and from which seed on.
+monkey: $(STAMP)
+	$(BIN)/python -m tests.monkey --cases $(or $(CASES),5000) --first-seed $(or $(SEED),0)
 
 clean:
 	rm -rf $(VENV) demo-out

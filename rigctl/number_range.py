@@ -1,6 +1,7 @@
 """Range that every number of a file, an option or an address keeps to, so that arithmetic with it stays finite."""
 
 from collections.abc import Callable, Iterator, Mapping
+from datetime import date
 from functools import wraps
 from math import isfinite
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 LARGEST = 1e12
 # Closer to 0 than this is 0 misspelt: what is divided by it stays finite too.
 SMALLEST = 1e-30
+# Of a time that a file or an option says: the sun is computed well within, and nanoseconds fit into 64 bits.
+FIRST_YEAR, LAST_YEAR = 1900, 2200
 
 
 def range_problem(value: float) -> str | None:
@@ -30,7 +33,7 @@ def wild_numbers(content: object, key: str = "") -> Iterator[tuple[str, str]]:
     Parameters
     ----------
     content : object
-        Tables, lists and values, as a TOML or JSON file gives them.
+        Tables, lists and values, times among them, as a TOML or JSON file gives them.
     key : str
         Where it stands.
     """
@@ -40,6 +43,8 @@ def wild_numbers(content: object, key: str = "") -> Iterator[tuple[str, str]]:
     elif isinstance(content, list | tuple):
         for place, value in enumerate(content):
             yield from wild_numbers(value, f"{key}.{place}" if key else str(place))
+    elif isinstance(content, date) and not FIRST_YEAR <= content.year <= LAST_YEAR:
+        yield key, f"the year must lie between {FIRST_YEAR} and {LAST_YEAR} (found {content.isoformat()})"
     elif isinstance(content, int | float):
         problem = range_problem(content)
         if problem is not None:

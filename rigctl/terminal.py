@@ -1,6 +1,5 @@
 """The two consoles: results go to standard output, progress and remarks to standard error."""
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,6 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from rigctl.console_streams import visible
+from rigctl.json_text import json_text
 
 _WIDTH_OF_FILES = 120
 
@@ -42,9 +42,9 @@ def warn(text: str) -> None:
 
 def print_json_list(content: Sequence[Mapping[str, Any]]) -> None:
     """Write rows for other programs to read: a JSON list on standard output."""
-    sys.stdout.write(json.dumps(list(content), indent=2, allow_nan=False) + "\n")
+    sys.stdout.write(json_text(list(content)))
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """Write a result for other programs to read: JSON on standard output."""
-    sys.stdout.write(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    """Write a result for other programs: JSON on standard output, null with its reason for what is no number."""
+    sys.stdout.write(json_text(content))

@@ -10,6 +10,7 @@ import typer
 from model.prediction.quantity_table import angle_of
 from rigctl.commands.time_option import time_option
 from rigctl.errors import ConfigError
+from rigctl.number_range import shown
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.terminal import print_json, progress, results
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 _MOST_STEPS = 100
 _SECONDS_A_MINUTE = 60
 _UTC_DIGITS = 19
+# Of the width or height of a picture.
+_MOST_DIGITS = 6
 # Share of saturated pixels beyond which a predicted DoLP says nothing.
 _MOST_SATURATED = 0.01
 
@@ -68,9 +71,10 @@ def command(
 
 def _pixels(frame: str) -> int:
     width, times, height = frame.partition("x")
-    if not (times and width.isdecimal() and height.isdecimal() and int(width) * int(height)):
-        raise ConfigError(f"--frame: {frame!r} is no size; write it like 782x582")
-    return int(width) * int(height)
+    sizes = [int(text) if text.isdecimal() and len(text) <= _MOST_DIGITS else 0 for text in (width, height)]
+    if not times or 0 in sizes:
+        raise ConfigError(f"--frame: {shown(frame)} is no size; write it like 782x582")
+    return sizes[0] * sizes[1]
 
 
 def _print(planned: "PlannedSession", *, all_steps: bool) -> None:

@@ -64,3 +64,9 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 def test_a_name_of_thousands_of_characters_is_a_usage_error(capsys):
     assert cli.main(["verify", "x" * 5000]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_year_of_no_sun_table_is_refused(tmp_path, capsys):
+    (tmp_path / "session.toml").write_text("[schedule]\nstart = 9999-12-31T00:00:00Z\n")
+    assert cli.main(["plan", str(EXAMPLES / "rig-sim.toml"), str(tmp_path / "session.toml")]) == 2
+    assert "schedule.start: the year must lie between 1900 and 2200" in capsys.readouterr().err

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 from functools import partial
+from math import isfinite
 from typing import Any
 
 from rigctl.choices import SnrKind
-from rigctl.reports.number_text import to_digits
+from rigctl.reports.number_text import NO_NUMBER, to_digits
 from rigctl.reports.table import Column, Table
 
 _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
@@ -39,4 +40,6 @@ def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
         return ""
     error = statistics.get(f"{statistic}_std_error", statistics.get(f"{statistic}_std_error_inputs"))
     value = statistics[statistic]
+    if not isfinite(value):
+        return NO_NUMBER
     return f"{value:.6g}" if error is None else f"{to_digits(value, error)} ± {to_digits(error, error)}"

@@ -1,10 +1,10 @@
 """Results as JSON: rows of tables, numbers that JSON cannot hold as null."""
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
 
+from rigctl.json_text import json_text
 from rigctl.reports.table import AnyTable, Shown, Value
 
 
@@ -21,4 +21,4 @@ def finite(value: Value) -> Value:
 
 def json_file(content: Mapping[str, Any], *, indent: int | None = 2) -> bytes:
     """Return the content of a JSON file."""
-    return (json.dumps(content, indent=indent, allow_nan=False) + "\n").encode()
+    return json_text(content, indent=indent).encode()

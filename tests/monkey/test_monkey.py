@@ -1,0 +1,61 @@
+"""300 cases of the monkey in one process; each case that ever failed is a row of its own."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.monkey.cases import Case, make_case
+from tests.monkey.judge import problems_of
+from tests.monkey.workspace import make_workspace
+
+_CASES, _CHUNKS = 300, 12
+# The time limit of a machine that nine others use.
+_PATIENT_S = 300
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_workspace(tmp_path_factory.mktemp("monkey") / "sound")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("chunk", range(_CHUNKS))
+def test_no_input_ends_in_a_fault_of_ours(tmp_path, sound, chunk):
+    bad = {}
+    for seed in range(chunk, _CASES, _CHUNKS):
+        folder = Path(shutil.copytree(sound, tmp_path / str(seed)))
+        case = make_case(seed, folder)
+        problems = problems_of(case, folder, most_s=_PATIENT_S)
+        if problems:
+            bad[seed] = (case, problems)
+    assert not bad
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "arguments"),
+    [
+        ("", b"", ["plan", "rig.toml", "session.toml", "--at", "9999-12-31T23:59Z"]),
+        ("", b"", ["plan", "rig.toml", "session.toml", "--at", "0001-01-01T00:00+14:00"]),
+        ("", b"", ["plan", "rig.toml", "session.toml", "--frame", "9" * 5000 + "x1"]),
+        ("", b"", ["tradeoff", "scene.toml", "--acquisition", "--drift-percent-per-min", "1e300"]),
+        ("", b"", ["calibrate", "axis", "run", "--reference-deg", "1e300", "--out", "OUT.json"]),
+        ("run/status.json", b"1", ["status", "run"]),
+        ("run/status.json", b'{"angles": 3}', ["status", "run"]),
+        ("run/status.json", b'{"regions": {"a": {}}}', ["status", "run"]),
+        ("run/events.jsonl", b'{"event": "x", "utc": 5}\n', ["log", "run"]),
+        ("run/events.jsonl", b'{"event": "x", "utc": "\\u001b[2J"}\n', ["log", "run"]),
+        ("noise.json", b'{"schema_version": 2, "prnu": {"value": 1e40, "std_error": 0}}',
+         ["predict", "scene.toml", "--noise", "noise.json"]),
+    ],
+)  # fmt: skip
+def test_what_was_found_once_is_found_no_more(tmp_path, sound, file, content, arguments):
+    folder = Path(shutil.copytree(sound, tmp_path / "case"))
+    if file:
+        (folder / file).write_bytes(content)
+    assert problems_of(Case(arguments=arguments, done=file), folder, most_s=_PATIENT_S) == []
+
+
+def test_the_same_seed_makes_the_same_case(tmp_path, sound):
+    cases = [make_case(17, Path(shutil.copytree(sound, tmp_path / name))) for name in ("one", "two")]
+    assert cases[0] == cases[1]
