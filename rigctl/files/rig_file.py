@@ -73,11 +73,15 @@ class SimulatedPolarizer(Section):
     extinction_ratio: Annotated[float, Field(gt=1)]
 
 
+# Pixels along a side of a picture: beyond any sensor.
+LARGEST_SIDE = 20_000
+
+
 class SimulatedCamera(Section):
     """The camera as it truly is in the simulated rig. Its numbers are assumed, not those of a real camera."""
 
-    width: Annotated[int, Field(gt=0)] = 782
-    height: Annotated[int, Field(gt=0)] = 582
+    width: Annotated[int, Field(gt=0, le=LARGEST_SIDE)] = 782
+    height: Annotated[int, Field(gt=0, le=LARGEST_SIDE)] = 582
     bit_depth: Annotated[int, Field(ge=8, le=16)] = 12
     pixel_pitch_um: PositiveNumber
     focal_length_mm: PositiveNumber
