@@ -252,7 +252,7 @@ def _proportional_end(points: TransferPoints, light: FloatArray | None) -> NDArr
         return end
     rate = points.signal_dn[-_END_LEVELS:] / light[-_END_LEVELS:]
     off = abs(float(rate[-1] / np.median(rate[:-1])) - 1.0)
-    noise = float(np.sqrt(points.variance_dn2[-_END_LEVELS:-1].max()) / points.signal_dn[-1])
+    noise = float(np.sqrt(max(points.variance_dn2[-_END_LEVELS:-1].max(), 0.0)) / points.signal_dn[-1])
     end[-1] = off < _CUT_OFF * noise and points.variance_dn2[-1] < points.variance_dn2[:-1].max()
     return end
 
