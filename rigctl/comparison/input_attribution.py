@@ -12,6 +12,7 @@ from model.processing.input_propagation import Propagation
 from rigctl.comparison.attribution_evidence import gather_evidence
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.measurement.measurement import Measurement
+from rigctl.scene.parameters import parameters
 from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
@@ -22,6 +23,15 @@ _LEAST_SEEN = 1e-3
 _ACCEPTED = 0.01
 # Residuals that chance makes as often, no input of which stands out by so many standard deviations.
 _UNREMARKABLE, _WORTH_A_WORD = 0.05, 3.0
+# Inputs that often are the cause of a disagreement, in the order in which they are.
+_OFTEN_THE_CAUSE = (
+    "sensor.f_number",
+    "rig.polarizer_offset_deg",
+    "rig.exposure_ratio",
+    "sensor.optics_transmittance",
+    "sensor.quantum_efficiency",
+    "sensor.extinction_ratio",
+)
 # More names than this say no more than that an input is hardly seen.
 _NAMED = 4
 
@@ -145,7 +155,7 @@ def attribute_residuals(
         moves=moves,
         fitted=tuple(_fitted(found, inputs, std)),
         unseen=tuple(name for name in inputs.names if name not in seen),
-        remark=_remark(moves, found.p_value),
+        remark=_remark(moves, found.p_value, _exact(inputs)),
     )
 
 
@@ -187,23 +197,32 @@ def _fitted(found: bayesian_update.InputUpdate, inputs: Inputs, std: FloatArray)
         )
 
 
-def _remark(moves: Sequence[InputMove], p_value: float) -> str:
+def _exact(inputs: Inputs) -> tuple[str, ...]:
+    """Return inputs that often are the cause, and that the scene states as exact."""
+    exact = {found.key for found in parameters(inputs.scene) if found.std == 0.0}
+    return tuple(key for key in _OFTEN_THE_CAUSE if key in exact)
+
+
+def _remark(moves: Sequence[InputMove], p_value: float, exact: Sequence[str]) -> str:
     if not moves:
         return "no input that has a stated uncertainty acts on what was measured"
     best = moves[0]
     if p_value > _UNREMARKABLE and abs(best.score) < _WORTH_A_WORD:
         return "the residuals are what the stated errors make: nothing has to be explained"
     if not best.removes:
-        text = (
-            f"no single input removes the residuals; {best.name} would go farthest, by {best.move_std:+.1f} of its "
-            "standard uncertainties"
-        )
-    else:
-        text = (
-            f"{best.name} would remove them by moving {best.move_std:+.1f} of its standard uncertainties, from "
-            f"{best.value:.4g} to {best.moved_value:.4g}"
-        )
+        return "none of the stated inputs" + _not_to_be_named(exact)
+    text = (
+        f"{best.name} would remove them by moving {best.move_std:+.1f} of its standard uncertainties, from "
+        f"{best.value:.4g} to {best.moved_value:.4g}"
+    )
     return text + _told_from(best.indistinguishable_from)
+
+
+def _not_to_be_named(exact: Sequence[str]) -> str:
+    if not exact:
+        return "; look at what the run shows of itself"
+    verb = "is" if len(exact) == 1 else "are"
+    return f"; {', '.join(exact)} {verb} stated as exact and cannot be named: give them a std"
 
 
 def _told_from(names: Sequence[str]) -> str:

@@ -48,7 +48,8 @@ class Scale:
     @property
     def remark(self) -> str:
         """The scale in a line."""
-        return f"scale of the counts: {self.value:.4g} +- {self.std_error:.2g} times the scene file's ({self.source})"
+        number = f"{self.value:.4g} +- {self.std_error:.2g} times the scene file's ({self.source})"
+        return f"scale of the counts: {number}" if self.kind != "absolute" else f"scale of the counts, taken: {number}"
 
 
 def scale_inputs(

@@ -1,12 +1,14 @@
 """What would explain a disagreement, on runs whose truth is drawn from what the scene file states."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
 from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.comparison.input_attribution import _remark
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import measure
 
@@ -115,3 +117,12 @@ def test_light_that_is_off_by_half_of_itself_is_named_first_beside_a_well_known_
     assert best.name == "regions.black.stokes_radiance.0"
     assert best.move_std == pytest.approx(-5.0, abs=0.1)
     assert best.removes
+
+
+def test_where_no_input_explains_enough_nobody_is_named():
+    move = SimpleNamespace(name="noise.prnu", score=9.0, removes=False, move_std=3.0, indistinguishable_from=())
+    text = _remark((move,), 1e-12, ("sensor.f_number", "rig.polarizer_offset_deg"))
+    assert text == (
+        "none of the stated inputs; sensor.f_number, rig.polarizer_offset_deg are stated as exact and cannot be named: "
+        "give them a std"
+    )
