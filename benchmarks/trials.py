@@ -17,6 +17,7 @@ from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_noise_sets import run_noise_sets
 from benchmarks.trial_paper import run_paper
 from benchmarks.trial_power_cut import run_cuts
+from benchmarks.trial_roof import run_roof
 from benchmarks.trial_stale_frames import run_turns
 from benchmarks.trial_tolerance import run_tolerance
 from drivers.cameras.aravis_library import load_aravis
@@ -29,6 +30,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--perturbed-seeds", type=int, default=100)
     parser.add_argument("--moved-seeds", type=int, default=60)
+    parser.add_argument("--roof-seeds", type=int, default=40)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--cuts", type=int, default=50)
     parser.add_argument("--effect-scenes", type=int, default=1000)
@@ -52,6 +54,8 @@ def main() -> int:
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
     sound &= run_noise_sets(arguments.seeds, processes=arguments.processes)
+    sound &= run_noise_sets(arguments.seeds)
+    sound &= run_roof(arguments.roof_seeds, arguments.roof_seeds // 10, processes=arguments.processes)
     sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)
     return 0 if sound else 1
 

@@ -60,13 +60,15 @@ class TexturedScene:
         """Names of the regions, in the order in which they are painted."""
         return tuple(self._masks)
 
-    def painted(self, lights: Mapping[str, RegionLight]) -> FloatArray:
+    def painted(self, lights: Mapping[str, RegionLight], *, background_share: float = 1.0) -> FloatArray:
         """Return the Stokes radiance of every pixel, shape (3, H, W) [W m^-2 sr^-1].
 
         Parameters
         ----------
         lights
             Of each region.
+        background_share
+            By what the background is multiplied, > 0.
 
         Raises
         ------
@@ -81,7 +83,7 @@ class TexturedScene:
         missing = sorted(set(self._masks).difference(lights))
         if missing:
             raise ValueError(f"no light is given of {', '.join(missing)}")
-        radiance = self._background.copy()
+        radiance = background_share * self._background
         for name, mask in self._masks.items():
             light = lights[name]
             refuse_no_covariance(light.cov)

@@ -1,6 +1,6 @@
 """``rigctl predict``: what the model says that a scene will give."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -70,6 +70,10 @@ def command(
         bool,
         typer.Option("--uncertainty", help="Also what the stated uncertainties of the inputs make of each number."),
     ] = False,
+    write_truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Also write a scene file of plain radiances, for simulators (.toml)."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Print what the analytical model predicts for each region: counts, Stokes parameters, DoLP, deviations, SNR.
@@ -103,6 +107,8 @@ def command(
         raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
     if tolerance is not None and uncertainty:
         raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
+    if write_truth is not None:
+        _write_truth(scene, write_truth, parse_changes(changes or ()))
     request = PredictRequest(
         scene=scene,
         noise=noise,
@@ -130,6 +136,13 @@ class _Shown:
     out: Path | None
     snr: SnrKind
     as_json: bool
+
+
+def _write_truth(scene: Path, file: Path, changes: Mapping[str, float]) -> None:
+    from rigctl.jobs.write_truth import write_truth
+
+    write_truth(scene, file, changes=changes)
+    progress().print(f"truth: {file}", markup=False)
 
 
 def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -> None:

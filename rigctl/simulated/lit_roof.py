@@ -78,14 +78,18 @@ class LitRoof:
         ConfigError
             It cannot be computed, such as under a sun too low.
         """
-        if self._begin_ns is None:
-            self._begin_ns = utc_ns
-        factor = cloud_factor(utc_ns - self._begin_ns) if self._change == "drift" else 1.0
+        factor = self.dimmed(utc_ns)
         if self._clock_ns is None:
             return _times(self._node(None), factor)
         self.require_day(utc_ns + _NODE_NS)
         number, rest_ns = divmod(utc_ns, _NODE_NS)
         return _times(_between(self._node(number), self._node(number + 1), rest_ns / _NODE_NS), factor)
+
+    def dimmed(self, utc_ns: int) -> float:
+        """Return by what all light is multiplied at a time [ns since 1970 UTC]: 1 but for a drift."""
+        if self._begin_ns is None:
+            self._begin_ns = utc_ns
+        return cloud_factor(utc_ns - self._begin_ns) if self._change == "drift" else 1.0
 
     def is_day(self, utc_ns: int) -> bool:
         """Return True where the sun stands high enough for the model, or is that of the scene file."""

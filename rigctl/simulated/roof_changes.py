@@ -15,7 +15,7 @@ VISIBILITY_FACTOR = 0.4
 DHR_FACTOR = 1.2
 TILT_DEG = 3.0
 # A thin cloud that draws in and is gone.
-CLOUD_SHARE, CLOUD_S = 0.2, 120.0
+CLOUD_SHARE, CLOUD_S = 0.2, 45.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ def changed_roof(scene: Scene, what: RoofChange) -> ChangedRoof:
     what : str
         "visibility": 0.4 times as far, or 2.5 times the optical depth of the aerosol where that is stated; "aerosol":
         of another kind, spheres unless it is that; "dhr": 1.2 times that of the first material; "tilt": its region
-        tilted by 3 deg more; "drift": the light falls by 20 % within two minutes, and is back.
+        tilted by 3 deg more; "drift": the light falls by 20 % within 45 s, and is back.
 
     Raises
     ------

@@ -31,7 +31,8 @@ def with_light(
     """Return a begin of a step that lights the world as it is at that moment."""
 
     def begin(sequence: int) -> bool:
-        world.show(scene.painted(roof.at(utc_ns())))
+        now_ns = utc_ns()
+        world.show(scene.painted(roof.at(now_ns), background_share=roof.dimmed(now_ns)))
         return begin_step(sequence)
 
     return begin

@@ -1,0 +1,61 @@
+"""A simulated roof, from rig file to comparison: a part of the trial `benchmarks.trial_roof`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.roof_runs import roof_comparison
+from benchmarks.trial_roof import NAMES, one_run
+from rigctl.cli import main
+
+# Of some hundred rows: as one in a thousand seeds has it.
+_LARGEST = 4.5
+
+
+@pytest.mark.parametrize("hour", ["noon", "morning"])
+def test_a_run_agrees_with_the_scene_that_made_it(hour):
+    outcome = one_run(hour, 3, None)
+    z = np.array(list(outcome.z.values()))
+    assert outcome.agrees
+    assert np.max(np.abs(z)) < _LARGEST
+    # Rows share pixels: their spread scatters more than that of so many independent ones.
+    assert 0.6 < np.std(z) < 1.4
+
+
+def test_a_tilted_panel_is_found_and_named():
+    assert one_run("morning", 3, "tilt").verdict(NAMES["tilt"]) == "named"
+
+
+def test_every_report_says_which_sun_and_what_it_proves(tmp_path):
+    found = roof_comparison(tmp_path, hour="morning", seed=3, perturb="drift", uncertain=False)
+    assert any("sun used: zenith 42.98 deg, azimuth 106.51 deg" in remark for remark in found.remarks)
+    assert any("by the run's simulated clock" in remark for remark in found.remarks)
+    assert any("computed by the same model" in text for text in found.not_tested)
+    assert any("changed on purpose: drift" in text for text in found.not_tested)
+    assert "drift of the light" in [check.name for check in found.flags]
+    session = json.loads((tmp_path / "run" / "session.json").read_text())["session"]
+    assert session["simulated_light"]["is_clocked"] is True
+    assert session["rig"]["simulation"]["perturb"] == "drift"
+
+
+def dry_run(tmp_path: Path, *options: str) -> int:
+    examples = Path(__file__).parents[2] / "examples"
+    arguments = ["acquire", str(examples / "rig-roof.toml"), str(examples / "session-roof.toml"), "--dry-run"]
+    return main([*arguments, "--out", str(tmp_path / "run"), *options])
+
+
+def test_a_dry_run_refuses_the_night(tmp_path, capsys):
+    assert dry_run(tmp_path, "--clock", "2010-05-25T04:00Z") == 2
+    assert "no light" in capsys.readouterr().err
+
+
+def test_a_dry_run_refuses_a_folder_that_holds_something(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "note.txt").write_text("mine")
+    assert dry_run(tmp_path, "--clock", "2010-05-25T17:07Z") == 4
+
+
+def test_a_dry_run_refuses_a_time_without_a_zone(tmp_path):
+    assert dry_run(tmp_path, "--at", "2010-05-25T17:07") == 2
