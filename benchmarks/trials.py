@@ -54,7 +54,6 @@ def main() -> int:
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
     sound &= run_noise_sets(arguments.seeds, processes=arguments.processes)
-    sound &= run_noise_sets(arguments.seeds)
     sound &= run_roof(arguments.roof_seeds, arguments.roof_seeds // 10, processes=arguments.processes)
     sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)
     return 0 if sound else 1

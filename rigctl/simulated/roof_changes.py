@@ -11,7 +11,7 @@ from rigctl.scene.scene_record import Scene
 from rigctl.utc_time import NS_PER_S
 
 # Sizes, such as go unnoticed on a roof.
-VISIBILITY_FACTOR = 0.4
+VISIBILITY_FACTOR = 0.7
 DHR_FACTOR = 1.2
 TILT_DEG = 3.0
 # A thin cloud that draws in and is gone.
@@ -34,7 +34,7 @@ def changed_roof(scene: Scene, what: RoofChange) -> ChangedRoof:
     scene : Scene
         With regions that are given by a material.
     what : str
-        "visibility": 0.4 times as far, or 2.5 times the optical depth of the aerosol where that is stated; "aerosol":
+        "visibility": 0.7 times as far, or the optical depth of the aerosol over 0.7 where that is stated; "aerosol":
         of another kind, spheres unless it is that; "dhr": 1.2 times that of the first material; "tilt": its region
         tilted by 3 deg more; "drift": the light falls by 20 % within 45 s, and is back.
 

@@ -68,7 +68,7 @@ def test_a_clock_needs_a_site():
 @pytest.mark.parametrize(
     ("what", "key", "value"),
     [
-        ("visibility", "atmosphere.visibility_km", 9.2),
+        ("visibility", "atmosphere.visibility_km", 16.1),
         ("dhr", "regions.black_panel.dhr", 1.2),
         ("tilt", "regions.black_panel.tilt_deg", 3.0),
     ],
