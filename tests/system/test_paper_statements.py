@@ -64,7 +64,8 @@ class Airborne:
         }
 
     def snr(self, materials, *, source="total", **geometry):
-        found = self._paint[source].predictions(_numbers(materials, **geometry))
+        of_paint = {key: value for key, value in materials.items() if key.startswith("regions.black_paint.")}
+        found = self._paint[source].predictions(_numbers(of_paint, **geometry))
         return found["black_paint"].quantities["dolp_snr"]["mean"]
 
     def p_detection(self, materials, **geometry):
