@@ -21,8 +21,8 @@ def sun_text(scene: Scene, *, time: str | None = None) -> str:
         return "none"
     azimuth = scene.sun.azimuth_deg
     apart_deg = float(np.rad2deg(sun_azimuth_rad(scene) - camera_view(scene).azimuth_rad))
-    # In (-180, 180]: 180 is where the camera looks toward the sun's side.
-    phi_deg = -float(wrapped(-apart_deg, turn=360.0))
+    # In (-180, 180], to the digits that are shown: 180 is where the camera looks toward the sun's side.
+    phi_deg = -float(wrapped(-round(apart_deg, 2), turn=360.0))
     parts = (
         f"zenith {scene.sun.zenith_deg.value:.2f} deg",
         "azimuth not stated" if azimuth is None else f"azimuth {azimuth.value:.2f} deg",
