@@ -28,7 +28,8 @@ from benchmarks.loop_disk import ext4_image, mounted, why_not
 from benchmarks.trial_kills import write_files
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.runs.run_folder import FrameRecord, read_contents
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import read_contents
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.verification import frame_problems, verify_run
 from rigctl.session.take_session import take_session

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.loop_disk import why_not
+from benchmarks.trial_damaged_runs import run_damaged
 from benchmarks.trial_effects import run_effects
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_inputs import run_inputs
@@ -33,6 +34,7 @@ def main() -> int:
     parser.add_argument("--roof-seeds", type=int, default=40)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--cuts", type=int, default=50)
+    parser.add_argument("--damaged", type=int, default=500)
     parser.add_argument("--effect-scenes", type=int, default=1000)
     parser.add_argument("--tolerance-scenes", type=int, default=1000)
     parser.add_argument("--turns", type=int, default=100)
@@ -40,7 +42,8 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
-    sound = run_kills(arguments.kills)
+    sound = run_damaged(arguments.damaged)
+    sound &= run_kills(arguments.kills)
     reason = why_not()
     if reason is None:
         sound &= run_cuts(arguments.cuts)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.runs.run_folder import FrameRecord, Run, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)

@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import logging
 import sys
 import tempfile
 import traceback
@@ -16,6 +17,7 @@ from typer.core import TyperGroup
 
 from calibration.errors import CalibrationError
 from drivers.errors import DeviceError
+from rigctl.commands.destinations import with_tried_destinations
 from rigctl.console_streams import lasting_streams, visible
 from rigctl.errors import ConfigError, DataError
 from rigctl.failure_json import failure_json
@@ -28,6 +30,8 @@ EXIT_DATA = 4
 EXIT_DISAGREES = 5
 EXIT_OWN_FAULT = 70
 EXIT_INTERRUPTED = 130
+# As sysexits.h has it: a temporary failure, try again. A session stopped before its end, a run that is unfinished.
+EXIT_INCOMPLETE = 75
 
 # Which exit code a failure has. The first class that fits decides.
 EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
@@ -57,7 +61,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "log": ("rigctl.commands.log", "Tell what happened in a session, line by line."),
     "hold": ("rigctl.commands.hold", "Ask a running session to hold after this frame."),
     "stop": ("rigctl.commands.stop", "Ask a running session to stop after this frame."),
-    "verify": ("rigctl.commands.verify", "Check every checksum of a run."),
+    "verify": ("rigctl.commands.verify", "Check a run: whole, unfinished or damaged."),
     "info": ("rigctl.commands.info", "Say what a run holds."),
     "summary": ("rigctl.commands.summary", "Write a page on how a session went."),
     "export": ("rigctl.commands.export", "Write a run as TIFF, HDF5 or Zarr."),
@@ -121,7 +125,7 @@ class LazyGroup(TyperGroup):
         if app is None:
             app = typer.Typer(add_completion=False, rich_markup_mode=None)
             app.command(cmd_name)(module.command)
-        return once_each(_in_range(typer.main.get_command(app)))
+        return with_tried_destinations(cmd_name, once_each(_in_range(typer.main.get_command(app))))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the verb that was asked for; of an unknown one say which may have been meant."""
@@ -169,8 +173,13 @@ def rigctl(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; return its exit code. Only this function turns an exception into words."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with lasting_streams():
-        return _run_for_programs(given) if "--json" in given else _run(given)
+    remarks = _Remarks()
+    logging.getLogger("rigctl").addHandler(remarks)
+    try:
+        with lasting_streams():
+            return _run_for_programs(given) if "--json" in given else _run(given)
+    finally:
+        logging.getLogger("rigctl").removeHandler(remarks)
 
 
 def _run(arguments: list[str]) -> int:
@@ -217,6 +226,21 @@ def _failure(error: Exception) -> tuple[int, str]:
         return code, f"{error.filename or 'a file'}: {error.strerror or error}"
     text = f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}"
     return EXIT_OWN_FAULT, text
+
+
+class _Remarks(logging.Handler):
+    """Says on standard error what the rooms below remark of what they read, each remark once."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._said: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Say a remark."""
+        text = record.getMessage()
+        if text not in self._said:
+            self._said.add(text)
+            _say(f"warning: {text}")
 
 
 def _say(message: str) -> None:

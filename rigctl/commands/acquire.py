@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.choices import ROOF_CHANGES, RoofChange
+from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.commands.time_option import time_option
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from rigctl.session.reconnect_loop import Outcome
 
 _SECONDS_A_MINUTE = 60
-# As sysexits.h has it: a temporary failure, try again.
-EXIT_INCOMPLETE = 75
 
 
 def command(

@@ -31,9 +31,9 @@ def command(
     Example: rigctl info runs/2026-05-04
     """
     from rigctl.jobs.summarize_run import summarize_run
-    from rigctl.runs.run_folder import read_run
+    from rigctl.runs.wholeness import used_run
 
-    summary = summarize_run(read_run(run))
+    summary = summarize_run(used_run(run))
     if as_json:
         print_json(asdict(summary))
     else:

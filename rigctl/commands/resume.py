@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.commands.acquire import EXIT_INCOMPLETE, say_outcome
+from rigctl.cli import EXIT_INCOMPLETE
+from rigctl.commands.acquire import say_outcome
 from rigctl.terminal import print_json, progress
 
 if TYPE_CHECKING:

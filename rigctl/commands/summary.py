@@ -6,12 +6,13 @@ from typing import Annotated
 
 import typer
 
+from rigctl.commands.destinations import summary_page
 from rigctl.terminal import print_json, progress
 
 
 def command(
     run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")],
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; RUN/summary.html if left out.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; RUN-summary.html if left out.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Write a page on how a session went: contact sheet, counts and drift by angle, sun track, events.
@@ -20,7 +21,7 @@ def command(
     """
     from rigctl.jobs.summary import summarise_session
 
-    page = run / "summary.html" if out is None else out
+    page = summary_page(run) if out is None else out
     history = summarise_session(run, page)
     if as_json:
         kinds = Counter(record.kind for record in history.run.frames)

@@ -8,34 +8,44 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import track
 
+from rigctl.cli import EXIT_DATA, EXIT_INCOMPLETE
 from rigctl.errors import RunFolderError
 from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
-    from rigctl.runs.run_folder import FrameRecord
+    from rigctl.runs.frame_record import FrameRecord
     from rigctl.runs.verification import Finding, Verification
+
+_GAPS_SHOWN = 20
+_SAID = {"whole": "whole", "unfinished": "sound so far, UNFINISHED", "damaged": "DAMAGED"}
 
 
 def command(
     run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")],
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
-    """Check every checksum of a run, and its manifest against the frames.
+    """Check every checksum of a run, its manifest against the frames, and the frames against what was planned.
 
-    Ends with 4 where anything is damaged, missing or contradictory. What a killed session leaves behind
-    (unfinished files, frames that were never acknowledged) is listed as left over and is not bad.
+    Ends with 0 where the run is whole: every check holds, and the session has noted its end over these very frames.
+    Ends with 75 where it is unfinished, with 4 where anything is damaged, missing or contradictory; a step of the plan
+    without a frame is named. What a killed session leaves behind (unfinished files, a frame that was never
+    acknowledged) is listed as left over and is not bad.
 
     Example: rigctl verify runs/2026-05-04
     """
-    from rigctl.runs.verification import verify_run
+    from rigctl.jobs.verify import verify
 
-    verification = verify_run(run, watch=_with_progress)
+    verification = verify(run, watch=_with_progress)
     if as_json:
         print_json(asdict(verification))
     else:
         _print(run, verification)
-    if not verification.ok:
+    if verification.state == "damaged" and as_json:
+        raise typer.Exit(EXIT_DATA)
+    if verification.state == "damaged":
         raise RunFolderError(f"{run}: {len(verification.bad)} bad of {verification.frames} frames and their files")
+    if verification.state == "unfinished":
+        raise typer.Exit(EXIT_INCOMPLETE)
 
 
 def _with_progress(frames: Sequence["FrameRecord"]) -> Iterable["FrameRecord"]:
@@ -44,10 +54,15 @@ def _with_progress(frames: Sequence["FrameRecord"]) -> Iterable["FrameRecord"]:
 
 def _print(run: Path, verification: "Verification") -> None:
     console = results()
-    state = "sound" if verification.ok else "BAD"
-    console.print(f"{run}: {verification.frames} frames, {state}", markup=False)
+    console.print(f"{run}: {verification.frames} frames, {_SAID[verification.state]}", markup=False)
     _print_findings("bad", verification.bad)
     _print_findings("left over", verification.leftovers)
+    for gap in verification.gaps[:_GAPS_SHOWN]:
+        console.print(f"  missing: {gap}", markup=False)
+    if len(verification.gaps) > _GAPS_SHOWN:
+        console.print(f"  missing: {len(verification.gaps) - _GAPS_SHOWN} more steps", markup=False)
+    for text in verification.unchecked:
+        console.print(f"  not checked: {text}", markup=False)
 
 
 def _print_findings(title: str, findings: Sequence["Finding"]) -> None:

@@ -11,7 +11,8 @@ from rigctl.config import Uncertain
 from rigctl.files.light_sections import SunSection
 from rigctl.files.place import GeometrySection, Place, SiteSection
 from rigctl.files.scene_file import SceneFile
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.scene.parameters import Parameter, parameters
 from rigctl.scene.scene_reading import scene_of_file, sun_covariance_deg2, sun_of_file

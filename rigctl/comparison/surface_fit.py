@@ -21,7 +21,7 @@ from rigctl.files.material_file import NM_PER_M, find_material
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.surface_fit_file import ObservationSection, SurfaceFitFile
 from rigctl.measurement.measurement import measure
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 
 FloatArray = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ def _measured(file: SurfaceFitFile) -> list[Moments]:
 
 
 def _stokes_of_run(path: Path, regions: list[Region]) -> dict[str, Moments]:
-    measurement = measure(read_run(path), regions=regions)
+    measurement = measure(used_run(path), regions=regions)
     stokes = {
         name: propagate_linear(region.channels_mean, measurement.plan.inverse)
         for name, region in measurement.regions.items()

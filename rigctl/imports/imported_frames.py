@@ -11,7 +11,7 @@ from rigctl.imports.image_file import read_image
 from rigctl.imports.image_scale import Scale
 from rigctl.imports.image_survey import SurveyedImage
 from rigctl.imports.import_request import ImportRequest
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 
 _SAME_AXIS_DEG = 180.0
 JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"

@@ -18,8 +18,9 @@ from rigctl.interface.optional import Backend, optional
 from rigctl.interface.results import StokesResult
 from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.measurement.run_calibrations import CalibrationPaths
-from rigctl.runs.run_folder import FrameRecord, read_run
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run as RunRecord
+from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_state import state_of
 
 FilePath = str | Path

@@ -21,7 +21,8 @@ from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_s
 from rigctl.config import Uncertain
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions
-from rigctl.runs.run_folder import Run, read_run
+from rigctl.runs.run_folder import Run
+from rigctl.runs.wholeness import used_run
 
 # Scans know a direction to hundredths of a degree: what is farther off is a mistake, or light that changed.
 _DISAGREEING_RAD = float(np.radians(0.5))
@@ -119,7 +120,7 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
     """
     known = _known_light(request)
     areas = [None] if request.regions is None else list(load_regions(request.regions))
-    runs = [read_run(run) for run in request.runs]
+    runs = [used_run(run) for run in request.runs]
     found, *_ = each = [_calibrate(runs, request, area, known) for area in areas]
     content = polarizer_json(found, runs, valid_days=request.valid_days)
     regions = {area.name: one for area, one in zip(areas, each, strict=True) if area}

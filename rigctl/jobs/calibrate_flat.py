@@ -7,7 +7,7 @@ from typing import Any
 from rigctl.calibrations.content_file import write_whole
 from rigctl.calibrations.flat.flat_file import flat_facts, flat_npz
 from rigctl.calibrations.flat.run_flat import RunFlat, flat_of_run
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 
 # A pattern of less is none.
 _LEAST_PATTERN = 1e-4
@@ -39,7 +39,7 @@ def calibrate_flat(run: Path, out: Path, *, valid_days: float | None = None) -> 
     ConfigError, DataError, CalibrationError
         The file cannot be written, or the frames are unfit.
     """
-    folder = read_run(run)
+    folder = used_run(run)
     found = flat_of_run(folder)
     facts = flat_facts(found, folder, valid_days=valid_days)
     write_whole(out, flat_npz(found, facts))

@@ -16,7 +16,8 @@ from rigctl.comparison.panel_response import PanelResponse, panel_response
 from rigctl.config import sha256_of
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import Measurement, measure
-from rigctl.runs.run_folder import MANIFEST_FILE, read_run
+from rigctl.runs.run_folder import MANIFEST_FILE
+from rigctl.runs.wholeness import used_run
 from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
 
@@ -91,7 +92,7 @@ def calibrate_radiometric(request: RadiometricRequest) -> CalibratedResponse:
     ConfigError, DataError, CalibrationError
         A file is wrong or cannot be written, or the run is unfit.
     """
-    scene, run = load_scene(request.scene), read_run(request.run)
+    scene, run = load_scene(request.scene), used_run(request.run)
     noise, doubts = (None, ()) if request.noise is None else read_fitting_noise(request.noise, run)
     regions = [region for region in scene.regions if region.name == request.panel]
     measurement = measure(run, regions=list(regions), noise=noise)

@@ -7,7 +7,7 @@ from typing import Any
 from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.registration.register_run import RunRegistration, register_run
 from rigctl.calibrations.registration.registration_file import registration_json
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +39,7 @@ def calibrate_registration(
     ConfigError, DataError, CalibrationError
         The file cannot be written, or the pictures are unfit.
     """
-    folder = read_run(run)
+    folder = used_run(run)
     found = register_run(folder, cycle=cycle)
     content = registration_json(found, folder, valid_days=valid_days)
     if out is not None:

@@ -18,7 +18,8 @@ from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.prediction.performance import performance_of
 from rigctl.reports.outputs.comparison_files import write_comparison
-from rigctl.runs.run_folder import MANIFEST_FILE, read_run
+from rigctl.runs.run_folder import MANIFEST_FILE
+from rigctl.runs.wholeness import used_run
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.effect_plan import plan_effects
 from rigctl.scene.scene_reading import scene_of_file
@@ -74,7 +75,7 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     _require_possible(request)
     scene = None if request.scene is None else scene_file(request.scene)
     regions = _regions(scene, request.regions)
-    run = read_run(run_path)
+    run = used_run(run_path)
     given = read_calibrations(request.calibrations, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
     measurement = seen.measurement

@@ -14,7 +14,7 @@ from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import measure, signal_of_cycle
 from rigctl.reports.outputs.detection_files import write_detection
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ def detect_target(run_path: Path, request: DetectRequest, *, out: Path | None = 
         raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")
     scene = None if request.scene is None else load_scene(request.scene)
     regions = _regions(scene, request.regions)
-    run = read_run(run_path)
+    run = used_run(run_path)
     noise, doubts = (None, ()) if request.noise is None else read_fitting_noise(request.noise, run)
     measurement = measure(run, regions=regions, noise=noise)
     predicted: dict[str, Moments] | None = None

@@ -9,7 +9,8 @@ from rigctl.errors import ConfigError
 from rigctl.runs.exports.export_hdf5 import export_hdf5
 from rigctl.runs.exports.export_tiff import export_tiff
 from rigctl.runs.exports.export_zarr import export_zarr
-from rigctl.runs.run_folder import Run, read_run
+from rigctl.runs.run_folder import Run
+from rigctl.runs.wholeness import used_run
 
 _WRITERS = {"tiff": export_tiff, "hdf5": export_hdf5, "zarr": export_zarr}
 
@@ -35,7 +36,7 @@ def export_run(path: Path, *, to: ExportFormat, out: Path) -> Run:
     """
     if out.exists():
         raise ConfigError(f"--out: {out} is there already; name a file or folder that does not exist yet")
-    run = read_run(path)
+    run = used_run(path)
     part = out.with_name(out.name + PART_SUFFIX)
     _remove(part)
     try:

@@ -14,7 +14,8 @@ from rigctl.imports.image_scale import Scale, find_scale
 from rigctl.imports.image_survey import Survey, SurveyedImage, survey_images
 from rigctl.imports.import_request import ImportRequest, request_problems
 from rigctl.imports.imported_frames import JPEG, axis_deg, frames_of
-from rigctl.runs.run_folder import FrameRecord, Run, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
 
 ORIGIN = "import"
@@ -187,5 +188,5 @@ def _write(
 ) -> tuple[FrameRecord, ...]:
     frames = frames_of(request, survey.images, scale, first_sequence=writer.next_sequence, present=present)
     written = writer.write_frames(frames)
-    writer.event("imported", kind=request.kind, frames=len(written), files=[str(f) for f in request.files])
+    writer.closing_event("imported", kind=request.kind, frames=len(written), files=[str(f) for f in request.files])
     return written

@@ -14,7 +14,7 @@ from rigctl.files.regions import Markers, RegionsFile, regions_text
 from rigctl.outlines.follow import FollowedRegion, follow_markers, moved_markers
 from rigctl.outlines.markers import grey_picture, search_markers
 from rigctl.outlines.picker import Picker
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ def draw_regions(run: Path, request: DrawRequest, *, out: Path, opened: Callable
     DataError
         The run gives no picture, or nothing was drawn in time.
     """
-    picture = grey_picture(read_run(run))
+    picture = grey_picture(used_run(run))
     drawn = [] if request.start is None else _read(request.start).regions
     picker = Picker(cv2.imencode(".png", picture)[1].tobytes(), drawn=drawn, title=str(run), port=request.port)
     opened(picker.address)
@@ -90,7 +90,7 @@ def mark_regions(run: Path, regions: Path, *, dictionary: Dictionary, out: Path)
         A file is wrong, or no marker is seen.
     """
     drawn = _read(regions)
-    seen = search_markers(grey_picture(read_run(run)), dictionary)
+    seen = search_markers(grey_picture(used_run(run)), dictionary)
     if not seen:
         raise DataError(f"{run}: no marker of {dictionary} is seen. Print them large: 4x4 cells of six pixels at least")
     return _written(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
@@ -113,7 +113,7 @@ def find_regions(run: Path, regions: Path, *, out: Path) -> FoundRegions:
     """
     drawn = _read(regions)
     family = Dictionary.FOUR_50 if drawn.markers is None else drawn.markers.dictionary
-    now = search_markers(grey_picture(read_run(run)), family)
+    now = search_markers(grey_picture(used_run(run)), family)
     followed = tuple(follow_markers(drawn, now))
     file = RegionsFile(regions=[one.region for one in followed], markers=moved_markers(drawn, now))
     return FoundRegions(followed=followed, file=_written(out, file))

@@ -13,7 +13,7 @@ from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.outputs.comparison_files import write_series
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 from rigctl.scene.scene_reading import sun_of_file
 
 
@@ -39,7 +39,7 @@ def compare_series(run_paths: Sequence[Path], request: CompareRequest, *, out: P
     names = [path.resolve().name for path in run_paths]
     if len(set(names)) < len(names):
         raise ConfigError(f"run folders of a series need different names; found {', '.join(names)}")
-    require_one_instrument([read_run(path) for path in run_paths])
+    require_one_instrument([used_run(path) for path in run_paths])
     scene = load_scene(request.scene)
     shared = replace(request, alpha=request.alpha / len(run_paths))
     runs = [compare_run(path, shared) for path in run_paths]

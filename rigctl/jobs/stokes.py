@@ -17,7 +17,7 @@ from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
 from rigctl.reports.outputs.stokes_files import write_stokes
 from rigctl.reports.tables.comparison_json import diagnosis_json, measurement_json
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
     """
     given_regions = request.regions or []
     regions = load_regions(given_regions) if isinstance(given_regions, Path) else given_regions
-    run = read_run(request.run)
+    run = used_run(request.run)
     given = read_calibrations(request.calibrations, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
     measurement, diagnosis = seen.measurement, seen.diagnosis

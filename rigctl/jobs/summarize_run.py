@@ -5,8 +5,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rigctl.angles import wrapped
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import read_events
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.run_folder import Run
 
 GroupKey = tuple[str, float | None, float | None, float | None]
 

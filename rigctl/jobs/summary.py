@@ -6,7 +6,7 @@ from rigctl.durable_file import write_durably
 from rigctl.live.session_history import SessionHistory, session_history
 from rigctl.reports.pages.run_page import run_report
 from rigctl.reports.writers.report_file import report_file
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 
 
 def summarise_session(run: Path, page: Path) -> SessionHistory:
@@ -17,6 +17,6 @@ def summarise_session(run: Path, page: Path) -> SessionHistory:
     RunFolderError
         This is no run, a frame is damaged, or the events cannot be read.
     """
-    history = session_history(read_run(run))
+    history = session_history(used_run(run))
     write_durably(page, report_file(run_report(history), page))
     return history

@@ -12,7 +12,8 @@ from rigctl.live.frame_summary import FrameSummary, frame_summary, of_one_exposu
 from rigctl.live.light_levels import LightLevels
 from rigctl.live.mean_noise import mean_noise
 from rigctl.live.region_means import PixelMean, RegionMeans
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 from rigctl.runs.run_inputs import files_of
 
 Means = Mapping[int, Mapping[str, PixelMean]]

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rigctl.live.region_means import PixelMean
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 
 # More than this and the means of a frame say little.
 _MOST_SATURATED = 0.01

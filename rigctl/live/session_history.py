@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.live.cycle_history import CycleHistory, Means, cycle_history, is_session, region_means_of
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import RunEvent, read_events
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.run_folder import Run
 
 _MOST_FRAMES = 24
 _THUMBNAIL_PIXELS = 160

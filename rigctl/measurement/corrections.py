@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rigctl.measurement.flat_division import FlatDivision
 from rigctl.measurement.image_registration import FrameShifts
 from rigctl.measurement.throughput_division import Throughput
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

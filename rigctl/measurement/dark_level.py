@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import DataError
 from rigctl.measurement.frame_grid import FrameGrid
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 

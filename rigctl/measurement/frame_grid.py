@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from model.prediction.quantity_table import counts_name
 from rigctl.angles import wrapped
 from rigctl.errors import DataError
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 

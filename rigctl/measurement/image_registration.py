@@ -9,7 +9,8 @@ from calibration.polarimeter.registration import moved_back
 from rigctl.calibrations.registration.register_run import angle_deg
 from rigctl.calibrations.registration.registration_file import ImageRegistration
 from rigctl.measurement.frame_grid import FrameGrid
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

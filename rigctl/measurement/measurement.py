@@ -21,7 +21,8 @@ from rigctl.measurement.image_registration import FrameShifts, frame_shifts
 from rigctl.measurement.polarization_images import PolarizationImages, polarization_images
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
 from rigctl.measurement.throughput_division import throughput_of, together
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 

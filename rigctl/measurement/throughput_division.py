@@ -10,7 +10,7 @@ from rigctl.angles import wrapped
 from rigctl.calibrations.polarizer.polarizer_file import Channel, PolarizerParameters
 from rigctl.errors import DataError
 from rigctl.measurement.frame_grid import FrameGrid
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 
 FloatArray = NDArray[np.float64]
 

@@ -5,14 +5,18 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.durable_file import PART_SUFFIX, flush_folder, write_durably
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
-from rigctl.runs.run_description import SESSION_FILE
-from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, FrameRecord, file_checksum, read_contents
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_description import SESSION_FILE, first_link
+from rigctl.runs.run_events import EVENTS_FILE, journal_problems, read_journal, sound_events
+from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_checksum, read_contents
 from rigctl.runs.run_lock import RunLock
 from rigctl.runs.run_writer import json_line
+from rigctl.runs.sealed_lines import sealed_all
 from rigctl.runs.verification import Finding, frame_problems
 
 DAMAGED_FOLDER = "damaged"
@@ -60,19 +64,26 @@ def repair_run(path: Path) -> Repair:
     if contents.description is None:
         problem = dict(contents.problems).get(SESSION_FILE, "is missing")
         raise RunFolderError(f"{path / SESSION_FILE}: {problem}: what was to be taken is not known")
+    if contents.begins_elsewhere and _is_of_other_session(path):
+        raise RunFolderError(f"{path / SESSION_FILE}: is not the one of this run: manifest and events begin elsewhere")
     try:
         lock = RunLock(path)
         try:
-            return _Repairer(path).repair(read_contents(path))
+            return _Repairer(path, first_link(contents.description)).repair(read_contents(path))
         finally:
             lock.release()
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be repaired: {error.strerror}") from error
 
 
+def _is_of_other_session(path: Path) -> bool:
+    journal = read_journal(path)
+    return journal.begins_elsewhere or not journal.lines
+
+
 class _Repairer:
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, link: str | None) -> None:
+        self._path, self._first_link = path, link
         self._frames: dict[int, FrameRecord] = {}
         self._adopted: list[Finding] = []
         self._set_aside: list[Finding] = []
@@ -84,8 +95,20 @@ class _Repairer:
             self._adopt(file)
         frames = tuple(self._frames[sequence] for sequence in sorted(self._frames))
         if frames != contents.frames or contents.problems or contents.torn_manifest_line:
-            write_durably(self._path / MANIFEST_FILE, b"".join(json_line(asdict(record)) for record in frames))
+            lines = sealed_all((json_line(asdict(record)) for record in frames), self._first_link)
+            write_durably(self._path / MANIFEST_FILE, lines)
+        self._mend_events()
         return Repair(adopted=tuple(self._adopted), set_aside=tuple(self._set_aside), frames=frames)
+
+    def _mend_events(self) -> None:
+        """Keep the events that are sound by themselves; the damaged file is set aside, to be looked at."""
+        journal = read_journal(self._path)
+        if not journal_problems(journal):
+            return
+        text = "; ".join(journal_problems(journal))
+        contents = [content for content, _ in sound_events(journal)]
+        self._move_aside(EVENTS_FILE, text)
+        write_durably(self._path / EVENTS_FILE, sealed_all(contents, self._first_link))
 
     def _check(self, record: FrameRecord) -> None:
         problems = frame_problems(self._path, record)
@@ -105,9 +128,9 @@ class _Repairer:
         name = file.relative_to(self._path).as_posix()
         final = name.removesuffix(PART_SUFFIX)
         try:
-            data = file.read_bytes()
+            data = read_bounded(file, MOST_RECORD_BYTES)
             record = record_from_header(decode_frame(data), file=final, checksum=file_checksum(data))
-        except DataError as error:
+        except (DataError, OSError) as error:
             self._move_aside(name, str(error))
             return
         if record.sequence in self._frames:

@@ -1,5 +1,6 @@
 """The file ``session.json`` of a run folder: what was to be done, and which program made the folder."""
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -7,10 +8,13 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
+from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import DataError
 from rigctl.runs.session_record import session_record
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""Version of the layout: from 2 on every line and this file carry checksums."""
+_UNSEALED_VERSION = 1
 SESSION_FILE = "session.json"
 
 
@@ -29,12 +33,20 @@ class RunDescription:
         When it was made.
     session : dict
         The resolved session; ``origin`` is "simulated", "device" or "import".
+    checksum : str or None
+        ``sha256:`` and 64 hexadecimal digits over the rest of the file; None in runs of layout 1, which have none.
     """
 
     schema_version: int
     created_by: str
     created_utc: str
     session: dict[str, Any]
+    checksum: str | None = None
+
+    @property
+    def is_sealed(self) -> bool:
+        """True where the lines of manifest and events carry their checksums and a chain."""
+        return self.schema_version > _UNSEALED_VERSION
 
 
 _DESCRIPTION = TypeAdapter(RunDescription)
@@ -42,7 +54,13 @@ _DESCRIPTION = TypeAdapter(RunDescription)
 
 def encode_description(description: RunDescription) -> bytes:
     """Return the content of the file."""
-    return (json.dumps(asdict(description), indent=2, allow_nan=False) + "\n").encode("ascii")
+    content = asdict(description) | {"checksum": _checksum(description)}
+    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii")
+
+
+def first_link(description: RunDescription) -> str | None:
+    """Return what the chains of a run begin with; None where its lines have no seal."""
+    return description.checksum if description.is_sealed else None
 
 
 def read_description(file: Path) -> RunDescription:
@@ -51,24 +69,33 @@ def read_description(file: Path) -> RunDescription:
     Raises
     ------
     DataError
-        The file cannot be read, is no description, or comes from another version of the layout.
+        The file cannot be read, is no description, is not the one that was written, or comes from another version of
+        the layout.
     """
     try:
-        description = _DESCRIPTION.validate_json(file.read_bytes())
+        description = _DESCRIPTION.validate_json(read_bounded(file, MOST_RECORD_BYTES))
     except OSError as error:
         raise DataError(f"cannot be read: {error.strerror}") from error
     except ValidationError as error:
         raise DataError(explain_invalid(error)) from error
-    if description.schema_version != SCHEMA_VERSION:
+    if description.schema_version not in (_UNSEALED_VERSION, SCHEMA_VERSION):
         raise DataError(
             f"schema_version is {description.schema_version}, this program reads {SCHEMA_VERSION}. "
             f"The folder was made by {description.created_by}: try that"
         )
+    if description.checksum != (_checksum(description) if description.is_sealed else None):
+        raise DataError("damaged or edited: its checksum is another")
     try:
         session_record(description.session)
     except ValidationError as error:
         raise DataError(explain_invalid(error, within="session")) from error
     return description
+
+
+def _checksum(description: RunDescription) -> str:
+    content = asdict(description)
+    del content["checksum"]
+    return "sha256:" + hashlib.sha256(json.dumps(content, allow_nan=False).encode("ascii")).hexdigest()
 
 
 def explain_invalid(error: ValidationError, *, within: str = "") -> str:

@@ -7,13 +7,17 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from rigctl.errors import RunFolderError
-from rigctl.runs.run_description import explain_invalid
+from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.errors import DataError, RunFolderError
+from rigctl.runs.run_description import SESSION_FILE, explain_invalid, first_link, read_description
+from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
 
 EVENTS_FILE = "events.jsonl"
 TALLY_EVENT = "camera tally"
 """Counts of a camera's pictures, at the end of each part of a session."""
 _UTC_DIGITS = 19
+_FRAMES_FACT = "frames_in_run"
+_CHAIN_FACT = "manifest_chain_sha256"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,14 +54,69 @@ def read_events(path: Path) -> list[RunEvent]:
     Raises
     ------
     RunFolderError
-        A line is no event.
+        A line is no event, or is not the one that was written.
     """
     file = path / EVENTS_FILE
-    whole = file.read_bytes().rpartition(b"\n")[0] if file.exists() else b""
+    journal = read_journal(path)
+    problems = journal_problems(journal)
+    if problems:
+        raise RunFolderError(f"{file}: " + "; ".join(problems))
+    return [_EVENT.validate_json(line.content) for line in journal.lines]
+
+
+def read_journal(path: Path) -> Lines:
+    """Return the lines of a run folder's events, each held against its seal; none where there is no such file.
+
+    Raises
+    ------
+    RunFolderError
+        The file cannot be read.
+    """
+    file = path / EVENTS_FILE
     try:
-        return [_EVENT.validate_json(line) for line in whole.splitlines()]
-    except ValidationError as error:
-        raise RunFolderError(f"{file}: a line is no event: {explain_invalid(error)}") from error
+        data = read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
+    except OSError as error:
+        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
+    try:
+        first = first_link(read_description(path / SESSION_FILE))
+    except DataError:
+        first = first_link_of(data)
+    return read_lines(data, first)
+
+
+def journal_problems(journal: Lines) -> list[str]:
+    """Return what is wrong with the events of a run, line by line."""
+    problems = [f"line {number}: {line.problem}" for number, line in enumerate(journal.lines, start=1) if line.problem]
+    for number, line in enumerate(journal.lines, start=1):
+        try:
+            if line.content:
+                _EVENT.validate_json(line.content)
+        except ValidationError as error:
+            problems.append(f"line {number} is no event: {explain_invalid(error)}")
+    return problems
+
+
+def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
+    """Return those lines that are sound by themselves, and what they say."""
+    found = []
+    for line in journal.lines:
+        try:
+            if line.content:
+                found.append((line.content, _EVENT.validate_json(line.content)))
+        except ValidationError:
+            continue
+    return found
+
+
+def closing_facts(*, frames: int, link: str | None) -> dict[str, Any]:
+    """Return what the event that closes a run says of its manifest; nothing in an old run, which has no chain."""
+    return {} if link is None else {_FRAMES_FACT: frames, _CHAIN_FACT: link}
+
+
+def closed_with(event: RunEvent) -> tuple[int, str] | None:
+    """Return how many frames an event has closed a run with, and their chain; None where it is no such event."""
+    frames, link = event.facts.get(_FRAMES_FACT), event.facts.get(_CHAIN_FACT)
+    return (frames, link) if isinstance(frames, int) and isinstance(link, str) else None
 
 
 def event_line(event: RunEvent) -> str:

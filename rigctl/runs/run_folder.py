@@ -12,138 +12,25 @@ The frames are the truth; the manifest is their table of contents and can be mad
 
 import hashlib
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import ValidationError
 
-from rigctl.choices import FrameKind
+from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import DataError, RunFolderError
-from rigctl.runs.fits.fits_frame import decode_frame
-from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, read_description
+from rigctl.runs.fits.fits_frame import FitsFrame, decode_frame
+from rigctl.runs.fits.frame_header import record_from_header
+from rigctl.runs.frame_record import FRAME_RECORD, FrameRecord
+from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, first_link, read_description
+from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
 from rigctl.runs.session_record import SessionRecord, session_record
 
 MANIFEST_FILE = "manifest.jsonl"
 FRAMES_FOLDER = "frames"
-
-
-@with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
-@dataclass(frozen=True, kw_only=True)
-class FrameRecord:
-    """All that is known of one frame. ``None`` is "not known" or "does not apply", never a default.
-
-    Attributes
-    ----------
-    kind : {"scene", "dark", "flat"}
-        What the camera looked at.
-    sequence : int
-        Place in the order in which the frames of this run were taken, from 0; unique in the run.
-    cycle : int or None
-        Which repeat of the set of angles this is, from 0.
-    polarizer_angle_target_deg : float or None
-        Transmission axis that was asked for [deg], counter-clockwise from horizontal in the picture.
-    polarizer_angle_deg : float or None
-        Transmission axis by the stage's readback [deg], same sense. This one is for processing.
-    stage_angle_target_deg, stage_angle_deg : float or None
-        What the stage was told, and what its encoder said [deg].
-    stage_counts : int or None
-        The encoder's own counts.
-    exposure_s : float or None
-        Integration time [s].
-    gain_db : float or None
-        The camera's gain setting [dB].
-    egain_e_per_dn : float or None
-        Electrons per DN, where somebody states it [e-/DN].
-    bit_depth : int
-        Bits per sample, right-justified.
-    black_level_dn : float or None
-        Counts without light [DN], where known without dark frames.
-    saturation_dn : float
-        A pixel at or above this many counts is saturated [DN].
-    missing_dn : float or None
-        The value that marks pixels which were never received [DN].
-    start_utc, end_utc : str or None
-        Start and end of the exposure, as ``rigctl.utc_time.utc_text`` writes them.
-    start_monotonic_ns : int or None
-        Start of the exposure on the host's monotonic clock [ns].
-    camera_model, camera_serial, stage_model, stage_serial : str or None
-        Which devices these were.
-    stage_tries : int or None
-        How many times the move was commanded until the readback was within tolerance.
-    settle_s : float or None
-        From the command of the move to the readback that was accepted [s].
-    camera_frame : int or None
-        The camera's own frame counter.
-    camera_temperature_c : float or None
-        What the camera said of its temperature, ten seconds before the exposure at most [deg C].
-    round : int or None
-        Which round of a schedule this frame belongs to, from 0.
-    sun_azimuth_deg, sun_elevation_deg : float or None
-        Where the sun stood at the start of the exposure [deg]: azimuth clockwise from north, elevation without
-        refraction.
-    site_latitude_deg, site_longitude_deg : float or None
-        Where the rig stands [deg], north and east positive.
-    site_elevation_m : float or None
-        How high above the sea it stands [m].
-    source_file : str or None
-        The file this frame was imported from.
-    remarks : tuple of str
-        What else one has to know.
-    file : str
-        Path relative to the run folder, with ``/``. Filled in by the writer, as all that follow.
-    height, width : int
-        Rows and columns.
-    saturated_fraction : float
-        Share of pixels at or above ``saturation_dn``, 0 to 1.
-    checksum : str
-        ``sha256:`` and 64 hexadecimal digits, over the whole file.
-    """
-
-    kind: FrameKind
-    sequence: int
-    bit_depth: int
-    saturation_dn: float
-    cycle: int | None = None
-    polarizer_angle_target_deg: float | None = None
-    polarizer_angle_deg: float | None = None
-    stage_angle_target_deg: float | None = None
-    stage_angle_deg: float | None = None
-    stage_counts: int | None = None
-    exposure_s: float | None = None
-    gain_db: float | None = None
-    egain_e_per_dn: float | None = None
-    black_level_dn: float | None = None
-    missing_dn: float | None = None
-    start_utc: str | None = None
-    end_utc: str | None = None
-    start_monotonic_ns: int | None = None
-    camera_model: str | None = None
-    camera_serial: str | None = None
-    stage_model: str | None = None
-    stage_serial: str | None = None
-    stage_tries: int | None = None
-    settle_s: float | None = None
-    camera_frame: int | None = None
-    camera_temperature_c: float | None = None
-    round: int | None = None
-    sun_azimuth_deg: float | None = None
-    sun_elevation_deg: float | None = None
-    site_latitude_deg: float | None = None
-    site_longitude_deg: float | None = None
-    site_elevation_m: float | None = None
-    source_file: str | None = None
-    remarks: tuple[str, ...] = ()
-    file: str = ""
-    height: int = 0
-    width: int = 0
-    saturated_fraction: float = 0.0
-    checksum: str = ""
-
-
-FRAME_RECORD = TypeAdapter(FrameRecord)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +73,23 @@ class Run:
         RunFolderError
             The file is gone, or is not the one that was written.
         """
-        return decode_frame(read_frame_file(self.path, record)).counts
+        return read_frame(self.path, record).counts
+
+
+def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
+    """Return a frame, once its checksum and its header agree with its line in the manifest.
+
+    Raises
+    ------
+    DataError
+        The file is gone, is not the one that was written, or says something else of the frame than the manifest does.
+    """
+    frame = decode_frame(read_frame_file(path, record))
+    stated = record_from_header(frame, file=record.file, checksum=record.checksum)
+    if stated != record:
+        other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
+        raise RunFolderError(f"{path / record.file}: manifest and header contradict each other: {', '.join(other)}")
+    return frame
 
 
 def read_frame_file(path: Path, record: FrameRecord) -> bytes:
@@ -198,7 +101,7 @@ def read_frame_file(path: Path, record: FrameRecord) -> bytes:
         The file cannot be read, or its checksum differs.
     """
     try:
-        data = (path / record.file).read_bytes()
+        data = read_bounded(path / record.file, MOST_RECORD_BYTES)
     except OSError as error:
         raise RunFolderError(f"{path / record.file}: cannot be read: {error.strerror}") from error
     found = file_checksum(data)
@@ -228,12 +131,18 @@ class Contents:
         What is wrong with the session file and the manifest.
     torn_manifest_line : bool
         The last line of the manifest has no end: the writer was killed in the middle of it.
+    links : tuple of str
+        The chain of the manifest after 0, 1, 2, ... lines; empty for old runs.
+    begins_elsewhere : bool
+        The manifest does not follow on the session file: either is of another run.
     """
 
     description: RunDescription | None
     frames: tuple[FrameRecord, ...]
     problems: tuple[tuple[str, str], ...]
     torn_manifest_line: bool
+    links: tuple[str, ...] = ()
+    begins_elsewhere: bool = False
 
 
 def read_run(path: Path) -> Run:
@@ -283,29 +192,44 @@ def read_contents(path: Path) -> Contents:
         raise RunFolderError(f"{path}: there is no such folder; a run folder is made by `rigctl acquire` or `import`")
     if not any((path / name).exists() for name in (SESSION_FILE, MANIFEST_FILE)):
         raise RunFolderError(f"{path}: not a run folder: it has neither {SESSION_FILE} nor {MANIFEST_FILE}")
-    frames, problems, torn = _read_manifest(path / MANIFEST_FILE)
+    problems: list[tuple[str, str]] = []
     description: RunDescription | None = None
     try:
         description = read_description(path / SESSION_FILE)
     except DataError as error:
-        problems.insert(0, (SESSION_FILE, str(error)))
-    return Contents(description=description, frames=frames, problems=tuple(problems), torn_manifest_line=torn)
+        problems.append((SESSION_FILE, str(error)))
+    lines = _read_manifest(path / MANIFEST_FILE, description, problems)
+    return Contents(
+        description=description,
+        frames=_records(lines, problems),
+        problems=tuple(problems),
+        torn_manifest_line=lines.is_torn,
+        links=lines.links,
+        begins_elsewhere=lines.begins_elsewhere,
+    )
 
 
-def _read_manifest(file: Path) -> tuple[tuple[FrameRecord, ...], list[tuple[str, str]], bool]:
+def _read_manifest(file: Path, description: RunDescription | None, problems: list[tuple[str, str]]) -> Lines:
     try:
-        whole, end, rest = file.read_bytes().rpartition(b"\n")
+        data = read_bounded(file, MOST_RECORD_BYTES)
     except OSError as error:
-        return (), [(file.name, f"cannot be read: {error.strerror}")], False
+        problems.append((file.name, f"cannot be read: {error.strerror}"))
+        data = b""
+    return read_lines(data, first_link_of(data) if description is None else first_link(description))
+
+
+def _records(lines: Lines, problems: list[tuple[str, str]]) -> tuple[FrameRecord, ...]:
     frames: list[FrameRecord] = []
-    problems: list[tuple[str, str]] = []
-    for number, line in enumerate(whole.split(b"\n") if end else (), start=1):
-        try:
-            frames.append(parse_record(line))
-        except DataError as error:
-            problems.append((file.name, f"line {number}: {error}"))
-    problems += [(file.name, text) for text in _duplicates(frames)]
-    return tuple(sorted(frames, key=lambda record: record.sequence)), problems, bool(rest)
+    for number, line in enumerate(lines.lines, start=1):
+        if line.problem is not None and not (number == 1 and lines.begins_elsewhere and not lines.links[0]):
+            problems.append((MANIFEST_FILE, f"line {number}: {line.problem}"))
+        if line.content:
+            try:
+                frames.append(parse_record(line.content))
+            except DataError as error:
+                problems.append((MANIFEST_FILE, f"line {number}: {error}"))
+    problems += [(MANIFEST_FILE, text) for text in _duplicates(frames)]
+    return tuple(sorted(frames, key=lambda record: record.sequence))
 
 
 def parse_record(line: bytes) -> FrameRecord:

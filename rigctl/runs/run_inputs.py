@@ -1,27 +1,50 @@
 """The files that a run was made from: kept in it, and read back out of it."""
 
-import shutil
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from rigctl.config import describe
+from rigctl.durable_file import flush_folder, write_durably
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_folder import Run
+from rigctl.runs.wholeness import INPUTS_FOLDER
 
-INPUTS_FOLDER = "inputs"
 
+def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
+    """Return the files that a person wrote, and the scene that a simulated rig looks at, by what they are.
 
-def keep_inputs(rig_file: RigFile, files: dict[str, Path], out: Path) -> None:
-    """Copy the files that a person wrote into the run, and the scene that a simulated rig looks at."""
-    folder = out / INPUTS_FOLDER
+    Raises
+    ------
+    ConfigError
+        One cannot be read.
+    """
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
-    for what, path in (files | scene).items():
+    try:
+        return {what: path.read_bytes() for what, path in (files | scene).items()}
+    except OSError as error:
+        raise ConfigError(f"{error.filename}: cannot be read: {error.strerror}") from error
+
+
+def keep_inputs(inputs: dict[str, bytes], out: Path) -> None:
+    """Write the inputs into the run.
+
+    Raises
+    ------
+    RunFolderError
+        They cannot be written.
+    """
+    folder = out / INPUTS_FOLDER
+    try:
         folder.mkdir(exist_ok=True)
-        shutil.copyfile(path, folder / f"{what}.toml")
+        for what, content in inputs.items():
+            write_durably(folder / f"{what}.toml", content)
+        flush_folder(out)
+    except OSError as error:
+        raise RunFolderError(f"{folder}: cannot be written: {error.strerror}") from error
 
 
 def files_of(run: Run) -> tuple[RigFile, SessionFile]:

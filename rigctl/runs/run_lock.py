@@ -28,7 +28,7 @@ class RunLock:
     """
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -66,7 +66,7 @@ def writing_process(path: Path) -> int | None:
         Whether there is one cannot be told.
     """
     try:
-        descriptor = os.open(path / LOCK_FILE, os.O_RDONLY)
+        descriptor = os.open(path / LOCK_FILE, os.O_RDONLY | os.O_NONBLOCK)
     except FileNotFoundError:
         return None
     except OSError as error:

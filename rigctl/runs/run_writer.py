@@ -14,19 +14,21 @@ from numpy.typing import NDArray
 
 from rigctl.durable_file import flush_folder, write_durably
 from rigctl.errors import RunFolderError
+from rigctl.runs.disk_reserve import DISK_FULL, DiskReserve
 from rigctl.runs.fits.fits_frame import encode_frame
 from rigctl.runs.fits.frame_header import header_cards
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.journal import Journal
-from rigctl.runs.run_description import SCHEMA_VERSION, SESSION_FILE, RunDescription, encode_description
-from rigctl.runs.run_events import EVENTS_FILE, RunEvent
-from rigctl.runs.run_folder import (
-    FRAMES_FOLDER,
-    MANIFEST_FILE,
-    FrameRecord,
-    Run,
-    file_checksum,
-    read_run,
+from rigctl.runs.run_description import (
+    SCHEMA_VERSION,
+    SESSION_FILE,
+    RunDescription,
+    encode_description,
+    first_link,
+    read_description,
 )
+from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closing_facts
+from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, file_checksum, read_run
 from rigctl.runs.run_lock import RunLock, released_on_error
 from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
@@ -45,6 +47,8 @@ class RunWriter:
         The right to write into it; released with the files.
     sequences : iterable of int
         Sequence numbers that are taken.
+    first_link : str or None
+        What the chains of manifest and events begin with; None in an old run, which has none.
     utc_ns, monotonic_ns : callable
         The clocks that stamp events [ns].
     """
@@ -55,6 +59,7 @@ class RunWriter:
         *,
         lock: RunLock,
         sequences: Iterable[int],
+        first_link: str | None = None,
         utc_ns: Clock = time.time_ns,
         monotonic_ns: Clock = time.monotonic_ns,
     ) -> None:
@@ -63,9 +68,10 @@ class RunWriter:
         self._sequences = set(sequences)
         self._utc_ns = utc_ns
         self._monotonic_ns = monotonic_ns
-        self._manifest = Journal(path / MANIFEST_FILE)
-        self._events = Journal(path / EVENTS_FILE)
+        self._manifest = Journal(path / MANIFEST_FILE, first_link=first_link)
+        self._events = Journal(path / EVENTS_FILE, first_link=first_link)
         self._event_lock = threading.Lock()
+        self._reserve = DiskReserve(path)
         flush_folder(path)
 
     @classmethod
@@ -104,7 +110,8 @@ class RunWriter:
             lock = RunLock(path)
             with released_on_error(lock):
                 write_durably(path / SESSION_FILE, encode_description(content))
-                return cls(path, lock=lock, sequences=(), utc_ns=utc_ns, monotonic_ns=monotonic_ns)
+                link = first_link(read_description(path / SESSION_FILE))
+                return cls(path, lock=lock, sequences=(), first_link=link, utc_ns=utc_ns, monotonic_ns=monotonic_ns)
         except OSError as error:
             raise RunFolderError(f"{path}: cannot make a run folder here: {error.strerror}") from error
 
@@ -131,7 +138,10 @@ class RunWriter:
             lock = RunLock(path)
             with released_on_error(lock):
                 sequences = _taken_sequences(read_run(path))
-                return cls(path, lock=lock, sequences=sequences, utc_ns=utc_ns, monotonic_ns=monotonic_ns)
+                link = first_link(read_description(path / SESSION_FILE))
+                return cls(
+                    path, lock=lock, sequences=sequences, first_link=link, utc_ns=utc_ns, monotonic_ns=monotonic_ns
+                )
         except OSError as error:
             raise RunFolderError(f"{path}: cannot be added to: {error.strerror}") from error
 
@@ -147,6 +157,7 @@ class RunWriter:
         """Close the files. May be called twice."""
         self._manifest.close()
         self._events.close()
+        self._reserve.give_up()
         self._lock.release()
 
     @property
@@ -190,7 +201,7 @@ class RunWriter:
         try:
             for record, counts in frames:
                 written.append(self._write_file(record, counts))
-            self._manifest.append(b"".join(json_line(asdict(record)) for record in written))
+            self._manifest.append([json_line(asdict(record)) for record in written])
         except Exception as error:
             self._take_back(written)
             if isinstance(error, OSError):
@@ -238,9 +249,29 @@ class RunWriter:
         try:
             # The writer's thread notes events too.
             with self._event_lock:
-                self._events.append(json_line(asdict(self._event(name, facts))))
+                self._append_event([json_line(asdict(self._event(name, facts)))])
         except OSError as error:
             raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
+
+    def _append_event(self, lines: list[bytes]) -> None:
+        """Add a line; on a full disk the room that is kept for events is used."""
+        try:
+            self._events.append(lines)
+        except OSError as error:
+            if error.errno not in DISK_FULL:
+                raise
+            self._reserve.give_up()
+            self._events.append(lines)
+
+    def closing_event(self, name: str, **facts: Any) -> None:
+        """Note that what was to be done is done: the event holds how many frames there are, and their chain.
+
+        Raises
+        ------
+        RunFolderError
+            As `event`.
+        """
+        self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
 
     def _event(self, name: str, facts: dict[str, Any]) -> RunEvent:
         return RunEvent(
@@ -278,5 +309,5 @@ def _file_name(record: FrameRecord) -> str:
 
 
 def json_line(content: dict[str, Any]) -> bytes:
-    """Return one line of a manifest or of the events."""
-    return (json.dumps(content, allow_nan=False) + "\n").encode("ascii")
+    """Return the content of one line of a manifest or of the events."""
+    return json.dumps(content, allow_nan=False).encode("ascii")

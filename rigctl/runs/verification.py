@@ -1,21 +1,18 @@
 """Verification of a run folder: every checksum again, and manifest against headers."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.durable_file import PART_SUFFIX
 from rigctl.errors import DataError
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
-from rigctl.runs.run_folder import (
-    FRAMES_FOLDER,
-    MANIFEST_FILE,
-    FrameRecord,
-    file_checksum,
-    read_contents,
-    read_frame_file,
-)
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_checksum, read_contents, read_frame
+from rigctl.runs.wholeness import State, is_of_session, wholeness
+
+_WHOLE = "a whole frame that the manifest does not name: not acknowledged"
 
 Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
 
@@ -50,16 +47,25 @@ class Verification:
         Damaged, missing, or contradicting files.
     leftovers : tuple of Finding
         What a killed writer leaves: never acknowledged, so no data are lost by it.
+    state : {"whole", "unfinished", "damaged"}
+        Whole: nothing is bad, and the session has noted its end over these very frames.
+    gaps : tuple of str
+        Steps of the session's plan that have no frame.
+    unchecked : tuple of str
+        What cannot be checked, since an older program made the run.
     """
 
     ok: bool
     frames: int
     bad: tuple[Finding, ...]
     leftovers: tuple[Finding, ...]
+    state: State = "whole"
+    gaps: tuple[str, ...] = ()
+    unchecked: tuple[str, ...] = ()
 
 
 def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
-    """Return what is wrong with a run folder.
+    """Return what is wrong with a run folder; what its session planned is not looked at.
 
     Parameters
     ----------
@@ -74,7 +80,8 @@ def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
         There is no such folder, or it is no run folder at all.
     """
     contents = read_contents(path)
-    bad = [Finding(file=file, problem=problem) for file, problem in contents.problems]
+    found = wholeness(path, contents)
+    bad = [Finding(file=file, problem=problem) for file, problem in found.problems]
     for record in watch(contents.frames):
         bad += [Finding(file=record.file, problem=text) for text in frame_problems(path, record)]
     unnamed = _unnamed_files(path, contents.frames)
@@ -83,7 +90,28 @@ def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
     leftovers = [_leftover(file) for file in unnamed if file not in damaged]
     if contents.torn_manifest_line:
         leftovers.append(Finding(file=MANIFEST_FILE, problem="its last line has no end: not acknowledged"))
-    return Verification(ok=not bad, frames=len(contents.frames), bad=tuple(bad), leftovers=tuple(leftovers))
+    bad += _too_many(contents, found.state, [finding for finding in leftovers if finding.problem == _WHOLE])
+    return Verification(
+        ok=not bad,
+        frames=len(contents.frames),
+        bad=tuple(bad),
+        leftovers=tuple(leftovers),
+        state="damaged" if bad else found.state,
+        unchecked=found.unchecked,
+    )
+
+
+def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Finding]:
+    """Return what a kill cannot have left: whole frames without a line beyond the one that was in hand."""
+    description = contents.description
+    if description is None or not whole:
+        return []
+    if state == "whole" and description.is_sealed:
+        return [Finding(file=finding.file, problem="not of this run, which has finished") for finding in whole]
+    if len(whole) > 1 and is_of_session(description.session):
+        text = f"{len(whole)} whole frames have no line, and a kill leaves one at most: lines were taken out"
+        return [Finding(file=MANIFEST_FILE, problem=text)]
+    return []
 
 
 def frame_problems(path: Path, record: FrameRecord) -> list[str]:
@@ -91,12 +119,10 @@ def frame_problems(path: Path, record: FrameRecord) -> list[str]:
     if not (path / record.file).is_file():
         return ["missing"]
     try:
-        data = read_frame_file(path, record)
-        stated = record_from_header(decode_frame(data), file=record.file, checksum=record.checksum)
+        read_frame(path, record)
     except DataError as error:
         return [str(error)]
-    other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
-    return [f"manifest and header contradict each other: {', '.join(other)}"] if other else []
+    return []
 
 
 def _unnamed_files(path: Path, frames: Iterable[FrameRecord]) -> list[str]:
@@ -120,4 +146,4 @@ def _unnamed_problem(path: Path, file: str) -> str | None:
 def _leftover(file: str) -> Finding:
     if file.endswith(PART_SUFFIX):
         return Finding(file=file, problem="begun and not finished")
-    return Finding(file=file, problem="a whole frame that the manifest does not name: not acknowledged")
+    return Finding(file=file, problem=_WHOLE)

@@ -1,16 +1,18 @@
 """Takes a session: turn, expose, store; each frame durable, and labelled with what the devices say of themselves."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError
+from drivers.interfaces import Camera, ReportingCamera
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.live.frame_summary import frame_summary
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_events import TALLY_EVENT
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.captured_frame import CapturedFrame, record_of
 from rigctl.session.cycle_interlocks import SumRule, drift_violation
@@ -75,13 +77,29 @@ def acquire(
         session = _Acquisition(rig, rig_file, steps, writer, context, thread)
         try:
             missed = session.run()
-        except StopAskedError:
             thread.flush()
-            writer.event("stopped", reason="somebody asked for it")
+        except StopAskedError:
+            dropped = thread.flush_or_drop()
+            not_stored = {"not_stored": list(dropped)} if dropped else {}
+            writer.event("stopped", reason="somebody asked for it", **not_stored)
             return False
-        thread.flush()
-    writer.event("finished", frames=store.frames, rounds_missed=missed)
+        finally:
+            _note_tally(rig.camera, writer)
+    # The last word of a run: whatever is noted later says that it goes on.
+    writer.closing_event("finished", frames=store.frames, rounds_missed=missed)
     return True
+
+
+def _note_tally(camera: Camera, writer: RunWriter) -> None:
+    """Note as an event what became of the pictures since the camera was opened, where it counts them.
+
+    Raises
+    ------
+    RunFolderError
+        The run cannot be written.
+    """
+    if isinstance(camera, ReportingCamera):
+        writer.event(TALLY_EVENT, **asdict(camera.tally()))
 
 
 class _Acquisition:

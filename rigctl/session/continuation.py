@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from rigctl.errors import RunFolderError
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import read_events
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.run_folder import Run
 from rigctl.session.planning.session_steps import Step
 
 _ANGLE_TOLERANCE_DEG = 1e-6

@@ -4,10 +4,12 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Literal
+
+from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 REQUEST_FILE = "request"
 Request = Literal["hold", "go on", "stop"]
@@ -72,6 +74,8 @@ def ask_process(run: Path, process: int, request: Request) -> None:
 class Control:
     """Remembers what was asked for, until the session looks.
 
+    A terminal that hangs up asks for nothing: the session goes on without it.
+
     Parameters
     ----------
     run : Path or None
@@ -81,7 +85,10 @@ class Control:
     def __init__(self, run: Path | None = None) -> None:
         self._file = None if run is None else run / REQUEST_FILE
         self._request: Request | None = None
+        self._seen_ns: int | None = None
+        self._is_stop_seen = False
         self.was_interrupted = False
+        self.is_terminal_lost = False
 
     def put(self, request: Request) -> None:
         """Ask for something."""
@@ -89,27 +96,47 @@ class Control:
 
     def poll(self) -> Request | None:
         """Return what was asked for since the last call, or None."""
-        if self._file is not None and self._file.exists():
-            self._request = _WORDS.get(self._file.read_text(encoding="ascii", errors="replace").strip())
-            self._file.unlink(missing_ok=True)
+        if self._file is not None:
+            # Taken away in one step: a request that is put down meanwhile is another file, for the next look.
+            taken = self._file.with_name(f".{REQUEST_FILE}.taken")
+            try:
+                self._file.replace(taken)
+                self._request = _WORDS.get(_text_of(taken))
+                taken.unlink()
+            except OSError:
+                self._look_without_taking()
         request, self._request = self._request, None
+        self._is_stop_seen = self._is_stop_seen or request == "stop"
         return request
+
+    def _look_without_taking(self) -> None:
+        """See a request that cannot be taken away, as in a folder that is read-only by now: each is answered once."""
+        try:
+            stat = self._file.stat() if self._file is not None else None
+        except OSError:
+            return
+        if self._file is not None and stat is not None and stat.st_mtime_ns != self._seen_ns:
+            self._seen_ns = stat.st_mtime_ns
+            self._request = _WORDS.get(_text_of(self._file))
 
     def forget(self) -> None:
         """Drop what was asked of an earlier session that ended before it looked."""
         if self._file is not None:
-            self._file.unlink(missing_ok=True)
+            with suppress(OSError):
+                self._file.unlink(missing_ok=True)
         self._request = None
 
     def is_stop_asked(self) -> bool:
-        """Return whether a stop was asked for; the request stays."""
-        if self._file is not None and self._file.exists():
-            return self._file.read_text(encoding="ascii", errors="replace").strip() == "stop"
-        return self._request == "stop"
+        """Return whether a stop was asked for, now or before; the request stays."""
+        return (
+            self._is_stop_seen or self._request == "stop" or (self._file is not None and _text_of(self._file) == "stop")
+        )
 
     @contextmanager
     def listening(self) -> Iterator[None]:
         """Answer to signals until the context is left: USR1 hold, USR2 go on, TERM and INT stop; INT twice is at once.
+
+        HUP, of a terminal that is gone, is noted and the session goes on.
 
         Notes
         -----
@@ -118,7 +145,7 @@ class Control:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = {number: signal.signal(number, self._on_signal) for number in _SIGNALS}
+        before = {number: signal.signal(number, self._on_signal) for number in (*_SIGNALS, signal.SIGHUP)}
         try:
             yield
         finally:
@@ -126,8 +153,18 @@ class Control:
                 signal.signal(number, handler)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGHUP:
+            self.is_terminal_lost = True
+            return
         if number == signal.SIGINT:
             if self.was_interrupted:
                 raise KeyboardInterrupt
             self.was_interrupted = True
         self._request = _SIGNALS[signal.Signals(number)]
+
+
+def _text_of(file: Path) -> str:
+    try:
+        return read_bounded(file, MOST_RECORD_BYTES).decode("ascii", errors="replace").strip()
+    except OSError:
+        return ""

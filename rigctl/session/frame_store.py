@@ -4,6 +4,7 @@ import errno
 import queue
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import RunFolderError
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.session_context import SessionContext
+from rigctl.session.timing import StopAskedError
 from rigctl.terminal import warn
 
 _RETRY_S = 1.0
@@ -43,6 +45,7 @@ class WriterThread:
         self._store = store
         self._queue: queue.Queue[_Job | None] = queue.Queue(maxsize=QUEUE_FRAMES)
         self._error: Exception | None = None
+        self._dropped: list[int] = []
         self._thread = threading.Thread(target=self._run, name="frame writer")
 
     def __enter__(self) -> "WriterThread":
@@ -89,6 +92,20 @@ class WriterThread:
         self._queue.join()
         self._raise_failure()
 
+    def flush_or_drop(self) -> tuple[int, ...]:
+        """Return which frames were dropped when a stop was asked for on a full disk; the others are durable.
+
+        Raises
+        ------
+        Exception
+            What the store raised otherwise.
+        """
+        self._queue.join()
+        if not isinstance(self._error, StopAskedError):
+            self._raise_failure()
+        self._error = None
+        return tuple(self._dropped)
+
     def _raise_failure(self) -> None:
         if self._error is not None:
             raise self._error
@@ -100,8 +117,11 @@ class WriterThread:
                 # After a failure the rest is taken off the queue, so that nobody waits for ever.
                 if job is not None and self._error is None:
                     self._store(job.record, job.counts)
+                elif job is not None:
+                    self._dropped.append(job.record.sequence)
             except Exception as error:
                 self._error = error
+                self._dropped += [] if job is None else [job.record.sequence]
             finally:
                 self._queue.task_done()
             if job is None:
@@ -131,7 +151,9 @@ class FrameStore:
         Raises
         ------
         RunFolderError
-            It cannot be written, and waiting is not wanted or was ended.
+            It cannot be written, and waiting is not wanted.
+        StopAskedError
+            Somebody asked to stop while the disk was full: this frame is not stored.
         """
         waited = 0
         while True:
@@ -141,16 +163,25 @@ class FrameStore:
             except RunFolderError as error:
                 if not self._waits(error):
                     raise
+                if self._context.control.is_stop_asked():
+                    raise StopAskedError(f"frame {record.sequence} is not stored: {error}") from error
                 if not waited:
                     warn(f"holding: {error}: make room, or stop")
+                    self._note("hold", reason="the disk is full", sequence=record.sequence)
                 waited += 1
                 self._context.clock.sleep(_RETRY_S)
         if waited:
-            self._writer.event("disk was full", sequence=record.sequence, tries=waited + 1)
+            self._note("disk was full", sequence=record.sequence, tries=waited + 1)
+            self._note("go on")
         self.frames += 1
         self._stored(written)
+
+    def _note(self, name: str, **facts: str | int) -> None:
+        # The disk may be too full for a line, too: the frame goes first.
+        with suppress(RunFolderError):
+            self._writer.event(name, **facts)
 
     def _waits(self, error: RunFolderError) -> bool:
         cause = error.__cause__
         is_full = isinstance(cause, OSError) and cause.errno in _FULL
-        return is_full and self._context.interlocks.disk == "hold" and not self._context.control.is_stop_asked()
+        return is_full and self._context.interlocks.disk == "hold"

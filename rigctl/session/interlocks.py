@@ -7,7 +7,7 @@ from typing import Literal
 
 from drivers.errors import DeviceError, LimitError, ProtocolError
 from drivers.interfaces import CameraSettings, StageStatus
-from rigctl.errors import DataError
+from rigctl.errors import DataError, RunFolderError
 from rigctl.files.interlock_section import InterlockSection
 
 # A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
@@ -85,7 +85,7 @@ def temperature_violation(temperature_c: float | None, section: InterlockSection
 
 def disk_violation(run: Path, section: InterlockSection) -> InterlockViolation | None:
     """Return a violation where the disk of a run is nearly full."""
-    free_mb = shutil.disk_usage(run).free / _BYTES_PER_MB
+    free_mb = _free_bytes(run) / _BYTES_PER_MB
     if free_mb >= section.disk_free_mb:
         return None
     text = f"{run}: {free_mb:.0f} MB are free on this disk, {section.disk_free_mb:g} MB are to stay so"
@@ -94,11 +94,19 @@ def disk_violation(run: Path, section: InterlockSection) -> InterlockViolation |
 
 def disk_shortage(run: Path, *, frames: int, frame_bytes: int, section: InterlockSection) -> str | None:
     """Return in words that the disk of a run has no room for so many frames more, or None."""
-    room = int((shutil.disk_usage(run).free - section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
+    room = int((_free_bytes(run) - section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
     if room >= frames:
         return None
     need_mb = frames * frame_bytes / _BYTES_PER_MB
     return f"{run}: {frames} frames are to come, {need_mb:.0f} MB; the disk has room for {max(room, 0)} of them"
+
+
+def _free_bytes(run: Path) -> int:
+    try:
+        return shutil.disk_usage(run).free
+    except OSError as error:
+        text = "its folder was moved or deleted while the session ran, or its disk is gone"
+        raise RunFolderError(f"{run}: {text}: {error.strerror}; what was taken until then is in it") from error
 
 
 def clock_violation(jump_s: float, section: InterlockSection) -> InterlockViolation | None:

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 from drivers.errors import DeviceTimeoutError, NotConnectedError
-from drivers.interfaces import Camera, DeviceIdentity, ReportingCamera
+from drivers.interfaces import DeviceIdentity
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.repair import Repair
-from rigctl.runs.run_events import TALLY_EVENT
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.acquisition import acquire
@@ -108,10 +107,7 @@ class ReconnectLoop:
         rest = continuation(read_run(self._writer.path), self._steps)
         watch.begin(left=len(rest.steps))
         context = replace(self._context, metered_s=rest.metered_s)
-        try:
-            return acquire(rig, self._rig_file, rest.steps, self._writer, progress=watch.stored, context=context)
-        finally:
-            _note_tally(rig.camera, self._writer)
+        return acquire(rig, self._rig_file, rest.steps, self._writer, progress=watch.stored, context=context)
 
     def _opened_again(self, devices: ExitStack) -> Rig:
         rig = devices.enter_context(self._opener())
@@ -147,15 +143,3 @@ def require_same_devices(rig: Rig, run: Run) -> None:
                 f"the {what} is {identity.model} with serial number {identity.serial_number}, and this run began with "
                 f"{before.model}, {before.serial_number}: connect that one"
             )
-
-
-def _note_tally(camera: Camera, writer: RunWriter) -> None:
-    """Note as an event what became of the pictures since the camera was opened, where it counts them.
-
-    Raises
-    ------
-    RunFolderError
-        The run cannot be written.
-    """
-    if isinstance(camera, ReportingCamera):
-        writer.event(TALLY_EVENT, **asdict(camera.tally()))

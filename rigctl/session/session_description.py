@@ -1,12 +1,12 @@
 """All that a reader of a run must know of how it came about, as the run's description holds it."""
 
+import hashlib
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from drivers.interfaces import Camera, ReportingCamera
-from rigctl.config import sha256_of
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
@@ -15,14 +15,31 @@ from rigctl.files.session_file import SessionFile
 _PACKAGES = ("rigctl", "numpy", "pyserial")
 
 
-def describe_session(rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path]) -> dict[str, Any]:
-    """Return all that a reader of the run must know of how it came about, as JSON can hold it."""
+def describe_session(
+    rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path], inputs: dict[str, bytes]
+) -> dict[str, Any]:
+    """Return all that a reader of the run must know of how it came about, as JSON can hold it.
+
+    Parameters
+    ----------
+    rig, rig_file, session
+        What is taken, and with which devices.
+    files : dict
+        Where the inputs come from, by what they are.
+    inputs : dict
+        What the run keeps of them; their hashes go into the description.
+    """
+    scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
+    names = {what: path.name for what, path in (files | scene).items()}
     light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
     return {
         "origin": rig.origin,
         "rig": rig_file.model_dump(mode="json"),
         "session": session.model_dump(mode="json"),
-        "files": {what: {"name": path.name, "sha256": sha256_of(path)} for what, path in files.items()},
+        "files": {
+            what: {"name": names[what], "sha256": hashlib.sha256(content).hexdigest()}
+            for what, content in inputs.items()
+        },
         "stage": vars(rig.stage_identity),
         "camera": vars(rig.camera_identity),
         "camera_facts": _facts_of(rig.camera),

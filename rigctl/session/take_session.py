@@ -11,10 +11,11 @@ from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.repair import Repair, repair_run
-from rigctl.runs.run_folder import Run, read_run
-from rigctl.runs.run_inputs import files_of, keep_inputs
+from rigctl.runs.run_folder import Run, read_contents, read_run
+from rigctl.runs.run_inputs import files_of, keep_inputs, read_inputs
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.session_record import SessionNoise
+from rigctl.runs.wholeness import wholeness
 from rigctl.session.continuation import continuation
 from rigctl.session.control import Control
 from rigctl.session.planning.schedule import round_times_ns
@@ -73,13 +74,14 @@ def take_session(
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
         require_hands(steps, is_simulated=rig.origin == "simulated")
-        description = describe_session(rig, rig_file, session, files) | {
+        inputs = read_inputs(rig_file, files)
+        description = describe_session(rig, rig_file, session, files, inputs) | {
             "rounds_ns": list(rounds),
             "until_ns": until_ns,
             "noise": None if noise is None else asdict(noise),
         }
         with RunWriter.create(out, description, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
-            keep_inputs(rig_file, files, out)
+            keep_inputs(inputs, out)
             context = session_context(
                 session, rig_file, clock=clock, control=Control(out), until_ns=until_ns, noise=noise
             )
@@ -116,6 +118,7 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
     steps = plan_steps(session, run.session.rounds_ns)
     rest = continuation(run, steps)
     if not rest.steps and rest.is_finished:
+        _close_again(path, clock)
         return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
     with ExitStack() as devices:
@@ -152,6 +155,14 @@ def require_hands(steps: Sequence[Step], *, is_simulated: bool) -> None:
             f"the session takes {', '.join(kinds)} frames, and nobody is at a terminal to cover the lens in between: "
             "take darks and flats by hand, and the scene alone unattended"
         )
+
+
+def _close_again(path: Path, clock: SessionClock) -> None:
+    """Close a run that had finished over the frames as they are now, where a repair has made its manifest again."""
+    if wholeness(path, read_contents(path)).state == "whole":
+        return
+    with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
+        writer.closing_event("finished", frames=0, rounds_missed=0)
 
 
 def _note_resumed(writer: RunWriter, repair: Repair, left: tuple[Step, ...]) -> None:

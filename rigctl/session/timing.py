@@ -33,6 +33,7 @@ class Pause:
 
     def __init__(self, control: Control, clock: SessionClock, note: Note) -> None:
         self._control, self._clock, self._note = control, clock, note
+        self._is_loss_noted = False
 
     def answer(self) -> None:
         """Hold or stop if that was asked for.
@@ -61,6 +62,9 @@ class Pause:
             self.answer()
 
     def _polled(self) -> str | None:
+        if self._control.is_terminal_lost and not self._is_loss_noted:
+            self._is_loss_noted = True
+            self._note("terminal lost", action="the session goes on without it")
         request = self._control.poll()
         if request == "stop":
             raise StopAskedError

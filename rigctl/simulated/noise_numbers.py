@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import RunEvent, read_events
-from rigctl.runs.run_folder import FrameRecord, read_run
+from rigctl.runs.run_folder import read_run
 from sim_devices.camera import SimCamera
 
 _BEGINNINGS = ("resumed", "devices opened again")

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.runs.run_folder import FrameRecord, Run, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
 
 
@@ -16,6 +17,7 @@ def make_run(
         for sequence, (facts, counts) in enumerate(frames):
             known = {"kind": "scene", "sequence": sequence, "bit_depth": 12, "saturation_dn": 4095.0} | facts
             writer.write_frame(FrameRecord(**known), np.asarray(counts, dtype=np.uint16))
+        writer.closing_event("finished", frames=len(frames))
     return read_run(path)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.choices import FrameKind
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 
 GAIN_DN_PER_E = 0.25

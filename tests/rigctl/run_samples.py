@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 
 FULL_RECORD = FrameRecord(
@@ -58,11 +58,13 @@ def noisy_counts(seed: int = 0, shape: tuple[int, int] = (5, 7)) -> NDArray[np.u
     return np.random.default_rng(seed).integers(0, 4096, shape, dtype=np.uint16)
 
 
-def write_run(path: Path, frames: int = 3) -> Path:
+def write_run(path: Path, frames: int = 3, *, is_closed: bool = True) -> Path:
     """Return a run folder with some frames at 0, 45, 90 ... degrees."""
     with RunWriter.create(path, {"origin": "simulated"}) as writer:
         for i in range(frames):
             angle_deg = 45.0 * i
             record = make_record(i, polarizer_angle_target_deg=angle_deg, polarizer_angle_deg=angle_deg + 0.002)
             writer.write_frame(record, noisy_counts(i))
+        if is_closed:
+            writer.closing_event("finished", frames=frames)
     return path

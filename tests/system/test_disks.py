@@ -120,9 +120,12 @@ def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk
         # Not even the request fits on the disk.
         assert _rigctl("stop", run).returncode == 0
         said = process.communicate(timeout=_DEADLINE_S)[1]
-    assert process.returncode == 4, said
+    assert process.returncode == 75, said
     assert "No space left on device" in " ".join(said.split())
     assert verify_run(run).ok
+    last = read_events(run)[-1]
+    assert (last.event, last.facts["reason"]) == ("stopped", "somebody asked for it")
+    assert last.facts["not_stored"]
     ballast.unlink()
     assert _rigctl("resume", run).returncode == 0
     _assert_every_frame_once(run)

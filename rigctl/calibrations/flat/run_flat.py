@@ -11,7 +11,8 @@ from calibration.errors import CalibrationError
 from calibration.polarimeter.flat_field import FlatField, flat_field
 from rigctl.calibrations.checked_values import Measured
 from rigctl.errors import DataError
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 

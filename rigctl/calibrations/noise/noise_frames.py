@@ -22,7 +22,9 @@ from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.config import sha256_of
 from rigctl.errors import DataError
 from rigctl.imports.image_file import read_image
-from rigctl.runs.run_folder import MANIFEST_FILE, FrameRecord, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import MANIFEST_FILE
+from rigctl.runs.wholeness import used_run
 
 Loader = Callable[[], NDArray[np.uint16]]
 
@@ -107,7 +109,7 @@ def run_frames(path: Path) -> FrameSet:
     DataError
         It has no dark and flat frames, or they were not all taken with one setting of one camera.
     """
-    run = read_run(path)
+    run = used_run(path)
     groups: dict[tuple[LevelKind, float | None, float | None], list[FrameRecord]] = defaultdict(list)
     for record in run.frames:
         if record.kind != "scene":

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from calibration.flags import Flag
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 
 _NS_PER_S = 1e9
 # A camera may read one frame out while it exposes the next, but exposes only one.

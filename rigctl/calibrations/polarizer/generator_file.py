@@ -12,7 +12,7 @@ from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.config import Section, load
 from rigctl.errors import ConfigError, DataError
 from rigctl.number_range import wild_numbers
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 
 GeneratorAngle = Callable[[FrameRecord], float]
 

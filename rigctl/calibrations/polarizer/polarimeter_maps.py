@@ -14,7 +14,8 @@ from calibration.polarimeter.blocks import block_means
 from rigctl.calibrations.polarizer.generator_file import GeneratorAngle
 from rigctl.calibrations.polarizer.scan_frames import dark_frames, generator_cells, scene_frames
 from rigctl.errors import DataError
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

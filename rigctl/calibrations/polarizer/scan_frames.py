@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rigctl.calibrations.polarizer.generator_file import GeneratorAngle
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, masks
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ from pydantic import Field
 from calibration.polarimeter.registration import Registration, Wander, fit_wander, register
 from rigctl.calibrations.checked_values import Bounded, NotNegative
 from rigctl.errors import DataError
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 

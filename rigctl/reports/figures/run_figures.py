@@ -8,7 +8,8 @@ from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_history import Means
 from rigctl.live.session_history import Thumbnail
 from rigctl.reports.figures.figure_style import png, subplots
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 # From here on times are in hours, below in minutes.
 _LONG_S = 5400.0

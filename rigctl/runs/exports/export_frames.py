@@ -4,7 +4,8 @@ from dataclasses import fields
 from typing import Any
 
 from rigctl.errors import RunFolderError
-from rigctl.runs.run_folder import FrameRecord, Run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run
 
 Column = list[Any]
 # The longest ending first: "_e_per_dn" is no count.

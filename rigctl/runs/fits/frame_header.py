@@ -7,8 +7,8 @@ from pydantic import ValidationError
 from rigctl.errors import DataError
 from rigctl.runs.fits.fits_card import CardValue
 from rigctl.runs.fits.fits_frame import FitsFrame
+from rigctl.runs.frame_record import FRAME_RECORD, FrameRecord
 from rigctl.runs.run_description import explain_invalid
-from rigctl.runs.run_folder import FRAME_RECORD, FrameRecord
 from rigctl.version import VERSION
 
 

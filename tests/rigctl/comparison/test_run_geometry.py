@@ -6,7 +6,8 @@ import pytest
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.runs.run_folder import FrameRecord, Run, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.session_record import session_record
 from tests.rigctl.example_files import EXAMPLES

@@ -18,7 +18,8 @@ from rigctl.jobs.series import compare_series
 from rigctl.reports.pages.series_page import series_report
 from rigctl.reports.tables.series_tables import series_json
 from rigctl.reports.writers.pdf_document import pdf
-from rigctl.runs.run_folder import FrameRecord, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import read_run
 from rigctl.runs.session_record import PolarizerAsTaken, RigAsTaken
 
 

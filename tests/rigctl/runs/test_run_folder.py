@@ -7,8 +7,9 @@ import pytest
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.run_description import SCHEMA_VERSION
 from rigctl.runs.run_folder import parse_record, read_run
+from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.session_record import SessionRecord
-from tests.rigctl.run_samples import FULL_RECORD, noisy_counts, write_run
+from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts, write_run
 
 
 @pytest.fixture
@@ -62,10 +63,11 @@ def test_last_line_without_an_end_is_passed_over(run_path):
     assert len(read_run(run_path).frames) == 3
 
 
-def test_frames_come_in_the_order_of_their_sequence(run_path):
-    manifest = run_path / "manifest.jsonl"
-    manifest.write_bytes(b"".join(reversed(manifest.read_bytes().splitlines(keepends=True))))
-    assert [record.sequence for record in read_run(run_path).frames] == [0, 1, 2]
+def test_frames_come_in_the_order_of_their_sequence(tmp_path):
+    with RunWriter.create(tmp_path / "run", {"origin": "simulated"}) as writer:
+        for sequence in (2, 0, 1):
+            writer.write_frame(make_record(sequence), noisy_counts(sequence))
+    assert [record.sequence for record in read_run(tmp_path / "run").frames] == [0, 1, 2]
 
 
 def test_every_problem_is_named_at_once(run_path):
@@ -75,7 +77,7 @@ def test_every_problem_is_named_at_once(run_path):
     (run_path / "frames" / "000001_scene_a045.fits").unlink()
     with pytest.raises(RunFolderError) as caught:
         read_run(run_path)
-    for text in ("schema_version is 2", "manifest.jsonl: line 4", "000001_scene_a045.fits: missing"):
+    for text in ("schema_version is 3", "manifest.jsonl: line 4", "000001_scene_a045.fits: missing"):
         assert text in str(caught.value)
 
 

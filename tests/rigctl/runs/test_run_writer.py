@@ -176,6 +176,8 @@ def test_events_tell_both_clocks_and_are_numbered(tmp_path):
         "monotonic_ns": 42,
         "event": "stage",
         "facts": {"what": "button", "angle_deg": 45.0},
+        "line_sha256": first["line_sha256"],
+        "chain_sha256": first["chain_sha256"],
     }
     assert second["id"] == 1
 

@@ -74,7 +74,7 @@ def test_what_was_taken_before_a_stall_is_kept(tmp_path):
 def test_events_tell_what_happened(tmp_path):
     _taken(tmp_path, small_rig(tmp_path), small_session())
     events = [json.loads(line)["event"] for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
-    assert events == ["homed", "presented", "presented", "finished", "camera tally"]
+    assert events == ["homed", "presented", "presented", "camera tally", "finished"]
 
 
 def test_a_frame_taken_twice_stops_the_session(tmp_path):

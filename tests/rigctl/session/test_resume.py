@@ -1,6 +1,5 @@
 """A session that was interrupted and gone on with is the session that was not, apart from times."""
 
-import json
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -19,6 +18,7 @@ from rigctl.runs.verification import verify_run
 from rigctl.session.control import ask
 from rigctl.session.take_session import resume_session, take_session
 from tests.rigctl.example_files import small_rig, small_session
+from tests.rigctl.resealed import with_session
 
 # Without landing errors the polarizer stands where it stood in the other run, and the light is the same.
 _EXACT_STAGE = "sim:ellx?speed=50&landing=0"
@@ -171,18 +171,15 @@ def test_a_request_under_way_is_no_damage_of_the_run(tmp_path):
 
 def test_another_camera_than_the_one_it_began_with_is_refused(tmp_path):
     run = _cut_after(tmp_path, 3)
-    description = json.loads((run / "session.json").read_text())
-    description["session"]["camera"]["serial_number"] = "another"
-    (run / "session.json").write_text(json.dumps(description))
+    with_session(run, lambda session: session["camera"].update(serial_number="another"))
     with pytest.raises(NotConnectedError, match=r"began with .* another"):
         resume_session(run)
 
 
 def test_a_run_of_another_plan_is_refused(tmp_path):
     run = _cut_after(tmp_path, 4)
-    description = json.loads((run / "session.json").read_text())
-    description["session"]["session"]["take"] = [{"kind": "dark", "exposure_ms": 1, "cycles": 9}]
-    (run / "session.json").write_text(json.dumps(description))
+    take = [{"kind": "dark", "exposure_ms": 1, "cycles": 9}]
+    with_session(run, lambda session: session["session"].update(take=take))
     with pytest.raises(RunFolderError, match="not made by this session"):
         resume_session(run)
 

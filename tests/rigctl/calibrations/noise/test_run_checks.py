@@ -4,7 +4,7 @@ import pytest
 
 from calibration.flags import Flag
 from rigctl.calibrations.noise.run_checks import record_flags
-from rigctl.runs.run_folder import FrameRecord
+from rigctl.runs.frame_record import FrameRecord
 from tests.rigctl.run_samples import make_record
 
 

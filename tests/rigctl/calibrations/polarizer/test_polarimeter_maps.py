@@ -11,7 +11,8 @@ from calibration.errors import CalibrationError
 from calibration.polarimeter.blocks import block_means
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
 from rigctl.cli import EXIT_USAGE, main
-from rigctl.runs.run_folder import FrameRecord, Run, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
 from tests.rigctl.calibrations.polarizer.polarizer_runs import (
     BLACK_DN,

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rigctl.cli import main
-from rigctl.runs.run_folder import FrameRecord, read_run
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_writer import RunWriter
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts, write_run
 

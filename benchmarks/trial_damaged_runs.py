@@ -1,0 +1,194 @@
+"""Trial: runs with one damage each (a bit, a cut, a swap, a deletion, an addition) in every kind of file.
+
+Wanted: `verify` calls none of them whole, and no reader gives numbers from one without saying so. A damage that changes
+nothing of a frame, a label or the set of frames, such as an empty line behind a session file, may go by.
+
+    python -m benchmarks.trial_damaged_runs --cases 500 --seed 1
+"""
+
+import argparse
+import random
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from rigctl.errors import DataError
+from rigctl.jobs.verify import verify
+from rigctl.runs.run_folder import read_contents, read_run
+from rigctl.runs.wholeness import wholeness
+from rigctl.session.take_session import take_session
+from tests.rigctl.example_files import small_rig, small_session
+
+_LOOSE = ("status.json", "writer.lock")
+Damage = Callable[[Path, random.Random], str]
+
+
+def make_run(folder: Path) -> Path:
+    """Return a finished run, as a session on simulated devices takes it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rig_file, session = small_rig(folder), small_session()
+    (folder / "rig.toml").write_text("# the rig file\n" * 20)
+    take_session(rig_file, session, folder / "run", files={"rig": folder / "rig.toml"})
+    return folder / "run"
+
+
+def damaged_copy(run: Path, out: Path, case: random.Random) -> str:
+    """Make a copy of a run with one damage; return what was done."""
+    shutil.copytree(run, out)
+    return case.choice(_DAMAGES)(out, case)
+
+
+def fault(run: Path, whole: Path) -> str | None:
+    """Return what was let pass in a damaged run, or None."""
+    if verify(run).state == "whole" and not _is_same(run, whole):
+        return "verify calls it whole"
+    try:
+        read = read_run(run)
+        for record in read.frames:
+            read.counts(record)
+    except DataError:
+        return None
+    if wholeness(run, read_contents(run)).state == "whole" and not _is_same(run, whole):
+        return "a reader says nothing"
+    return None
+
+
+def _is_same(run: Path, whole: Path) -> bool:
+    """Return whether frames, labels and the set of frames are what they were."""
+    now, before = read_run(run), read_run(whole)
+    same_words = (now.frames, now.session_json) == (before.frames, before.session_json)
+    return same_words and all(np.array_equal(now.counts(one), before.counts(one)) for one in now.frames)
+
+
+def _files(run: Path) -> list[Path]:
+    return sorted(file for file in run.rglob("*") if file.is_file() and file.name not in _LOOSE)
+
+
+def _bit(run: Path, case: random.Random) -> str:
+    file = case.choice(_files(run))
+    data = bytearray(file.read_bytes())
+    place, bit = case.randrange(len(data)), case.randrange(8)
+    data[place] ^= 1 << bit
+    file.write_bytes(data)
+    return f"bit {bit} of byte {place} of {file.relative_to(run)}"
+
+
+def _cut(run: Path, case: random.Random) -> str:
+    file = case.choice(_files(run))
+    length = case.randrange(file.stat().st_size)
+    file.write_bytes(file.read_bytes()[:length])
+    return f"{file.relative_to(run)} cut to {length} bytes"
+
+
+def _cut_line(run: Path, case: random.Random) -> str:
+    file = case.choice([run / "manifest.jsonl", run / "events.jsonl"])
+    lines = file.read_bytes().splitlines(keepends=True)
+    number = case.randrange(len(lines))
+    file.write_bytes(b"".join(lines[:number] + lines[number + 1 :]))
+    return f"line {number} of {file.name} taken out"
+
+
+def _swap_lines(run: Path, case: random.Random) -> str:
+    file = run / "manifest.jsonl"
+    lines = file.read_bytes().splitlines(keepends=True)
+    one, other = case.sample(range(len(lines)), 2)
+    lines[one], lines[other] = lines[other], lines[one]
+    file.write_bytes(b"".join(lines))
+    return f"lines {one} and {other} of {file.name} swapped"
+
+
+def _swap_frames(run: Path, case: random.Random) -> str:
+    one, other = case.sample(sorted((run / "frames").iterdir()), 2)
+    first, second = one.read_bytes(), other.read_bytes()
+    one.write_bytes(second)
+    other.write_bytes(first)
+    return f"{one.name} and {other.name} swapped"
+
+
+def _delete(run: Path, case: random.Random) -> str:
+    file = case.choice(_files(run))
+    file.unlink()
+    return f"{file.relative_to(run)} deleted"
+
+
+def _delete_with_line(run: Path, case: random.Random) -> str:
+    file = case.choice(sorted((run / "frames").iterdir()))
+    file.unlink()
+    manifest = run / "manifest.jsonl"
+    lines = manifest.read_bytes().splitlines(keepends=True)
+    manifest.write_bytes(b"".join(line for line in lines if file.name.encode() not in line))
+    return f"{file.name} and its line deleted"
+
+
+def _add(run: Path, case: random.Random) -> str:
+    file = case.choice(_files(run))
+    addition = case.randbytes(case.randint(1, 300))
+    file.write_bytes(file.read_bytes() + addition)
+    return f"{len(addition)} bytes added to {file.relative_to(run)}"
+
+
+def _add_line_again(run: Path, case: random.Random) -> str:
+    file = case.choice([run / "manifest.jsonl", run / "events.jsonl"])
+    lines = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(file.read_bytes() + case.choice(lines))
+    return f"a line of {file.name} stands again"
+
+
+def _add_frame(run: Path, case: random.Random) -> str:
+    file = case.choice(sorted((run / "frames").iterdir()))
+    (run / "frames" / "000900_scene_a000.fits").write_bytes(file.read_bytes())
+    return f"{file.name} stands again under another name"
+
+
+_DAMAGES: tuple[Damage, ...] = (
+    _bit,
+    _cut,
+    _cut_line,
+    _swap_lines,
+    _swap_frames,
+    _delete,
+    _delete_with_line,
+    _add,
+    _add_line_again,
+    _add_frame,
+)
+
+
+def faults(cases: int, *, seed: int, folder: Path) -> list[str]:
+    """Return what was let pass in so many damaged runs."""
+    whole, found = make_run(folder / "whole"), []
+    for number in range(cases):
+        out = folder / f"case-{number}"
+        done = damaged_copy(whole, out, random.Random(f"{seed}-{number}"))
+        problem = fault(out, whole)
+        if problem is not None:
+            found.append(f"case {number} of seed {seed}: {done}: {problem}")
+        shutil.rmtree(out)
+    return found
+
+
+def run_damaged(cases: int, *, seed: int = 1) -> bool:
+    """Run the trial; return whether nothing was let pass."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = faults(cases, seed=seed, folder=Path(folder))
+    for text in found:
+        print(text)
+    print(f"{cases} damaged runs, {len(found)} let pass")
+    return not found
+
+
+def main() -> int:
+    """Run the trial; return 1 where anything was let pass."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    return 0 if run_damaged(given.cases, seed=given.seed) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

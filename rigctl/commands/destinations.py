@@ -1,0 +1,160 @@
+"""Destinations of every command, in one table; each is tried before the command begins."""
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from rigctl.destination import (
+    Destination,
+    Kind,
+    edited_before,
+    keep_old,
+    origin_of,
+    remember_written,
+    require_free,
+    snapshot,
+)
+
+_FORCE = "force"
+# They decide how a result is told, and not what is in it.
+_TELLING = ("as_json", _FORCE)
+_COMPARED = ("comparison.json", "comparison.csv", "prediction.json", "measurement.json", "report.html", "report.pdf")
+_SERIES = ("series.json", "series.csv", "series.html", "series.pdf")
+_STOKES = ("stokes.fits", "dolp.fits", "aolp.fits", "saturated.fits", "missing.fits", "pictures.png", "aolp.png")
+_DETECTED = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
+_TRADED = tuple(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Place:
+    """One option of a command that names a destination."""
+
+    kind: Kind = "file"
+    names: tuple[str, ...] = ()
+
+
+_FILE = _Place()
+
+
+def _folder(*names: str) -> _Place:
+    return _Place(kind="folder", names=names)
+
+
+_NEW = _Place(kind="new")
+_DESTINATIONS: dict[str, dict[str, _Place]] = {
+    "acquire": {"out": _NEW},
+    "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE},
+    "calibrate flat": {"out": _FILE},
+    "calibrate noise": {"out": _FILE, "plot": _FILE, "report": _FILE, "defects": _FILE},
+    "calibrate radiometric": {"out": _FILE},
+    "calibrate registration": {"out": _FILE},
+    "compare": {"out": _folder(*_COMPARED, *_SERIES)},
+    "demo": {"out": _NEW},
+    "detect": {"out": _folder(*_DETECTED)},
+    "dolp estimators": {"out": _folder("estimators.png")},
+    "dolp fig5": {"out": _folder("fig5.png")},
+    "export": {"out": _NEW},
+    "fit surface": {"out": _FILE},
+    "predict": {"out": _folder("sweep.csv", "sweep.json", "sweep.png")},
+    "regions draw": {"out": _FILE},
+    "regions find": {"out": _FILE},
+    "regions mark": {"out": _FILE},
+    "sky": {"out": _folder("sky.png", "sky.json", "sky-aerosols.png", "sky-aerosols.json")},
+    "stage characterise": {"out": _FILE, "plot": _FILE},
+    "stokes": {"out": _folder(*_STOKES, "stokes.json")},
+    "summary": {"out": _FILE},
+    "surface": {"out": _folder("surface.png", "hemisphere.png", "surface.json")},
+    "tradeoff": {"out": _folder(*_TRADED)},
+}
+# What is written where nothing is said.
+_DEFAULTS: dict[str, Callable[[Mapping[str, Any]], Path]] = {"summary": lambda values: summary_page(values["run"])}
+
+
+def summary_page(run: Path) -> Path:
+    """Return where the page on a session goes: beside its run, which takes no results."""
+    whole = run.absolute()
+    return run.parent / f"{whole.name}-summary.html" if run.name else whole.parent / f"{whole.name}-summary.html"
+
+
+def with_tried_destinations(verb: str, command: Any) -> Any:
+    """Return a command that tries its destinations before it begins; commands of a group likewise."""
+    if isinstance(command, TyperGroup):
+        for name, one in command.commands.items():
+            with_tried_destinations(f"{verb} {name}", one)
+        return command
+    places = _DESTINATIONS.get(verb)
+    body = command.callback
+    if places is None or body is None:
+        return command
+    if any(place.kind != "new" for place in places.values()):
+        command.params.append(_force_option())
+
+    @functools.wraps(body)
+    def tried(**values: Any) -> Any:
+        force = bool(values.pop(_FORCE, False))
+        destinations = _destinations(verb, places, values)
+        if not destinations or values.get("dry_run"):
+            return body(**values)
+        inputs = _inputs(values, places)
+        options = {key: value for key, value in values.items() if key not in (*_TELLING, *places)}
+        origin = origin_of(verb, options, inputs)
+        require_free(destinations, origin, inputs=inputs, force=force)
+        edited, before = edited_before(destinations), snapshot(destinations)
+        try:
+            return body(**values)
+        finally:
+            keep_old(edited)
+            remember_written(destinations, before, origin)
+
+    command.callback = tried
+    return command
+
+
+def _force_option() -> Any:
+    """Return the option as the command line library makes it."""
+    app = typer.Typer(add_completion=False)
+
+    @app.command()
+    def forced(
+        force: Annotated[
+            bool, typer.Option("--force", help="Replace results of rigctl, of another command or of other inputs too.")
+        ] = False,
+    ) -> None:
+        """Have the option."""
+
+    return typer.main.get_command(app).params[0]
+
+
+def _destinations(verb: str, places: Mapping[str, _Place], values: Mapping[str, Any]) -> list[Destination]:
+    found = []
+    for option, place in places.items():
+        path = values.get(option)
+        if path is None and option == "out" and verb in _DEFAULTS:
+            path = _DEFAULTS[verb](values)
+        if path is not None:
+            kind = "edited" if _is_edited(verb, path, values) else place.kind
+            name = f"--{option.replace('_', '-')}"
+            found.append(Destination(option=name, path=Path(path), kind=kind, names=place.names))
+    return found
+
+
+def _is_edited(verb: str, path: Path, values: Mapping[str, Any]) -> bool:
+    """Return whether a regions file is to be written where it was read from."""
+    given = values.get("regions") if verb in ("regions mark", "regions find") else values.get("start")
+    return verb.startswith("regions ") and isinstance(given, Path) and given.resolve() == Path(path).resolve()
+
+
+def _inputs(values: Mapping[str, Any], places: Mapping[str, _Place]) -> list[Path]:
+    found: list[Path] = []
+    for key, value in values.items():
+        # A rig file that is written into is no input of the calibration.
+        if key in places or key == "write":
+            continue
+        many = value if isinstance(value, (list, tuple)) else (value,)
+        found += [one for one in many if isinstance(one, Path)]
+    return found

@@ -1,0 +1,285 @@
+"""Destinations of results: tried before any work, and never a file that somebody else made."""
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from rigctl.errors import ConfigError
+
+Kind = Literal["file", "folder", "new", "edited"]
+_RUN_FILES = ("session.json", "manifest.jsonl")
+# Where a format has a place for its writer, the word stands within this much of either end.
+_HEADER_BYTES = 65536
+_TEXT_FORMATS = (".toml", ".csv", ".txt")
+_MARK = b"rigctl"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Destination:
+    """Place that a command writes to.
+
+    Attributes
+    ----------
+    option : str
+        The option that names it.
+    path : Path
+        As it was given.
+    kind : {"file", "folder", "new", "edited"}
+        One file, files in a folder, something that must not be there yet, or a file that the command is to change.
+    names : tuple of str
+        The files of a folder, in it or in the folders of it.
+    """
+
+    option: str
+    path: Path
+    kind: Kind
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """Origin of results: a command, and what it read.
+
+    Attributes
+    ----------
+    command : str
+        The verb.
+    digest : str
+        Of its options and of the content of its inputs.
+    """
+
+    command: str
+    digest: str
+
+
+def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
+    """Return what results come from.
+
+    Parameters
+    ----------
+    command : str
+        The verb.
+    options : mapping
+        All that decides the results beside the inputs.
+    inputs : iterable of Path
+        Files and folders that are read; a run by its session file and manifest.
+    """
+    found = hashlib.sha256(repr(sorted((key, str(value)) for key, value in options.items())).encode())
+    for path in inputs:
+        for file in sorted(_files_of_input(path)):
+            with suppress(OSError), file.open("rb") as content:
+                found.update(hashlib.file_digest(content, "sha256").digest())
+    return Origin(command=command, digest=found.hexdigest())
+
+
+def require_free(destinations: Iterable[Destination], origin: Origin, *, inputs: Iterable[Path], force: bool) -> None:
+    """Refuse what cannot be written, or would replace what is not this program's to replace; nothing is changed.
+
+    Raises
+    ------
+    ConfigError
+        Every problem of every destination.
+    """
+    sources = {source.resolve() for source in inputs}
+    problems = []
+    seen: set[Path] = set()
+    for one in destinations:
+        try:
+            path = one.path.resolve()
+            problem = _problem(one, origin, force=force)
+            if path in seen:
+                problem = "another result goes there too"
+            elif path in sources and one.kind == "file":
+                problem = "is read by this very command: name another file"
+            seen.add(path)
+        except NotADirectoryError:
+            problem = "lies in a folder that is a file"
+        except OSError as error:
+            problem = error.strerror or str(error)
+        except (ValueError, RuntimeError) as error:
+            problem = str(error)
+        if problem:
+            problems.append(f"{one.option}: {one.path}: {problem}")
+    if problems:
+        raise ConfigError("\n".join(problems))
+
+
+def edited_before(destinations: Iterable[Destination]) -> dict[Path, bytes]:
+    """Return the content of the files that are to be edited."""
+    return {one.path: one.path.read_bytes() for one in destinations if one.kind == "edited" and one.path.is_file()}
+
+
+def keep_old(before: Mapping[Path, bytes]) -> None:
+    """Keep each file that was edited as it was, under its name with .bak.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be kept.
+    """
+    for path, content in before.items():
+        try:
+            if path.read_bytes() != content:
+                path.with_name(f"{path.name}.bak").write_bytes(content)
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be kept as {path.name}.bak: {error.strerror}") from error
+
+
+Snapshot = dict[Path, tuple[int, int, int]]
+
+
+def snapshot(destinations: Iterable[Destination]) -> Snapshot:
+    """Return which files stand at the destinations now."""
+    found: Snapshot = {}
+    for one in destinations:
+        for file in _present(one):
+            with suppress(OSError):
+                stat = file.stat()
+                found[file] = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
+    return found
+
+
+def remember_written(destinations: Iterable[Destination], before: Snapshot, origin: Origin) -> None:
+    """Note in the user's own folder which files were written, and from what: by that they are known again."""
+    after = snapshot(destinations)
+    for file, state in after.items():
+        if before.get(file) != state:
+            with suppress(OSError):
+                _remember(file, origin)
+
+
+def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
+    path = one.path
+    run = next((folder for folder in (path.absolute(), *path.absolute().parents) if _is_run(folder)), None)
+    if run is not None and one.kind != "new":
+        return f"lies in the run {run}, which takes no results: name a place beside it"
+    if one.kind == "new":
+        return "is there already, and is a file: name a new place" if path.is_file() else _untried(path)
+    if one.kind == "folder":
+        if path.exists() and not path.is_dir():
+            return "is a file; name a folder"
+        return _untried(path / "x") or _taken(_present(one), origin, force=force)
+    if path.is_dir():
+        return "is a folder; name a file"
+    if not path.absolute().parent.is_dir():
+        return "its folder does not exist"
+    if path.exists() and not path.is_file():
+        return "is no regular file"
+    return _untried(path) or (None if one.kind == "edited" else _taken(_present(one), origin, force=force))
+
+
+def _untried(path: Path) -> str | None:
+    """Return why a file of this name cannot be made; folders that are not there yet are not made for the trial."""
+    name = path.name
+    with suppress(FileNotFoundError):
+        path.lstat()  # refuses a name that is too long, or a file in the place of a folder
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    if not folder.is_dir():
+        return f"{folder} is a file"
+    if not name:
+        return "is no name of a file"
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return None
+    except OSError as error:
+        return f"cannot be written: {folder}: {error.strerror}"
+
+
+def _taken(files: Iterable[Path], origin: Origin, *, force: bool) -> str | None:
+    for file in sorted(files):
+        known = _remembered(file)
+        if known is None and not _says_rigctl(file):
+            return f"{_there(file)} was not written by rigctl: it is not replaced; name another place"
+        if known is not None and known.get("sha256") != _sha256(file):
+            return f"{_there(file)} was changed since rigctl wrote it: it is not replaced; move it away"
+        if not file.stat().st_mode & 0o222:
+            return f"{_there(file)} is read-only"
+        is_same = known is not None and (known.get("command"), known.get("digest")) == (origin.command, origin.digest)
+        if not force and not is_same:
+            return f"{_there(file)} is the result of another command or of other inputs: --force replaces it"
+    return None
+
+
+def _there(file: Path) -> str:
+    return f"{file.name} is there already, and"
+
+
+def _present(one: Destination) -> list[Path]:
+    if one.kind in ("file", "edited"):
+        return [one.path] if one.path.is_file() else []
+    if one.kind == "new" or not one.path.is_dir():
+        return []
+    names = set(one.names)
+    return [
+        Path(folder) / name
+        for folder, _, files in _near(one.path)
+        for name in files
+        if name in names and (Path(folder) / name).is_file()
+    ]
+
+
+def _near(path: Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Return a folder and the folders in it: no result lies deeper."""
+    for folder, folders, files in os.walk(path):
+        yield folder, folders, files
+        if Path(folder) != path:
+            folders.clear()
+
+
+def _is_run(folder: Path) -> bool:
+    return all((folder / name).is_file() for name in _RUN_FILES)
+
+
+def _files_of_input(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path] if path.is_file() else []
+    if _is_run(path):
+        return [path / name for name in _RUN_FILES]
+    return [file for file in path.iterdir() if file.is_file()]
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
+
+
+def _says_rigctl(file: Path) -> bool:
+    """Return whether the header of a file names this program as its writer."""
+    with file.open("rb") as content:
+        head = content.read(_HEADER_BYTES)
+        content.seek(max(file.stat().st_size - _HEADER_BYTES, 0))
+        tail = content.read(_HEADER_BYTES)
+    if file.suffix.lower() in _TEXT_FORMATS:
+        first = head.partition(b"\n")[0]
+        return first.startswith(b"#") and b"written by rigctl" in first
+    return _MARK in head or _MARK in tail
+
+
+def _note_of(file: Path) -> Path:
+    stated = os.environ.get("XDG_STATE_HOME", "")
+    base = Path(stated) if Path(stated).is_absolute() else Path.home() / ".local" / "state"
+    name = hashlib.sha256(os.fsencode(file.resolve())).hexdigest()
+    return base / "rigctl" / "results" / f"{name}.json"
+
+
+def _remember(file: Path, origin: Origin) -> None:
+    note = _note_of(file)
+    note.parent.mkdir(parents=True, exist_ok=True)
+    content = {"file": str(file.resolve()), "sha256": _sha256(file), "command": origin.command, "digest": origin.digest}
+    beside = note.with_name(f"{note.name}.{os.getpid()}")
+    beside.write_text(json.dumps(content), encoding="ascii")
+    beside.replace(note)
+
+
+def _remembered(file: Path) -> dict[str, object] | None:
+    try:
+        content = json.loads(_note_of(file).read_text(encoding="ascii"))
+    except (OSError, ValueError, RuntimeError):
+        return None
+    return content if isinstance(content, dict) else None

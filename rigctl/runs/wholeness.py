@@ -1,0 +1,149 @@
+"""Wholeness of a run: held against what its session has noted of itself, it is whole, unfinished or damaged."""
+
+import hashlib
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.errors import RunFolderError
+from rigctl.runs.run_description import SESSION_FILE
+from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closed_with, journal_problems, read_journal, sound_events
+from rigctl.runs.run_folder import MANIFEST_FILE, Contents, Run, read_contents, read_run
+
+State = Literal["whole", "unfinished", "damaged"]
+INPUTS_FOLDER = "inputs"
+_CLOSING_OF_OLD = ("finished", "imported")
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wholeness:
+    """Wholeness of a run, its frames apart.
+
+    Attributes
+    ----------
+    state : {"whole", "unfinished", "damaged"}
+        Whole is: every check holds, and the session has noted its end over these very frames.
+    problems : tuple of (file, problem)
+        What is damaged.
+    unchecked : tuple of str
+        What cannot be checked, since an older program made the run.
+    """
+
+    state: State
+    problems: tuple[tuple[str, str], ...]
+    unchecked: tuple[str, ...] = ()
+
+
+def used_run(path: Path) -> Run:
+    """Return a run whose frames are to become numbers; what is not whole about it is said in the log.
+
+    Raises
+    ------
+    RunFolderError
+        As `read_run`: a line, a frame or the session file is damaged or gone.
+    """
+    run = read_run(path)
+    found = wholeness(path, read_contents(path))
+    if found.state == "unfinished":
+        _LOG.warning("%s is unfinished: %d frames so far; `rigctl resume` goes on", path, len(run.frames))
+    if found.state == "damaged":
+        text = "; ".join(f"{file}: {problem}" for file, problem in found.problems)
+        _LOG.warning("%s is damaged, and its numbers are not to be trusted: %s; see `rigctl verify`", path, text)
+    return run
+
+
+def wholeness(path: Path, contents: Contents) -> Wholeness:
+    """Return how whole a run is, its frames apart: session file, manifest, events and inputs.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder.
+    contents : Contents
+        What it holds.
+    """
+    problems = list(contents.problems)
+    events: list[RunEvent] = []
+    try:
+        journal = read_journal(path)
+        problems += [(EVENTS_FILE, text) for text in journal_problems(journal)]
+        events = [event for _, event in sound_events(journal)]
+        is_torn = journal.is_torn
+    except RunFolderError as error:
+        problems.append((EVENTS_FILE, str(error)))
+        is_torn = False
+    description = contents.description
+    if description is None:
+        return Wholeness(state="damaged", problems=tuple(problems))
+    problems += _input_problems(path, description.session, any_frames=bool(contents.frames))
+    if description.is_sealed:
+        is_closed, contradictions = _closing(events, contents)
+        unchecked: tuple[str, ...] = ()
+    else:
+        is_closed, contradictions = _closing_of_old(events, description.session), []
+        unchecked = (f"{MANIFEST_FILE}, {EVENTS_FILE} and {SESSION_FILE} carry no checksums: {description.created_by}",)
+    problems += contradictions
+    if is_closed and (contents.torn_manifest_line or is_torn):
+        problems.append((EVENTS_FILE if is_torn else MANIFEST_FILE, "goes on after the session had finished"))
+    if problems:
+        return Wholeness(state="damaged", problems=tuple(problems), unchecked=unchecked)
+    return Wholeness(state="whole" if is_closed else "unfinished", problems=(), unchecked=unchecked)
+
+
+def is_of_session(session: Mapping[str, Any]) -> bool:
+    """Return whether a session took the run: it was not imported, nor made by something else."""
+    return "session" in session and "rig" in session
+
+
+def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tuple[str, str]]]:
+    """Return whether the last word of the events closes these very frames, and what contradicts that."""
+    closings = [(place, closed) for place, event in enumerate(events) if (closed := closed_with(event)) is not None]
+    if not closings:
+        return False, []
+    place, (frames, link) = closings[-1]
+    links = contents.links
+    if links and links[-1] == link:
+        return True, []
+    # A kill after the next frames were named, before they were closed, or while a session that had finished goes on.
+    is_later = len(links) > frames and links[frames] == link
+    if is_later or any(event.event == "resumed" for event in events[place + 1 :]):
+        return False, []
+    text = f"the session closed with {frames} frames, and these are others: {len(contents.frames)} are named"
+    return False, [(MANIFEST_FILE, text)]
+
+
+def _closing_of_old(events: list[RunEvent], session: Mapping[str, Any]) -> bool:
+    return not is_of_session(session) or any(event.event in _CLOSING_OF_OLD for event in events)
+
+
+def _input_problems(path: Path, session: Mapping[str, Any], *, any_frames: bool) -> list[tuple[str, str]]:
+    """Return which of the files that the run was made from are not those that it was made from."""
+    problems = []
+    for what, stated in stated_inputs(session).items():
+        name = f"{INPUTS_FOLDER}/{what}.toml"
+        try:
+            found = hashlib.sha256(read_bounded(path / name, MOST_RECORD_BYTES)).hexdigest()
+        except FileNotFoundError:
+            # They are written after the session file: a kill in between leaves a run without frames and without them.
+            if any_frames:
+                problems.append((name, "missing"))
+            continue
+        except OSError as error:
+            problems.append((name, f"cannot be read: {error.strerror}"))
+            continue
+        if found != stated.removeprefix("sha256:"):
+            problems.append((name, "damaged or edited: its checksum is not the one of the session file"))
+    return problems
+
+
+def stated_inputs(session: Mapping[str, Any]) -> dict[str, str]:
+    """Return the checksums of the inputs by what they are, as the session file has them."""
+    files = session.get("files")
+    if not isinstance(files, dict):
+        return {}
+    found = {what: entry.get("sha256") for what, entry in files.items() if isinstance(entry, dict)}
+    return {what: value for what, value in found.items() if isinstance(value, str)}
