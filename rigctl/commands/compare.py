@@ -49,6 +49,9 @@ def command(
         typer.Option(metavar="NAME,...", help="Correct by what the run itself shows: throughput, dark-level, shift."),
     ] = None,
     alpha: Annotated[float, typer.Option(metavar="A", help="Chance of any false disagreement.")] = 1e-3,
+    anonymous: Annotated[
+        bool, typer.Option("--anonymous", help="Leave serial numbers, ports, site and folders out of the report.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Set a run beside what the model says of it; write report.html, report.pdf and the numbers as JSON and CSV.
@@ -82,6 +85,7 @@ def command(
         alpha=alpha,
         scale=scale,
         correct=() if correct is None else correctable(correct),
+        anonymous=anonymous,
     )
     if len(runs) > 1:
         _compare_many(runs, request, out=out, as_json=as_json)

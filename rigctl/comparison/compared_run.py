@@ -41,11 +41,14 @@ class Provenance:
         Family-wise error rate: chance of any false disagreement.
     scale : {"absolute", "panel", "free"}
         What the counts of a prediction were scaled by.
+    anonymous : bool
+        A report says no serial numbers, ports, site and folders.
     """
 
     files: dict[str, UsedFile]
     alpha: float
     scale: ScaleKind
+    anonymous: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -45,6 +45,8 @@ class CompareRequest:
         What the counts of a prediction are scaled by.
     correct : tuple of str
         Faults that frames are corrected by, as the run itself shows them: "throughput", "dark-level", "shift".
+    anonymous : bool
+        The report says no serial numbers, ports, site and folders.
     """
 
     scene: Path | SceneFile | None = None
@@ -53,6 +55,7 @@ class CompareRequest:
     alpha: float = 1e-3
     scale: ScaleKind = "absolute"
     correct: tuple[str, ...] = ()
+    anonymous: bool = False
 
 
 def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = None) -> ComparedRun:
@@ -170,4 +173,5 @@ def _provenance(run_path: Path, request: CompareRequest) -> Provenance:
         files={what: used_file(path) for what, path in files.items() if isinstance(path, Path)},
         alpha=request.alpha,
         scale=request.scale,
+        anonymous=request.anonymous,
     )

@@ -25,6 +25,7 @@ from rigctl.reports.tables.fault_table import fault_table
 from rigctl.reports.tables.performance_tables import detection_table, strength_table
 from rigctl.reports.tables.provenance_json import provenance_json
 from rigctl.reports.tables.row_table import mixed_row_table, row_table
+from rigctl.reports.tables.told_places import told_places
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
 _SHOWN_DISAGREEMENTS = 12
@@ -261,22 +262,21 @@ def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
 
 
 def _sources(found: ComparedRun) -> Iterable[Section]:
-    facts = Table(
-        columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(_facts(found.measurement).items())
-    )
-    yield Section(title="Where it comes from", blocks=(facts,))
+    facts = _facts(found.measurement, anonymous=found.provenance.anonymous)
+    told = Table(columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(facts.items()))
+    yield Section(title="Where it comes from", blocks=(told,))
     provenance = Verbatim(text=json.dumps(provenance_json(found), indent=2))
     yield Section(title="Provenance in full", blocks=(provenance,), folded=True)
 
 
-def _facts(measurement: Measurement) -> dict[str, str]:
+def _facts(measurement: Measurement, *, anonymous: bool) -> dict[str, str]:
     grid, first = measurement.grid, measurement.grid.records[0][0]
     exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
     return {
-        "run": str(measurement.run.path),
+        "run": told_places(str(measurement.run.path), anonymous=anonymous),
         "frames come from": measurement.run.session.origin or "not said",
-        "camera": f"{first.camera_model or 'not known'}, serial number {first.camera_serial or 'not known'}",
-        "stage": f"{first.stage_model or 'not known'}, serial number {first.stage_serial or 'not known'}",
+        "camera": f"{first.camera_model or 'not known'}, serial number {_serial(first.camera_serial, anonymous)}",
+        "stage": f"{first.stage_model or 'not known'}, serial number {_serial(first.stage_serial, anonymous)}",
         "polarizer angles, measured [deg]": ", ".join(f"{a * _DEG_PER_RAD:.3f}" for a in grid.polarizer_angles_rad),
         "extinction ratio of the polarizer": f"{measurement.extinction_ratio:g}",
         "cycles": str(grid.cycles),
@@ -286,3 +286,7 @@ def _facts(measurement: Measurement) -> dict[str, str]:
         "missing pixels in the picture": str(int(measurement.missing.sum())),
         "first frame": first.start_utc or "not known",
     }
+
+
+def _serial(text: str | None, is_left_out: bool) -> str:
+    return "left out" if is_left_out else text or "not known"

@@ -5,6 +5,7 @@ from importlib.metadata import version
 from typing import Any
 
 from rigctl.comparison.compared_run import ComparedRun
+from rigctl.reports.tables.told_places import told_places
 from rigctl.version import VERSION
 
 # Of these figures in the last digit, and single pixels of figures, depend.
@@ -12,7 +13,12 @@ _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", 
 
 
 def provenance_json(found: ComparedRun) -> dict[str, Any]:
-    """Return what a comparison was made from and with, as JSON holds it."""
+    """Return what a comparison was made from and with, as JSON holds it, without absolute paths."""
+    told: dict[str, Any] = told_places(_provenance(found), anonymous=found.provenance.anonymous)
+    return told
+
+
+def _provenance(found: ComparedRun) -> dict[str, Any]:
     run, used = found.measurement.run, found.provenance
     return {
         "program": f"rigctl {VERSION}",
