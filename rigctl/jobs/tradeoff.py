@@ -48,10 +48,20 @@ def trade_accuracy(
         A file is wrong, or a tolerance is outside its range.
     """
     predictor = ScenePredictor(load_scene(scene), None if noise is None else read_noise_file(noise), light=SceneLight())
+    try:
+        curves = _curves(predictor, tolerances, also, progress)
+    except ValueError as error:
+        raise ConfigError(f"scene {predictor.scene.name}: {error}") from error
+    if out is not None:
+        write_accuracy_tradeoff(curves, out)
+    return curves
+
+
+def _curves(
+    predictor: ScenePredictor, tolerances: Sequence[float], also: Sequence[str], progress: Progress | None
+) -> Curves:
     for done, step in enumerate(accuracy_curves(predictor, tolerances, also=also)):
         if isinstance(step, Curves):
-            if out is not None:
-                write_accuracy_tradeoff(step, out)
             return step
         if progress is not None:
             progress(step, done, steps(tolerances))

@@ -92,8 +92,9 @@ def _lit(
     return HardCase(name=name, text=text, surface=surface)
 
 
-def _surface(*, n: float = 1.5, k: float = 0.0, slope_rms: float = 0.2) -> str:
-    return f'name = "made"\nn = {n}\nk = {k}\nslope_rms = {slope_rms}\ndhr = 0.05\n'
+def _surface(*, n: float = 1.5, k: float = 0.0, slope_rms: float = 0.2, dhr: float | None = 0.05) -> str:
+    stated = "" if dhr is None else f"dhr = {dhr}\n"
+    return f'name = "made"\nn = {n}\nk = {k}\nslope_rms = {slope_rms}\n{stated}'
 
 
 _FIELD = "[field_of_view]\nwidth_deg = {0}\nheight_deg = {1}\n"
@@ -138,7 +139,7 @@ HARD_CASES: tuple[HardCase, ...] = (
     _lit("sun 90 deg", zenith_deg=90.0),
     _lit("sun 96 deg, below", zenith_deg=96.0),
     _lit("aerosol of depth 0", air="aerosol_optical_depth = 0.0"),
-    _lit("optical depth 50", tier='"fast"\naerosol_optical_depth = 50.0'),
+    _lit("aerosol of depth 3", air="aerosol_optical_depth = 3.0"),
     _lit("ground albedo 1", air="visibility_km = 23.0\nground_albedo = 1.0"),
     _lit("camera on the ground", camera_height_m=0.0),
     _lit("camera 100 km up", camera_height_m=100000.0),
@@ -146,5 +147,5 @@ HARD_CASES: tuple[HardCase, ...] = (
     _lit("field 60 x 40 deg", more=_FIELD.format(60, 40), extent='extent = "field"\n'),
     _lit("field 170 x 60 deg", more=_FIELD.format(169, 60), extent='extent = "field"\n', camera_zenith_deg=0.0),
     _lit("index 1 + 1e-6", surface=_surface(n=1.000001)),
-    _lit("metal: index 0.2 + 3 i", surface=_surface(n=0.2, k=3.0)),
+    _lit("metal: index 0.2 + 3 i", surface=_surface(n=0.2, k=3.0, dhr=None)),
 )

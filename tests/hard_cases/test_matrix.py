@@ -4,6 +4,7 @@ import pytest
 
 from tests.hard_cases.cases import HARD_CASES
 from tests.hard_cases.matrix import COLUMNS, Cell, cell
+from tests.hard_cases.page import PAGE, rows_of
 
 _BY_NAME = {column.name: column for column in COLUMNS}
 # The law of a singular covariance takes seconds; the page has it.
@@ -39,3 +40,14 @@ def test_a_region_without_noise_has_a_tolerance_and_a_tradeoff(tmp_path):
     case = next(one for one in HARD_CASES if one.name == "zero noise")
     found = _cells(case, ("--tolerance", "tradeoff"), tmp_path)
     assert [one.exit_code for one in found.values()] == [0, 0]
+
+
+def test_the_page_holds_every_cell_and_no_fault():
+    rows = rows_of(PAGE)
+    assert set(rows) == {case.name for case in HARD_CASES}
+    for line in rows.values():
+        cells = [part.strip() for part in line.strip("|").split("|")]
+        assert len(cells) == len(COLUMNS) + 1
+        assert all(cells)
+        assert "**" not in line
+        assert "skipped" not in line

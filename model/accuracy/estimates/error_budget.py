@@ -81,7 +81,8 @@ def _of_region(
     differ = sum((error.field for error in errors.values()), np.zeros(3))
     stepped = steps(region, tolerance=tolerance)
     others: dict[str, RegionLight] = {}
-    if np.any(differ):
+    is_known = bool(np.all(np.isfinite(differ)))
+    if is_known and np.any(differ):
         others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
     if (finer := on_more_tiles(scene, result, region.name)) is not None:
         others[TILES] = finer
@@ -89,8 +90,12 @@ def _of_region(
     moves = stepped.per_unit(found[: len(stepped.lights)])
     changed = dict(zip(others, found[len(stepped.lights) :], strict=True))
     for setting, error in errors.items():
+        if not np.all(np.isfinite(error.field)):
+            # Nothing is known of the light there, as of the air along a line of sight at the horizon.
+            yield setting, dict.fromkeys((key for each in moves for key in each), np.inf)
+            continue
         yield setting, _moved(moves, error)
-        if np.any(error.field):
+        if is_known and np.any(error.field):
             share = float(np.mean((error.field / differ)[differ > 0.0]))
             yield setting, {key: share * abs(change) for key, change in changed[_WIDER].items()}
     if TILES in changed:
