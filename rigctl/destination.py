@@ -168,7 +168,7 @@ def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     if path.is_dir():
         return "is a folder; name a file"
     if not path.absolute().parent.is_dir():
-        return "its folder does not exist"
+        return f"there is no folder {path.absolute().parent}; its folder does not exist"
     if path.exists() and not path.is_file():
         return "is no regular file"
     return _untried(path) or (None if one.kind == "edited" else _taken(_present(one), origin, force=force))

@@ -126,7 +126,8 @@ def event_line(event: RunEvent) -> str:
 
 def event_facts(event: RunEvent) -> str:
     """Return what is known of an event in words."""
-    return "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in event.facts.items())
+    told = {name: value for name, value in event.facts.items() if name not in (_FRAMES_FACT, _CHAIN_FACT)}
+    return "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in told.items())
 
 
 def _said(value: object) -> str:
