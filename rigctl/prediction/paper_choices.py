@@ -80,7 +80,7 @@ def named_choices(
     for count, per_side in _TILES.items():
         tiled = replace(fine, tiles_per_side=per_side, tile_rule="midpoint", negligible_spread=0.0)
         yield _evaluated(f"K = {count} midpoint tiles", scene, tiled, truth, clock)
-    yield _evaluated("10 deg sky", scene, replace(fine, sky_zeniths=9, sky_azimuths=36), truth, clock)
+    yield _evaluated("sky kept every 10 deg", scene, replace(fine, sky_zeniths=9, sky_azimuths=36), truth, clock)
     yield _evaluated(
         "one effective wavelength", scene, replace(fine, wavelengths=1, split_at_kinks=False), truth, clock
     )
