@@ -53,9 +53,9 @@ def command(
 ) -> None:
     """Print error against time: of each numerical setting and of the whole chain, and the floor of uncertain inputs.
 
-    Beside them stand choices of the paper (midpoint tiles, a 10 deg sky, first-order DoLP, draws for the ROC, one
-    wavelength, single scattering), and your own by --also. Times are measured on this machine, now. True errors are
-    against finer settings of all.
+    Beside them stand choices of the paper (midpoint tiles, a sky kept every 10 deg, first-order DoLP, draws for the
+    ROC, one wavelength, single scattering), and your own by --also. Times are measured on this machine, now. True
+    errors are against finer settings of all.
 
     Example: rigctl tradeoff examples/scene-airborne.toml --out tradeoff
 
