@@ -133,7 +133,8 @@ def _table(path: Path) -> dict[str, Any]:
 
 def describe(path: Path, error: ValidationError, model: type[BaseModel] | None = None) -> str:
     """Return every problem of a file as text, one a line: key, what is wrong, what was found, what was meant."""
-    return _listed(path, _problems(error.errors(include_url=False), model))
+    problems = _problems(error.errors(include_url=False), model, dotted=path.suffix == ".json")
+    return _listed(path, problems)
 
 
 def _first_line(error: Exception) -> str:
@@ -145,7 +146,7 @@ def _listed(path: Path, problems: Sequence[str]) -> str:
     return "\n".join([f"{path}: {count}", *(f"  {line}" for line in problems)])
 
 
-def _problems(details: Sequence[Any], model: type[BaseModel] | None) -> list[str]:
+def _problems(details: Sequence[Any], model: type[BaseModel] | None, *, dotted: bool = False) -> list[str]:
     """Return a line for each key that is wrong; what a value of several allowed kinds is not, in one line."""
     by_key: dict[Key, list[Any]] = defaultdict(list)
     for detail in details:
@@ -153,7 +154,9 @@ def _problems(details: Sequence[Any], model: type[BaseModel] | None) -> list[str
     # Of a list, its items say more than that it is no number.
     inner = {key[:size] for key in by_key for size in range(len(key))}
     told = {key: found for key, found in by_key.items() if len(found) == 1 or key not in inner}
-    return [_problem(key, found, model) for key, found in told.items()]
+    # Tables are counted as in TOML; JSON, which programs wrote, has its keys with dots.
+    texts = {key: ".".join(map(str, key)) if dotted else place_text(key) for key in told}
+    return [_problem(key, texts[key], found, model) for key, found in told.items()]
 
 
 def _key(place: Sequence[int | str]) -> Key:
@@ -161,8 +164,8 @@ def _key(place: Sequence[int | str]) -> Key:
     return tuple(part for part in place if not (isinstance(part, str) and _KIND_TRIED.fullmatch(part)))
 
 
-def _problem(key: Key, details: Sequence[Any], model: type[BaseModel] | None) -> str:
-    name, first = place_text(key) or "(whole file)", details[0]
+def _problem(key: Key, place: str, details: Sequence[Any], model: type[BaseModel] | None) -> str:
+    name, first = place or "(whole file)", details[0]
     if first["type"] == "extra_forbidden":
         return f"{name}: is no known key{_found(first['input'])}{meant(key, model)}"
     if first["type"] == "missing":

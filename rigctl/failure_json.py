@@ -20,7 +20,12 @@ _KEY = re.compile(r"^\s*(--[a-z][a-z-]*|(?:\w+ \[\[[\w.]+\]\], )?[A-Za-z_][\w.]*
 
 
 def failure_json(code: int, message: str, *, verb: str) -> str:
-    """Return a failure as a line of JSON.
+    """Return a failure as a line of JSON, `failure_content` as text."""
+    return json.dumps(failure_content(code, message, verb=verb), indent=2) + "\n"
+
+
+def failure_content(code: int, message: str, *, verb: str) -> dict[str, dict[str, object]]:
+    """Return a failure as JSON holds it, under "error".
 
     Parameters
     ----------
@@ -33,7 +38,7 @@ def failure_json(code: int, message: str, *, verb: str) -> str:
     """
     kind, step = _KINDS.get(code, ("failure", "`rigctl {verb} --help`"))
     error = {"code": code, "kind": kind, "message": message, "key": _key(message), "next": step.format(verb=verb)}
-    return json.dumps({"error": error}, indent=2) + "\n"
+    return {"error": error}
 
 
 def _key(message: str) -> str | None:

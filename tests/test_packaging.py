@@ -22,8 +22,9 @@ def test_every_folder_of_code_and_of_tests_is_a_package():
 
 
 def test_packages_hand_nothing_on():
+    # The public Python interface is the one that does: lazy names only.
     filled = [file for name in OURS for file in (ROOT / name).rglob("__init__.py") if file.read_text().strip()]
-    assert filled == []
+    assert filled == [ROOT / "rigctl" / "__init__.py"]
 
 
 def test_every_direct_dependency_has_a_tested_version():

@@ -10,6 +10,7 @@ from calibration.errors import RefusedFramesError
 from drivers.cameras.raw_planes import PLANES
 from rigctl.bounded_file import MOST_FRAME_MB
 from rigctl.choices import EXPOSURE_UNITS
+from rigctl.cli import EXIT_DATA
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
@@ -18,6 +19,7 @@ from rigctl.commands.calibrate_registration import registration
 from rigctl.commands.frame_size_option import MaxFrameMb, frame_bytes
 from rigctl.commands.option_text import OptionTexts
 from rigctl.errors import ConfigError
+from rigctl.failure_json import failure_content
 from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
@@ -91,9 +93,13 @@ def noise(
     try:
         found = _calibrated(request)
     except RefusedFramesError as error:
-        if as_json:
-            print_json({**dict.fromkeys(QUANTITIES), "flags": flags_json(error.flags)})
-        raise
+        if not as_json:
+            raise
+        # One answer for programs: the flags beside the failure.
+        failed = failure_content(EXIT_DATA, str(error), verb="calibrate")
+        print_json({**dict.fromkeys(QUANTITIES), "flags": flags_json(error.flags), **failed})
+        progress().print(f"rigctl: {error}")
+        raise typer.Exit(EXIT_DATA) from error
     if as_json:
         print_json(found.content)
     else:

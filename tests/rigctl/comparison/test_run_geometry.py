@@ -7,7 +7,7 @@ from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import Run, read_run
+from rigctl.runs.run_folder import Run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.session_record import session_record
 from tests.rigctl.example_files import EXAMPLES
@@ -103,10 +103,9 @@ def test_phi_is_kept_and_said_so(tmp_path):
 
 
 def test_a_damaged_site_is_refused(tmp_path):
-    with RunWriter.create(tmp_path / "run", {"rig": {"site": {"latitude_deg": 143.0, "longitude_deg": 0.0}}}):
-        pass
-    with pytest.raises(DataError, match=r"session\.json: session\.rig\.site\.latitude_deg"):
-        read_run(tmp_path / "run")
+    damaged = {"rig": {"site": {"latitude_deg": 143.0, "longitude_deg": 0.0}}}
+    with pytest.raises(DataError, match=r"session\.rig\.site\.latitude_deg"):
+        RunWriter.create(tmp_path / "run", damaged)
 
 
 def test_an_agreeing_run_needs_no_word(scene):

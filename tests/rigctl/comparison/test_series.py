@@ -115,7 +115,7 @@ def test_the_command_takes_several_runs_and_refuses_a_stranger(
     (tmp_path / "strange").mkdir()
     stranger = afternoon(tmp_path / "strange", monkeypatch, runs=1, camera_serial="8")
     stranger[0].rename(tmp_path / "strange" / "other")
-    assert main(["compare", *paths, str(tmp_path / "strange" / "other"), *words]) == EXIT_DATA
+    assert main(["compare", *paths, str(tmp_path / "strange" / "other"), *words, "--force"]) == EXIT_DATA
     assert "do not belong" in capsys.readouterr().err
 
 

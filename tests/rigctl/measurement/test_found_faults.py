@@ -30,7 +30,7 @@ def run_with(folder: Path, faults: Faults) -> Run:
 
 def stokes(folder: Path, *words: str) -> tuple[int, dict[str, object]]:
     given = ["stokes", str(folder / "run"), "--regions", str(folder / "regions.toml"), "--out", str(folder / "out")]
-    code = main([*given, *words])
+    code = main([*given, *words, "--force"])
     return code, json.loads((folder / "out" / "stokes.json").read_text())
 
 

@@ -99,7 +99,7 @@ def test_a_calibration_without_throughput_divides_nothing_and_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run, path = dim_run(tmp_path / "run"), kept(tmp_path, POLARIZER | {"channels": None})
-    arguments = ["stokes", str(run.path), "--out", str(tmp_path / "stokes"), "--polarizer"]
+    arguments = ["stokes", str(run.path), "--out", str(tmp_path / "stokes"), "--force", "--polarizer"]
     assert main([*arguments, str(path)]) == 0
     assert "it holds no throughput" in " ".join(capsys.readouterr().err.split())
     assert main([*arguments, str(kept(tmp_path, POLARIZER))]) == 0

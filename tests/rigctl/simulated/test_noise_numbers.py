@@ -4,6 +4,7 @@ import pytest
 
 from rigctl.runs.run_events import RunEvent
 from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
 from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers, number_after
 from tests.rigctl.example_files import small_rig, small_session
@@ -55,8 +56,8 @@ def test_noise_over_the_network_is_drawn_anew_after_each_beginning(run):
     first, second = small_camera(), small_camera()
     assert not FreshNoise(first, run).begin_step(2)
     assert first.next_sequence == 0
-    with (run / "events.jsonl").open("a", encoding="utf-8") as events:
-        events.write('{"event": "resumed"}\n')
+    with RunWriter.append(run) as writer:
+        writer.event("resumed")
     noise = FreshNoise(second, run)
     assert not noise.begin_step(2)
     begun = second.next_sequence

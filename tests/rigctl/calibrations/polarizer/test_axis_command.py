@@ -37,7 +37,7 @@ def generator_csv(folder: Path) -> Path:
 
 def calibrate(tmp_path: Path, *arguments: str) -> dict[str, Any]:
     out = tmp_path / "polarizer.json"
-    assert main(["calibrate", "axis", *arguments, "--out", str(out)]) == 0
+    assert main(["calibrate", "axis", *arguments, "--out", str(out), "--force"]) == 0
     content: dict[str, Any] = json.loads(out.read_text())
     return content
 
