@@ -1,0 +1,105 @@
+"""Code blocks of the pages: what stands in them, and whether commands and their options are those of the program."""
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+from markdown_it import MarkdownIt
+
+from rigctl import cli
+
+ROOT = Path(__file__).parents[2]
+# `<!-- hardware -->` before a block: not run, since it needs a device; `browser`: a person at a browser; `shown`: it is
+# not for running; `elsewhere: WHERE`: another part of CI runs it; `exit N`: the last command ends with this code.
+_MARK = re.compile(r"<!-- (hardware|browser|shown|elsewhere|exit \d+)(?:: [^>]*)? -->")
+LANGUAGES = ("sh", "toml", "python", "text", "mermaid")
+_GROUP = typer.main.get_command(cli.app)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """One block of code of a page."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+    mark: str
+
+    @property
+    def place(self) -> str:
+        """File and line, as an editor takes them."""
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+    @property
+    def commands(self) -> list[list[str]]:
+        """Commands of a shell block, as words; pages use neither pipes nor variables."""
+        lines = self.text.replace("\\\n", " ").replace("; ", "\n").splitlines()
+        return [words for words in (shlex.split(line, comments=True) for line in lines) if words]
+
+
+def pages() -> list[Path]:
+    """Return all pages that people read, those that the build of the site makes left out."""
+    found = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
+    return sorted(page for page in found if "made" not in page.parts and page.name != "CHANGELOG.md")
+
+
+def blocks_of(page: Path) -> Iterator[Block]:
+    """Yield the blocks of a page, from top to bottom."""
+    mark = ""
+    for token in MarkdownIt("commonmark").parse(page.read_text(encoding="utf-8")):
+        if token.type in ("fence", "code_block"):
+            language = token.info.strip()
+            if not language.startswith("{"):  # a directive of the site
+                yield Block(page=page, line=(token.map or [0])[0] + 1, language=language, text=token.content, mark=mark)
+        found = _MARK.fullmatch(token.content.strip()) if token.type == "html_block" else None
+        mark = found[1] if found else ""
+
+
+def problem_of(block: Block) -> str | None:
+    """Return what is wrong with a block; None where nothing is."""
+    if block.language not in LANGUAGES and (
+        block.language or re.search(r"^(rigctl|import) ", block.text, re.MULTILINE)
+    ):
+        return f"is {block.language or 'indented'!r}; a block is fenced, and one of {', '.join(LANGUAGES)}"
+    try:
+        if block.language == "toml":
+            tomllib.loads(block.text)
+        elif block.language == "python":
+            compile(block.text, block.place, "exec")
+        elif block.language == "sh":
+            for words in block.commands:
+                _check_command(words)
+    except (ValueError, SyntaxError, typer.BadParameter) as error:
+        return str(error)
+    except Exception as error:
+        if not hasattr(error, "format_message"):
+            raise
+        return str(error.format_message())
+    return None
+
+
+def _check_command(words: list[str]) -> None:
+    """Raise an error where a command of ours, or a target of make, is not as it stands there."""
+    program = Path(words[0]).name
+    if program == "rigctl":
+        command = _GROUP
+        given = words[1:]
+        while hasattr(command, "get_command"):
+            if given[0].startswith("-"):
+                return
+            found = command.get_command(None, given[0])
+            if found is None:
+                raise ValueError(f"there is no command {given[0]}")
+            command, given = found, given[1:]
+        if "--help" not in given:
+            command.make_context(program, list(given))
+    elif program == "make":
+        targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+        unknown = [word for word in words[1:] if "=" not in word and word not in targets]
+        if unknown:
+            raise ValueError(f"there is no target {unknown[0]}")
