@@ -7,17 +7,17 @@ from typing import Literal
 
 from model.surface.material_library import MATERIALS
 from model.surface.materials import properties
-from rigctl.choices import RoofChange
 from rigctl.comparison.checks import registration_of, run_checks
 from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.files.choices import RoofChange
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
 from rigctl.measurement.measurement import measure
+from rigctl.numbers.utc_time import unix_ns
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
 from rigctl.simulated.simulation import with_simulation
-from rigctl.utc_time import unix_ns
 
 Hour = Literal["noon", "morning"]
 TIMES: dict[Hour, datetime] = {

@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import EVENTS_FILE, read_events
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, read_run
 from rigctl.runs.verification import verify_run
-from rigctl.utc_time import NS_PER_S, utc_text
 from sim_devices.truth_log import TrueFrame, read_truth
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

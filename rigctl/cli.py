@@ -17,11 +17,11 @@ from typer.core import TyperGroup
 
 from calibration.errors import CalibrationError
 from drivers.errors import DeviceError
-from rigctl.commands.destinations import with_tried_destinations
-from rigctl.console_streams import lasting_streams, visible
+from rigctl.console.console_streams import lasting_streams, visible
+from rigctl.console.destination_options import with_tried_destinations
+from rigctl.console.failure_json import failure_json
 from rigctl.errors import ConfigError, DataError
-from rigctl.failure_json import failure_json
-from rigctl.number_range import with_options_in_range
+from rigctl.numbers.number_range import with_options_in_range
 
 # 0 (done) and 130 (interrupted) are the command line library's own.
 EXIT_USAGE = 2

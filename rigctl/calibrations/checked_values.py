@@ -5,7 +5,7 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import AfterValidator, Field
 
-from rigctl.utc_time import is_utc_text
+from rigctl.numbers.utc_time import is_utc_text
 
 # No quantity of a camera or a stage is larger, in any unit that a file has it in, and the square of it is finite.
 _LARGEST = 1e12

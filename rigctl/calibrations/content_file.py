@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
-from rigctl.config import describe
-from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.config import describe
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.storage.durable_file import write_durably
 
 Record = TypeVar("Record")
 

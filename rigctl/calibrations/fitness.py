@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.errors import DataError
-from rigctl.utc_time import utc_moment
+from rigctl.numbers.utc_time import utc_moment
 
 # What has to be the same, by what it is called, as far as both sides know it. A gain is a number that was read back.
 _CAMERA = {

@@ -10,9 +10,9 @@ from pydantic import Field
 
 from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText
 from rigctl.files.rig_file import RigFile
+from rigctl.numbers.utc_time import is_utc_text
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
-from rigctl.utc_time import is_utc_text
 
 _Fact = TypeVar("_Fact")
 Count = Annotated[int, Field(ge=1)]

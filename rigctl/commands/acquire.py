@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.choices import ROOF_CHANGES, RoofChange
 from rigctl.cli import EXIT_INCOMPLETE
-from rigctl.commands.time_option import time_option
+from rigctl.console.options import time_option
+from rigctl.console.terminal import progress, results, warn
+from rigctl.files.choices import ROOF_CHANGES, RoofChange
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import progress, results, warn
 
 if TYPE_CHECKING:
     from rigctl.jobs.acquire import PreparedSession

@@ -8,19 +8,18 @@ from rich.progress import Progress
 
 from calibration.errors import RefusedFramesError
 from drivers.cameras.raw_planes import PLANES
-from rigctl.bounded_file import MOST_FRAME_MB
-from rigctl.choices import EXPOSURE_UNITS
 from rigctl.cli import EXIT_DATA
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
 from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
-from rigctl.commands.frame_size_option import MaxFrameMb, frame_bytes
-from rigctl.commands.option_text import OptionTexts
+from rigctl.console.failure_json import failure_content
+from rigctl.console.options import MaxFrameMb, OptionTexts, frame_bytes
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError
-from rigctl.failure_json import failure_content
-from rigctl.terminal import print_json, progress, results
+from rigctl.files.choices import EXPOSURE_UNITS
+from rigctl.storage.bounded_file import MOST_FRAME_MB
 
 if TYPE_CHECKING:
     from rigctl.jobs.calibrate_noise import CalibratedNoise, NoiseRequest

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.terminal import print_json, results
+from rigctl.console.terminal import print_json, results
 
 if TYPE_CHECKING:
     from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.reports.table import Table, text_columns
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
     from rigctl.calibrations.radiometric_file import Response

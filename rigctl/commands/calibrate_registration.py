@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.console.terminal import print_json, results
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, results
 
 if TYPE_CHECKING:
     from rigctl.calibrations.registration.register_run import AngleShift

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.choices import ScaleKind
 from rigctl.cli import EXIT_DATA, EXIT_DISAGREES
+from rigctl.console.terminal import print_json, results, warn
+from rigctl.files.choices import ScaleKind
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, results, warn
 
 if TYPE_CHECKING:
     from rigctl.comparison.compared_run import ComparedRun

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from rigctl.choices import PERTURBATIONS
 from rigctl.commands.compare import exit_by, show
+from rigctl.console.terminal import print_json, progress
 from rigctl.errors import ConfigError
-from rigctl.terminal import print_json, progress
+from rigctl.files.choices import PERTURBATIONS
 
 
 def command(

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results, warn
 
 
 def command(

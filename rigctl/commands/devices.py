@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.terminal import print_json, results, warn
+from rigctl.console.terminal import print_json, results, warn
 
 if TYPE_CHECKING:
     from drivers.discovery import Found

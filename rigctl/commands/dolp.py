@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.terminal import print_json, progress, results
+from rigctl.console.terminal import print_json, progress, results
 
 # A bound that does not hold is a fault of the program's own.
 _EXIT_VIOLATION = 70

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from rigctl.choices import ExportFormat
-from rigctl.terminal import progress
+from rigctl.console.terminal import progress
+from rigctl.files.choices import ExportFormat
 
 
 def command(

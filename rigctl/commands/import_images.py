@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.cameras.raw_planes import PLANES
-from rigctl.bounded_file import MOST_FRAME_MB
-from rigctl.choices import FRAME_KINDS
-from rigctl.commands.frame_size_option import MaxFrameMb, frame_bytes
-from rigctl.commands.option_text import OptionTexts
-from rigctl.terminal import print_json, results
+from rigctl.console.options import MaxFrameMb, OptionTexts, frame_bytes
+from rigctl.console.terminal import print_json, results
+from rigctl.files.choices import FRAME_KINDS
+from rigctl.storage.bounded_file import MOST_FRAME_MB
 
 if TYPE_CHECKING:
     from rigctl.jobs.import_images import Imported

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.console.terminal import print_json, results
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, results
 
 if TYPE_CHECKING:
     from rigctl.jobs.summarize_run import FrameGroup, RunSummary

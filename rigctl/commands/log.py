@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.terminal import print_json, results
+from rigctl.console.terminal import print_json, results
 
 
 def command(

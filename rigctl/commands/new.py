@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError
-from rigctl.terminal import print_json, progress, results
 
 
 def command(

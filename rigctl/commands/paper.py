@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from rigctl.choices import SnrForm
-from rigctl.terminal import progress, results
+from rigctl.console.terminal import progress, results
+from rigctl.files.choices import SnrForm
 
 
 def command(
@@ -64,7 +64,7 @@ def command(
     )
     found = check_paper(request, progress=lambda text: progress().print(text, markup=False))
     if as_json:
-        from rigctl.terminal import print_json_list
+        from rigctl.console.terminal import print_json_list
 
         print_json_list(statement_json(found.results))
     else:

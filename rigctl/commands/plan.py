@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from model.prediction.quantity_table import angle_of
-from rigctl.commands.time_option import time_option
+from rigctl.console.options import time_option
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError
-from rigctl.number_range import shown
+from rigctl.numbers.number_range import shown
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
     from rigctl.jobs.plan import PlannedSession, Prediction

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.choices import Engine, LightPart, SnrKind
+from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError
+from rigctl.files.choices import Engine, LightPart, SnrKind
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from model.prediction.prediction import RegionPrediction
     from model.prediction.region_performance import PairDetection
-    from rigctl.choices import RocKind
+    from rigctl.files.choices import RocKind
     from rigctl.jobs.predict import PredictedScene, PredictRequest
     from rigctl.reports.table import AnyTable
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.durable_file import write_durably
+from rigctl.console.terminal import progress, results
 from rigctl.errors import ConfigError
-from rigctl.terminal import progress, results
+from rigctl.storage.durable_file import write_durably
 
 if TYPE_CHECKING:
     from rigctl.devices.preview_page import PreviewPage

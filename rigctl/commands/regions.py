@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.choices import Dictionary
+from rigctl.console.terminal import print_json, progress, results
+from rigctl.files.choices import Dictionary
 from rigctl.reports.table import Table, text_columns
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
     from rigctl.files.regions import RegionsFile

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
-from rigctl.terminal import progress
+from rigctl.console.terminal import progress
 
 
 def request_of_running(run: Path, request: Literal["hold", "stop"]) -> None:

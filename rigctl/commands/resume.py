@@ -7,7 +7,7 @@ import typer
 
 from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.commands.acquire import say_outcome
-from rigctl.terminal import print_json, progress
+from rigctl.console.terminal import print_json, progress
 
 if TYPE_CHECKING:
     from rigctl.jobs.resume import Resumed

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from rigctl.console.terminal import progress
 from rigctl.errors import ConfigError
-from rigctl.terminal import progress
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.choices import Engine
-from rigctl.terminal import print_json, progress, results
+from rigctl.console.terminal import print_json, progress, results
+from rigctl.files.choices import Engine
 
 if TYPE_CHECKING:
     from rigctl.scene.sky_map import SkyOfKind

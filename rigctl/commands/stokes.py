@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli import EXIT_DATA
-from rigctl.terminal import print_json, progress, results, warn
+from rigctl.console.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
     from model.processing.texture import Texture

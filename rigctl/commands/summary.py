@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from rigctl.commands.destinations import summary_page
-from rigctl.terminal import print_json, progress
+from rigctl.console.destination_options import summary_page
+from rigctl.console.terminal import print_json, progress
 
 
 def command(

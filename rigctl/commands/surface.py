@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from rigctl.choices import DiffuseKind, Shadowing
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError
-from rigctl.terminal import print_json, progress, results
+from rigctl.files.choices import DiffuseKind, Shadowing
 
 
 def command(

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError
 from rigctl.reports.writers.terminal_table import terminal_table
-from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
     from rigctl.prediction.accuracy_curves import Curves

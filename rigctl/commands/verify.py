@@ -9,8 +9,8 @@ import typer
 from rich.progress import track
 
 from rigctl.cli import EXIT_DATA, EXIT_INCOMPLETE
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import RunFolderError
-from rigctl.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
     from rigctl.runs.frame_record import FrameRecord

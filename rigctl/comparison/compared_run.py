@@ -6,11 +6,11 @@ from pathlib import Path
 from model.effects.names import Effect
 from model.effects.planner import EffectPlan
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.choices import ScaleKind
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.series import SeriesDrift, SeriesPoint
 from rigctl.comparison.trends import Trend
-from rigctl.config import sha256_of
+from rigctl.files.choices import ScaleKind
+from rigctl.files.config import sha256_of
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.prediction.performance import Performance

@@ -12,7 +12,6 @@ from model.processing.input_propagation import Propagation
 from model.scene.field_light import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.radiometric_file import RadiometricResponse
-from rigctl.choices import ScaleKind
 from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.input_attribution import InputAttribution, attribute_residuals
@@ -24,6 +23,7 @@ from rigctl.comparison.trends import Trend, trends_of
 from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.comparison.verdict import AGREES, RegionVerdict, VerdictName, region_verdicts, verdict_of
 from rigctl.errors import ConfigError
+from rigctl.files.choices import ScaleKind
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import RunDiagnosis

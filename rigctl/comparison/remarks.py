@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.prediction import RegionPrediction
-from rigctl.angles import wrapped
 from rigctl.comparison.scale import Scale
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.numbers.angles import wrapped
 from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]

@@ -6,11 +6,11 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from rigctl.angles import wrapped
-from rigctl.config import Uncertain
+from rigctl.files.config import Uncertain
 from rigctl.files.light_sections import SunSection
 from rigctl.files.place import GeometrySection, Place, SiteSection
 from rigctl.files.scene_file import SceneFile
+from rigctl.numbers.angles import wrapped
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
 from rigctl.runs.simulated_light import SimulatedLight

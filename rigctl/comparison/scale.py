@@ -10,10 +10,10 @@ from calibration.free_scale import FreeScale, fit_free_scale
 from model.prediction.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from rigctl.calibrations.radiometric_file import RadiometricResponse
-from rigctl.choices import ScaleKind
 from rigctl.comparison.run_prediction import one_exposure_s
 from rigctl.comparison.throughput import modelled_response, rescaled, without_throughput
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.choices import ScaleKind
 from rigctl.measurement.measurement import Measurement
 from rigctl.scene.parameter_table import GAIN
 from rigctl.scene.scene_inputs import Inputs

@@ -10,11 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity
-from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
-from rigctl.config import describe
 from rigctl.devices.characterise import Characterisation
 from rigctl.errors import DataError
-from rigctl.utc_time import utc_text
+from rigctl.files.config import describe
+from rigctl.numbers.utc_time import utc_text
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.version import VERSION
 
 _KIND = "stage characterisation"

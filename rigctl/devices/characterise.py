@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import DeviceIdentity, RotationStage
-from rigctl.angles import wrapped
+from rigctl.numbers.angles import wrapped
 
 Side = Literal["forward", "backward"]
 SIDES: tuple[Side, ...] = ("forward", "backward")

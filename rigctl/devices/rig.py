@@ -9,14 +9,14 @@ from typing import Literal
 
 from drivers.interfaces import Camera, DeviceIdentity, RotationStage
 from drivers.serial_ports import resolve_port
-from rigctl.choices import FrameKind
+from rigctl.console.terminal import warn
 from rigctl.devices.stages import SIMULATED, connect_stage, find_driver, require_serial
 from rigctl.errors import ConfigError
+from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.simulated.simulated_clock import SimulatedClock
 from rigctl.simulated.simulation import Simulation, simulate
-from rigctl.terminal import warn
 
 _REQUESTS: dict[FrameKind, str] = {
     "scene": "Point the camera at the scene, nothing before the lens",

@@ -9,12 +9,12 @@ from pathlib import Path
 from drivers.interfaces import Camera, ReportingCamera, RotationStage
 from drivers.network_path import path_mtu
 from drivers.serial_ports import resolve_port
+from rigctl.console.terminal import warn
 from rigctl.devices.host_checkup import Finding
 from rigctl.devices.rig import open_rig
 from rigctl.devices.stages import SIMULATED, find_driver
 from rigctl.files.rig_file import RigFile
 from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE
-from rigctl.terminal import warn
 
 _EXPOSURE_S = 0.01
 _READINGS = 20

@@ -14,7 +14,7 @@ from model.atmosphere.aerosol.size_distribution import (
     log_normal,
     number_of_volume,
 )
-from rigctl.config import Section
+from rigctl.files.config import Section
 
 NM_PER_M = 1e9
 UM_PER_M = 1e6

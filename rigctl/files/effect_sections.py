@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from model.effects.names import Effect
-from rigctl.config import Section, Uncertain
+from rigctl.files.config import Section, Uncertain
 
 
 def _known(name: str) -> str:

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rigctl.config import Section
+from rigctl.files.config import Section
 
 # retry: take the frame again, and stop if that does not help; hold: wait until it is well again or somebody says
 # so; stop: end the session; note: write it down; off: do not look.

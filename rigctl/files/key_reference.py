@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from rigctl.config import Uncertain
+from rigctl.files.config import Uncertain
 from rigctl.files.material_file import MaterialFile
 from rigctl.files.regions import RegionsFile
 from rigctl.files.rig_file import RigFile

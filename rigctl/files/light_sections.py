@@ -10,8 +10,8 @@ from model.atmosphere.aerosol.models import AerosolType
 from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.field_of_view import TileRule
-from rigctl.config import NotNegative, Positive, Section, Uncertain
 from rigctl.files.aerosol_section import OwnAerosolSection
+from rigctl.files.config import NotNegative, Positive, Section, Uncertain
 
 Number = Annotated[float, Field(strict=True)]
 # The tables of aerosols end there, and the widest field that a flat sensor is taken for.

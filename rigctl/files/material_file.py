@@ -10,8 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from model.surface.material_library import MATERIALS, material
 from model.surface.materials import Confidence, Material, Property, properties
-from rigctl.config import Section, load
 from rigctl.errors import ConfigError
+from rigctl.files.config import Section, load
 
 # Dividing by a whole number rounds once, so that 550 becomes 550e-9 to the last digit.
 NM_PER_M = 1e9

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rigctl.config import NotNegative, Section, Uncertain, with_std_apart
+from rigctl.files.config import NotNegative, Section, Uncertain, with_std_apart
 
 NotBelow0 = Annotated[float, Field(ge=0)]
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
-from rigctl.choices import Dictionary
-from rigctl.config import Section, load
 from rigctl.errors import ConfigError
+from rigctl.files.choices import Dictionary
+from rigctl.files.config import Section, load
 
 
 def _speakable(name: str) -> str:

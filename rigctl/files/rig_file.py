@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, model_validator
 
-from rigctl.choices import RoofChange
-from rigctl.config import Section, load, with_std_apart
+from rigctl.files.choices import RoofChange
+from rigctl.files.config import Section, load, with_std_apart
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.rendering_sections import RenderingSection
 

@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 from model.surface.diffuse import DiffuseKind
 from model.surface.material_library import MATERIALS
 from model.surface.shadowing import Shadowing
-from rigctl.config import Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
 from rigctl.errors import ConfigError
+from rigctl.files.config import Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
 from rigctl.files.effect_sections import Drift, EffectsSection, ErrorsSection
 from rigctl.files.light_sections import AtmosphereSection, FieldSection, ResponseSection, SunSection
 from rigctl.files.material_file import find_material

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, model_validator
 
-from rigctl.config import Section, load
+from rigctl.files.config import Section, load
 from rigctl.files.interlock_section import InterlockSection
 from rigctl.files.regions import Name, Region, require_distinct
 

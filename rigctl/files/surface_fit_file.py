@@ -7,7 +7,7 @@ from pydantic import Field
 
 from model.surface.diffuse import DiffuseKind
 from model.surface.shadowing import Shadowing
-from rigctl.config import Section, load
+from rigctl.files.config import Section, load
 from rigctl.files.regions import Name
 
 FreeParameter = Literal["n", "k", "slope_rms", "dhr", "specular_weight"]

@@ -16,7 +16,7 @@ from rigctl.imports.image_file import FirstRow, ImageFile, read_image
 from rigctl.imports.image_levels import LEVELS, histogram
 from rigctl.imports.import_request import ImportRequest
 from rigctl.imports.raw_image import RawSettings, unlike_settings
-from rigctl.utc_time import is_utc_text
+from rigctl.numbers.utc_time import is_utc_text
 
 _ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)
 _FITS_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?")

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from drivers.cameras.raw_planes import Plane
-from rigctl.bounded_file import MOST_FRAME_BYTES
-from rigctl.choices import FrameKind
+from rigctl.files.choices import FrameKind
 from rigctl.imports.image_file import FirstRow
+from rigctl.storage.bounded_file import MOST_FRAME_BYTES
 
 Justified = Literal["left", "right"]
 

@@ -11,8 +11,8 @@ from model.surface.diffuse import DiffuseKind
 from model.surface.shadowing import Shadowing
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
 from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_polarizer_file
-from rigctl.choices import Engine, LightPart, ScaleKind
 from rigctl.errors import ConfigError
+from rigctl.files.choices import Engine, LightPart, ScaleKind
 from rigctl.files.regions import Region
 from rigctl.files.rig_file import RigFile
 from rigctl.files.rig_file import load_rig as read_rig

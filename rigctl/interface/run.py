@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.choices import FrameKind
 from rigctl.errors import ConfigError
+from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
 from rigctl.interface.optional import Backend, optional

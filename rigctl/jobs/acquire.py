@@ -8,12 +8,13 @@ from pathlib import Path
 from rigctl.calibrations.made_for import MadeFor, made_for_rig
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file, require_noise_fits
 from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, require_polarizer_fits
-from rigctl.choices import RoofChange
 from rigctl.devices.rig import Rig, open_rig, require_drivers
 from rigctl.errors import ConfigError
+from rigctl.files.choices import RoofChange
 from rigctl.files.rig_file import PLACEHOLDER, RigFile, load_rig
 from rigctl.files.session_file import SessionFile, load_session
 from rigctl.live.mean_noise import noise_numbers
+from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.run_writer import require_new_folder
 from rigctl.session.planning.drift_cost import grouping_cost, missing_axes
 from rigctl.session.planning.schedule import round_times_ns
@@ -23,7 +24,6 @@ from rigctl.session.session_clock import SessionClock, clock_of
 from rigctl.session.take_session import require_hands, take_session
 from rigctl.simulated.rehearsal import rehearse
 from rigctl.simulated.simulation import with_simulation
-from rigctl.utc_time import utc_text
 
 Warn = Callable[[str], None]
 

@@ -18,8 +18,8 @@ from rigctl.calibrations.polarizer.polarizer_calibration import (
 from rigctl.calibrations.polarizer.polarizer_json import polarizer_json, region_json
 from rigctl.calibrations.polarizer.rig_writing import write_into_rig
 from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_scan
-from rigctl.config import Uncertain
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.config import Uncertain
 from rigctl.files.regions import Region, load_regions
 from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import used_run

@@ -7,15 +7,15 @@ from typing import Any
 import cv2
 
 from drivers.cameras.raw_planes import Plane
-from rigctl.bounded_file import MOST_FRAME_BYTES
 from rigctl.calibrations.content_file import write_content, write_whole
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration, LevelDone, calibrate_frames
 from rigctl.calibrations.noise.folder_frames import folder_frames
 from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
-from rigctl.choices import ExposureUnit
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.choices import ExposureUnit
 from rigctl.imports.image_file import ImageReading
+from rigctl.storage.bounded_file import MOST_FRAME_BYTES
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,12 +13,12 @@ from rigctl.calibrations.made_for import made_for
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.calibrations.radiometric_file import SCHEMA_VERSION, Response
 from rigctl.comparison.panel_response import PanelResponse, panel_response
-from rigctl.config import sha256_of
+from rigctl.files.config import sha256_of
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import Measurement, measure
+from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.runs.wholeness import used_run
-from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
 
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rigctl.choices import ScaleKind
 from rigctl.comparison.checks import registration_of, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
@@ -11,6 +10,7 @@ from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registration
 from rigctl.comparison.verdict import refused_regions, without_decisions
 from rigctl.errors import ConfigError
+from rigctl.files.choices import ScaleKind
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.measurement.diagnosed_run import DiagnosedRun, diagnosed

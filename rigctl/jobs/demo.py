@@ -5,9 +5,9 @@ from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from rigctl.choices import Perturbation
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.errors import ConfigError
+from rigctl.files.choices import Perturbation
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise

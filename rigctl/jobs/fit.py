@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from rigctl.comparison.surface_fit import FittedMaterial, fit_regions
-from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.material_file import material_toml
 from rigctl.files.surface_fit_file import load_surface_fit
+from rigctl.storage.durable_file import write_durably
 
 
 def fit_surface_file(file: Path, *, profile: bool = False, out: Path | None = None) -> FittedMaterial:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.durable_file import flush_folder
 from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.imports.image_file import STALE
 from rigctl.imports.image_scale import Scale, find_scale
@@ -17,6 +16,7 @@ from rigctl.imports.imported_frames import JPEG, axis_deg, frames_of
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
+from rigctl.storage.durable_file import flush_folder
 
 ORIGIN = "import"
 # Share of saturated pixels of a file that is said.

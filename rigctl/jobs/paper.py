@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from rigctl.choices import SnrForm
 from rigctl.errors import ConfigError
+from rigctl.files.choices import SnrForm
 from rigctl.files.scene_file import load_scene
 from rigctl.paper.airborne import Airborne
 from rigctl.paper.assumptions import assumed_lines

@@ -14,12 +14,12 @@ from rigctl.files.light_sections import SunSection
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.files.session_file import MeteringSection, load_session
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameter_table import EXPOSURE
 from rigctl.scene.scene_light import SceneLight
 from rigctl.session.planning.session_plan import SessionPlan, plan_session
 from rigctl.session.session_clock import SessionClock
-from rigctl.utc_time import NS_PER_S
 
 _MS_PER_S = 1000.0
 

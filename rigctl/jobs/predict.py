@@ -17,10 +17,11 @@ from model.prediction.region_performance import PairDetection
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
-from rigctl.choices import Engine, LightPart, RocKind, SnrKind
 from rigctl.comparison.remarks import model_warnings
 from rigctl.comparison.scale import with_panel_scale
+from rigctl.files.choices import Engine, LightPart, RocKind, SnrKind
 from rigctl.files.scene_file import SceneFile, scene_file
+from rigctl.numbers.utc_time import utc_text
 from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
@@ -32,7 +33,6 @@ from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.skies.engine import require_engine
-from rigctl.utc_time import utc_text
 
 
 @dataclass(frozen=True, kw_only=True)

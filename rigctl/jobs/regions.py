@@ -6,15 +6,15 @@ from pathlib import Path
 
 import cv2
 
-from rigctl.choices import Dictionary
-from rigctl.config import load
-from rigctl.durable_file import write_durably
 from rigctl.errors import DataError
+from rigctl.files.choices import Dictionary
+from rigctl.files.config import load
 from rigctl.files.regions import Markers, RegionsFile, regions_text
 from rigctl.outlines.follow import FollowedRegion, follow_markers, moved_markers
 from rigctl.outlines.markers import grey_picture, search_markers
 from rigctl.outlines.picker import Picker
 from rigctl.runs.wholeness import used_run
+from rigctl.storage.durable_file import write_durably
 
 
 @dataclass(frozen=True, kw_only=True)

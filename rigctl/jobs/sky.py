@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from rigctl.choices import Engine
+from rigctl.files.choices import Engine
 from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.scene.sky_map import SkyMap, SkyOfKind, skies_of_kinds, sky_map
 

@@ -8,10 +8,10 @@ from typing import Any
 from rigctl.devices.characterisation_file import as_json, as_text
 from rigctl.devices.characterise import SIDES, Characterisation, characterise
 from rigctl.devices.stages import open_stage
-from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG, load_session
+from rigctl.storage.durable_file import write_durably
 
 # So wide that a landing is measured as it is: a correction would come from the other side.
 _TOLERANCE_DEG = 1.0

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rigctl.angles import wrapped
+from rigctl.numbers.angles import wrapped
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import Run

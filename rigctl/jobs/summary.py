@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from rigctl.durable_file import write_durably
 from rigctl.live.session_history import SessionHistory, session_history
 from rigctl.reports.pages.run_page import run_report
 from rigctl.reports.writers.report_file import report_file
 from rigctl.runs.wholeness import used_run
+from rigctl.storage.durable_file import write_durably
 
 
 def summarise_session(run: Path, page: Path) -> SessionHistory:

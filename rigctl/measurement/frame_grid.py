@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.quantity_table import counts_name
-from rigctl.angles import wrapped
 from rigctl.errors import DataError
+from rigctl.numbers.angles import wrapped
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
 

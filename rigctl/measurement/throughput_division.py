@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.angles import wrapped
 from rigctl.calibrations.polarizer.polarizer_file import Channel, PolarizerParameters
 from rigctl.errors import DataError
 from rigctl.measurement.frame_grid import FrameGrid
+from rigctl.numbers.angles import wrapped
 from rigctl.runs.frame_record import FrameRecord
 
 FloatArray = NDArray[np.float64]

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.choices import Dictionary
+from rigctl.files.choices import Dictionary
 from rigctl.files.regions import Marker
 from rigctl.measurement.measurement import measure
 from rigctl.runs.run_folder import Run

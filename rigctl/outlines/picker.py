@@ -10,8 +10,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from rigctl.config import describe
 from rigctl.errors import DataError
+from rigctl.files.config import describe
 from rigctl.files.regions import Region, RegionsFile
 
 _MOST_BYTES = 1_000_000

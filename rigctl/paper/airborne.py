@@ -15,8 +15,8 @@ from model.prediction.prediction import RegionPrediction, predict
 from model.prediction.region_performance import PairDetection, pair_detection
 from model.processing.detection_draws import rx_draws
 from model.scene.scenario import RegionLight, Scenario
-from rigctl.choices import SnrForm
 from rigctl.errors import ConfigError
+from rigctl.files.choices import SnrForm
 from rigctl.files.scene_file import SceneFile
 from rigctl.paper.numbers import Kind, Number
 from rigctl.prediction.roc_curves import ROC_RATES

@@ -7,8 +7,8 @@ import numpy as np
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.region_performance import PairDetection, roc_of_pair
-from rigctl.choices import ROC_KINDS, RocKind
 from rigctl.errors import ConfigError
+from rigctl.files.choices import ROC_KINDS, RocKind
 
 # Six decades on a logarithmic axis, and the rest of the curve on an even one.
 ROC_RATES = np.concatenate([np.logspace(-6.0, -1.0, 51), np.linspace(0.1, 1.0, 19)[1:]])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from model.prediction.prediction import Quantities, RegionPrediction, reason_missing
 from model.prediction.region_performance import PairDetection, pair_detections
-from rigctl.choices import RocKind
 from rigctl.errors import ConfigError
+from rigctl.files.choices import RocKind
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.roc_curves import RocPair, roc_curves
 from rigctl.prediction.scene_prediction import ScenePredictor

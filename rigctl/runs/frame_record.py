@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from pydantic import ConfigDict, TypeAdapter, with_config
 
-from rigctl.choices import FrameKind
+from rigctl.files.choices import FrameKind
 
 
 @with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
@@ -43,7 +43,7 @@ class FrameRecord:
     missing_dn : float or None
         The value that marks pixels which were never received [DN].
     start_utc, end_utc : str or None
-        Start and end of the exposure, as ``rigctl.utc_time.utc_text`` writes them.
+        Start and end of the exposure, as ``rigctl.numbers.utc_time.utc_text`` writes them.
     start_monotonic_ns : int or None
         Start of the exposure on the host's monotonic clock [ns].
     camera_model, camera_serial, stage_model, stage_serial : str or None

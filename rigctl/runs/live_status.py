@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
 
-from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import RunFolderError
-from rigctl.number_range import LARGEST
+from rigctl.numbers.number_range import LARGEST
 from rigctl.runs.run_description import explain_invalid
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
 STATUS_FILE = "status.json"
 

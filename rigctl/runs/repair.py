@@ -5,8 +5,6 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
-from rigctl.durable_file import PART_SUFFIX, flush_folder, write_durably
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
@@ -18,6 +16,8 @@ from rigctl.runs.run_lock import RunLock
 from rigctl.runs.run_writer import json_line
 from rigctl.runs.sealed_lines import sealed_all
 from rigctl.runs.verification import Finding, frame_problems
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.storage.durable_file import PART_SUFFIX, flush_folder, write_durably
 
 DAMAGED_FOLDER = "damaged"
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
-from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import DataError
 from rigctl.runs.session_record import session_record
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 SCHEMA_VERSION = 2
 """Version of the layout: from 2 on every line and this file carry checksums."""

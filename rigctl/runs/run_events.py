@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.run_description import SESSION_FILE, explain_invalid, first_link, read_description
 from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 EVENTS_FILE = "events.jsonl"
 TALLY_EVENT = "camera tally"
@@ -29,7 +29,7 @@ class RunEvent:
     id : int or None
         Its place in the file, from 0.
     utc : str
-        When, as ``rigctl.utc_time.utc_text`` writes it.
+        When, as ``rigctl.numbers.utc_time.utc_text`` writes it.
     monotonic_ns : int or None
         The same by the host's monotonic clock [ns].
     event : str

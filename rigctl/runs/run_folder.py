@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.fits.fits_frame import FitsFrame, decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
@@ -28,6 +27,7 @@ from rigctl.runs.frame_record import FRAME_RECORD, FrameRecord
 from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, first_link, read_description
 from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
 from rigctl.runs.session_record import SessionRecord, session_record
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 MANIFEST_FILE = "manifest.jsonl"
 FRAMES_FOLDER = "frames"

@@ -4,14 +4,14 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from rigctl.config import describe
-from rigctl.durable_file import flush_folder, write_durably
 from rigctl.errors import ConfigError, RunFolderError
+from rigctl.files.config import describe
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import INPUTS_FOLDER
+from rigctl.storage.durable_file import flush_folder, write_durably
 
 
 def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:

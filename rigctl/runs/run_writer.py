@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.durable_file import flush_folder, write_durably
 from rigctl.errors import RunFolderError
+from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.disk_reserve import DISK_FULL, DiskReserve
 from rigctl.runs.fits.fits_frame import encode_frame
 from rigctl.runs.fits.frame_header import header_cards
@@ -30,7 +30,7 @@ from rigctl.runs.run_description import (
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closing_facts
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, file_checksum, read_run
 from rigctl.runs.run_lock import RunLock, released_on_error
-from rigctl.utc_time import utc_text
+from rigctl.storage.durable_file import flush_folder, write_durably
 from rigctl.version import VERSION
 
 Clock = Callable[[], int]

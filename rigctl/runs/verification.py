@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.durable_file import PART_SUFFIX
 from rigctl.errors import DataError
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_checksum, read_contents, read_frame
 from rigctl.runs.wholeness import State, is_of_session, wholeness
+from rigctl.storage.durable_file import PART_SUFFIX
 
 _WHOLE = "a whole frame that the manifest does not name: not acknowledged"
 

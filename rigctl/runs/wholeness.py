@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import RunFolderError
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closed_with, journal_problems, read_journal, sound_events
 from rigctl.runs.run_folder import MANIFEST_FILE, Contents, Run, read_contents, read_run
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 State = Literal["whole", "unfinished", "damaged"]
 INPUTS_FOLDER = "inputs"

@@ -18,8 +18,8 @@ from model.scene.view import View
 from model.surface.materials import Material, properties
 from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt
-from rigctl.config import Uncertain
 from rigctl.errors import ConfigError
+from rigctl.files.config import Uncertain
 from rigctl.files.light_sections import AtmosphereSection, FieldSection
 from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneRegion
 from rigctl.scene.scene_reading import band_points

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BaseModel
 
 from model.surface.materials import Property
-from rigctl.config import Uncertain
 from rigctl.errors import ConfigError
+from rigctl.files.config import Uncertain
 from rigctl.scene.parameter_table import OLD_KEYS, Place, Row, all_rows, placed_rows
 from rigctl.scene.scene_record import Scene
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.prediction.rig_errors import RigErrors
-from rigctl.config import Uncertain
+from rigctl.files.config import Uncertain
 from rigctl.files.scene_file import RigSection, SceneFile
 from rigctl.scene.scene_record import Rig, Scene
 

@@ -10,8 +10,8 @@ from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.acting import acting_parts
 from model.scene.field_light import FieldLight
 from model.scene.illumination import Illumination
-from rigctl.choices import Engine
 from rigctl.errors import ConfigError
+from rigctl.files.choices import Engine
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.model_records import air_of, camera_view, lit_region, settings_of, state_of, sun_azimuth_rad

@@ -14,8 +14,8 @@ from model.atmosphere.sun import distance_factor
 from model.sensor.electrons import effective_wavelength_m
 from model.surface.materials import Material, assumed_properties, properties
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.config import Uncertain
 from rigctl.errors import ConfigError
+from rigctl.files.config import Uncertain
 from rigctl.files.effect_sections import ErrorsSection
 from rigctl.files.material_file import find_material
 from rigctl.files.place import SiteSection

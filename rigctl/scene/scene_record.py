@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.surface.materials import Material
-from rigctl.config import Uncertain
+from rigctl.files.config import Uncertain
 from rigctl.files.effect_sections import EffectsSection, ErrorsSection
 from rigctl.files.light_sections import AtmosphereSection, FieldSection
 from rigctl.files.place import GeometrySection

@@ -11,8 +11,8 @@ from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.illumination import Illumination
 from model.stokes import dolp
-from rigctl.choices import Engine
 from rigctl.errors import ConfigError
+from rigctl.files.choices import Engine
 from rigctl.files.light_sections import AtmosphereSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.scene_light import SceneLight

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rigctl.angles import wrapped
+from rigctl.numbers.angles import wrapped
 from rigctl.scene.model_records import camera_view, sun_azimuth_rad
 from rigctl.scene.scene_record import Scene
 

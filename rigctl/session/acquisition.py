@@ -11,6 +11,7 @@ from drivers.interfaces import Camera, ReportingCamera
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.live.frame_summary import frame_summary
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import TALLY_EVENT
 from rigctl.runs.run_writer import RunWriter
@@ -27,7 +28,6 @@ from rigctl.session.session_clock import SteadyUtc
 from rigctl.session.session_context import SessionContext
 from rigctl.session.surroundings import Surroundings, Thermometer
 from rigctl.session.timing import Pause, StopAskedError, Timing
-from rigctl.utc_time import NS_PER_S
 
 Progress = Callable[[Step], None]
 

@@ -6,11 +6,11 @@ from drivers.interfaces import CameraSettings, Frame, Move
 from rigctl.devices.rig import Rig
 from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import RigFile
+from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.session.interlocks import InterlockViolation
 from rigctl.session.planning.session_steps import Step
 from rigctl.session.planning.sun_track import SunAngles
-from rigctl.utc_time import utc_text
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.angles import wrapped
 from rigctl.files.interlock_section import InterlockSection
+from rigctl.numbers.angles import wrapped
 from rigctl.session.captured_frame import CapturedFrame
 from rigctl.session.interlocks import InterlockViolation
 

@@ -11,12 +11,12 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.console.terminal import warn
 from rigctl.errors import RunFolderError
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.session_context import SessionContext
 from rigctl.session.timing import StopAskedError
-from rigctl.terminal import warn
 
 _RETRY_S = 1.0
 _FULL = (errno.ENOSPC, errno.EDQUOT)

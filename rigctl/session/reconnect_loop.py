@@ -8,6 +8,7 @@ from drivers.errors import DeviceTimeoutError, NotConnectedError
 from drivers.interfaces import DeviceIdentity
 from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.runs.repair import Repair
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
@@ -16,7 +17,6 @@ from rigctl.session.continuation import continuation
 from rigctl.session.planning.session_steps import Step
 from rigctl.session.session_context import SessionContext
 from rigctl.session.watch import Watch
-from rigctl.utc_time import NS_PER_S
 
 _RECONNECT_PAUSE_S = 2.0
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from drivers.errors import DeviceTimeoutError
 from drivers.interfaces import CameraSettings, CameraWithFacts, Frame, Move
-from rigctl.choices import FrameKind
 from rigctl.devices.rig import Rig
+from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.captured_frame import CapturedFrame

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from rigctl.devices import host_checkup
 from rigctl.files.rig_file import RigFile
+from rigctl.numbers.utc_time import NS_PER_S, unix_ns
 from rigctl.simulated.simulated_clock import SimulatedClock
-from rigctl.utc_time import NS_PER_S, unix_ns
 
 # Waiting costs nothing in simulated time, looking for requests does.
 _SIMULATED_POLL_S = 60.0

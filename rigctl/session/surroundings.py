@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from drivers.interfaces import Camera
+from rigctl.console.terminal import warn
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.session.guard import Guard
 from rigctl.session.interlocks import (
     InterlockViolation,
@@ -15,8 +17,6 @@ from rigctl.session.interlocks import (
     temperature_violation,
 )
 from rigctl.session.session_clock import SessionClock, SteadyUtc
-from rigctl.terminal import warn
-from rigctl.utc_time import NS_PER_S
 
 # As GenICam names them; that of the sensor itself first.
 _FEATURES = ("SensorTemperature", "DeviceTemperature")

@@ -10,6 +10,7 @@ from rigctl.devices.rig import open_rig
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
+from rigctl.numbers.utc_time import NS_PER_S, unix_ns, utc_moment
 from rigctl.runs.repair import Repair, repair_run
 from rigctl.runs.run_folder import Run, read_contents, read_run
 from rigctl.runs.run_inputs import files_of, keep_inputs, read_inputs
@@ -24,7 +25,6 @@ from rigctl.session.reconnect_loop import Opener, Outcome, ReconnectLoop, requir
 from rigctl.session.session_clock import SessionClock, clock_of
 from rigctl.session.session_context import session_context
 from rigctl.session.session_description import describe_session
-from rigctl.utc_time import NS_PER_S, unix_ns, utc_moment
 
 
 def take_session(

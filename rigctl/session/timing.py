@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
+from rigctl.console.terminal import warn
+from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.control import Control
 from rigctl.session.planning.session_steps import Step
 from rigctl.session.session_clock import SessionClock, SteadyUtc
 from rigctl.session.session_context import SessionContext
-from rigctl.terminal import warn
-from rigctl.utc_time import NS_PER_S, utc_text
 
 _POLL_S = 0.5
 Note = Callable[..., None]

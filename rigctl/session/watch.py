@@ -13,14 +13,14 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from rigctl.console_streams import visible
+from rigctl.console.console_streams import visible
+from rigctl.console.terminal import progress as progress_console
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_text import live_lines
+from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.runs.live_status import write_status
 from rigctl.session.planning.session_steps import Step, step_times_ns
 from rigctl.session.session_clock import SessionClock
-from rigctl.terminal import progress as progress_console
-from rigctl.utc_time import NS_PER_S, utc_text
 
 # File systems flush a file that replaces another: that costs as much as a frame, and nobody looks more often.
 _TELL_EACH_S = 1.0

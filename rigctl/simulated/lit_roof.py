@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.scene.scenario import RegionLight as ModelLight
-from rigctl.angles import wrapped
-from rigctl.choices import RoofChange
 from rigctl.errors import ConfigError
+from rigctl.files.choices import RoofChange
 from rigctl.files.light_sections import SunSection
 from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile
+from rigctl.numbers.angles import wrapped
+from rigctl.numbers.utc_time import NS_PER_S, unix_ns, utc_text
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.scene.model_scene import build_scenario, readout_of
 from rigctl.scene.scene_light import SceneLight
@@ -23,7 +24,6 @@ from rigctl.scene.scene_record import Scene
 from rigctl.scene.skies.sun_position import sun_position
 from rigctl.scene.sun_text import sun_text
 from rigctl.simulated.roof_changes import changed_roof, cloud_factor
-from rigctl.utc_time import NS_PER_S, unix_ns, utc_text
 from sim_devices.textured_scene import RegionLight
 
 FloatArray = NDArray[np.float64]

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from rigctl.choices import PERTURBATIONS, Perturbation
 from rigctl.errors import ConfigError
+from rigctl.files.choices import PERTURBATIONS, Perturbation
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer
 
 # Sizes, each far above what the demo resolves and of the size that goes unnoticed on a roof.

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from model.atmosphere.transfer.phase import AerosolKind
-from rigctl.choices import RoofChange
 from rigctl.errors import ConfigError
+from rigctl.files.choices import RoofChange
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.scene.parameters import get, parameters, with_value
 from rigctl.scene.scene_record import Scene
-from rigctl.utc_time import NS_PER_S
 
 # Sizes, such as go unnoticed on a roof.
 VISIBILITY_FACTOR = 0.7

@@ -2,7 +2,7 @@
 
 import threading
 
-from rigctl.utc_time import NS_PER_S
+from rigctl.numbers.utc_time import NS_PER_S
 
 
 class SimulatedClock:

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.choices import RoofChange
 from rigctl.errors import ConfigError
+from rigctl.files.choices import RoofChange
 from rigctl.files.regions import masks
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, require_known_camera, split_faults, split_truth
 from rigctl.simulated.lit_roof import LitRoof
@@ -24,7 +25,6 @@ from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.rendering import rendering_effect
 from rigctl.simulated.roof_steps import BeginStep, with_light, with_time
 from rigctl.simulated.simulated_clock import SimulatedClock
-from rigctl.utc_time import NS_PER_S
 from sim_devices.camera import SimCamera
 from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.cli import EXIT_CODES, main
+from rigctl.console.terminal import print_json
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.reports.tables.comparison_json import compared_json
-from rigctl.terminal import print_json
 from tests.hard_cases.cases import HardCase
 from tests.rigctl.comparison.panel_runs import panel_run
 

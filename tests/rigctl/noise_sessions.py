@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.choices import FrameKind
+from rigctl.files.choices import FrameKind
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 

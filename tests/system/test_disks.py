@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.loop_disk import call, ext4_image, mounted, why_not
-from rigctl.durable_file import PART_SUFFIX
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.verification import verify_run
 from rigctl.session.take_session import take_session
+from rigctl.storage.durable_file import PART_SUFFIX
 from tests.rigctl.example_files import EXAMPLES, small_rig
 
 _DISK_BYTES = 48 * 1024 * 1024

@@ -22,7 +22,7 @@ import pytest
 
 from model.atmosphere.lighting.fidelity import Fidelity
 from model.processing.detection import rx_p_detection
-from rigctl.config import Uncertain
+from rigctl.files.config import Uncertain
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.scene_light import SceneLight

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
-from rigctl.angles import wrapped
-from rigctl.array_archive import read_arrays
 from rigctl.calibrations.checked_values import UtcText
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.flat.run_flat import RunFlat
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
-from rigctl.config import describe, sha256_of
 from rigctl.errors import DataError
+from rigctl.files.config import describe, sha256_of
+from rigctl.numbers.angles import wrapped
+from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
-from rigctl.utc_time import utc_text
+from rigctl.storage.array_archive import read_arrays
 from rigctl.version import VERSION
 
 FloatArray = NDArray[np.float64]

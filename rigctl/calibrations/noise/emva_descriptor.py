@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
-from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
-from rigctl.number_range import range_problem
+from rigctl.numbers.number_range import range_problem
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
 _S_PER_NS = 1e-9
 _COMMENT = "#"

@@ -17,8 +17,8 @@ from calibration.sensor.frame_statistics import LevelKind
 from drivers.cameras.raw_files import RAW_SUFFIXES
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, files_digest
-from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.imports.image_file import ImageReading, read_image
 
 _FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})

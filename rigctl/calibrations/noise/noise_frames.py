@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelKind
-from rigctl.bounded_file import MOST_FRAME_BYTES
 from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.calibrations.noise.emva_descriptor import read_emva_descriptor
 from rigctl.calibrations.noise.run_checks import record_flags
-from rigctl.choices import SECONDS_PER_UNIT, ExposureUnit
-from rigctl.config import sha256_of
 from rigctl.errors import DataError
+from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
+from rigctl.files.config import sha256_of
 from rigctl.imports.image_file import read_image
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.runs.wholeness import used_run
+from rigctl.storage.bounded_file import MOST_FRAME_BYTES
 
 Loader = Callable[[], NDArray[np.uint16]]
 

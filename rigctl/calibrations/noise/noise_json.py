@@ -21,7 +21,7 @@ from calibration.sensor.photon_transfer import PhotonTransfer
 from calibration.sensor.spectrogram import Spectrogram
 from rigctl.calibrations.noise.noise_file import QUANTITIES, SCHEMA_VERSION
 from rigctl.calibrations.noise.noise_frames import FrameSet
-from rigctl.utc_time import utc_text
+from rigctl.numbers.utc_time import utc_text
 from rigctl.version import VERSION
 
 # So many defects are listed one by one; the map has all.

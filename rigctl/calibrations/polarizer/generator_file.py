@@ -8,11 +8,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
-from rigctl.config import Section, load
 from rigctl.errors import ConfigError, DataError
-from rigctl.number_range import wild_numbers
+from rigctl.files.config import Section, load
+from rigctl.numbers.number_range import wild_numbers
 from rigctl.runs.frame_record import FrameRecord
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
 GeneratorAngle = Callable[[FrameRecord], float]
 

@@ -24,8 +24,8 @@ from calibration.polarimeter.fourier_fit import (
 )
 from rigctl.calibrations.checked_values import Measured
 from rigctl.calibrations.polarizer.scan_frames import AnalyzerScan, GeneratorScan
-from rigctl.config import Uncertain
 from rigctl.errors import DataError
+from rigctl.files.config import Uncertain
 
 FloatArray = NDArray[np.float64]
 

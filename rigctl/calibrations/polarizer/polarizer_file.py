@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rigctl.angles import wrapped
 from rigctl.calibrations.checked_values import Bounded, Measured, UtcText, at_least
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
+from rigctl.numbers.angles import wrapped
 from rigctl.runs.run_folder import Run
 from rigctl.runs.session_record import PolarizerAsTaken
 

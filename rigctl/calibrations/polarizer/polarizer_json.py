@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rigctl.calibrations.made_for import made_for
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, candidate_offset_deg
 from rigctl.calibrations.polarizer.polarizer_file import SCHEMA_VERSION
-from rigctl.config import sha256_of
+from rigctl.files.config import sha256_of
+from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
-from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
 
 # What a harmonic of the residual is a sign of.

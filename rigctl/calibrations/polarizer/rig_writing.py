@@ -4,9 +4,9 @@ import re
 from pathlib import Path
 
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
-from rigctl.durable_file import write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
+from rigctl.storage.durable_file import write_durably
 
 _TABLE = re.compile(r"^\[polarizer\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
 

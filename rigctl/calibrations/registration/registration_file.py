@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from calibration.polarimeter.registration import Wander
-from rigctl.angles import wrapped
 from rigctl.calibrations.checked_values import NotNegative, UtcText, at_least
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.calibrations.registration.register_run import AngleShift, Pixels, RunRegistration
-from rigctl.config import sha256_of
 from rigctl.errors import DataError
+from rigctl.files.config import sha256_of
+from rigctl.numbers.angles import wrapped
+from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
-from rigctl.utc_time import utc_text
 from rigctl.version import VERSION
 
 FloatArray = NDArray[np.float64]

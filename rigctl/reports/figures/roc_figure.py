@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import colormaps
 
 from model.prediction.region_performance import PairDetection
-from rigctl.choices import RocKind
+from rigctl.files.choices import RocKind
 from rigctl.reports.figures.figure_style import png, subplots
 
 # More names than these fit no legend.

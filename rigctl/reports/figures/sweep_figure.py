@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigctl.choices import SnrKind
+from rigctl.files.choices import SnrKind
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.figure_style import LINE_STYLES, png, subplots
 from rigctl.reports.tables.sweep_tables import SHOWN_RATE, shown_snr, warning_lines

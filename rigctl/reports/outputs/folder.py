@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from rigctl.durable_file import write_durably
+from rigctl.storage.durable_file import write_durably
 
 
 def write_folder(out: Path, contents: Mapping[str, bytes]) -> tuple[str, ...]:

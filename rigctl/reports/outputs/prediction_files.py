@@ -7,7 +7,7 @@ from typing import Any
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.region_performance import PairDetection
-from rigctl.choices import RocKind
+from rigctl.files.choices import RocKind
 from rigctl.reports.figures.prediction_figures import counts_png, laws_png
 from rigctl.reports.figures.roc_figure import roc_png
 from rigctl.reports.outputs.folder import write_folder

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigctl.choices import SnrKind
+from rigctl.files.choices import SnrKind
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.roc_figure import roc_png
 from rigctl.reports.figures.sweep_figure import MOST_AXES, sweep_png

@@ -5,7 +5,7 @@ from functools import partial
 from math import isfinite
 from typing import Any
 
-from rigctl.choices import SnrKind
+from rigctl.files.choices import SnrKind
 from rigctl.reports.number_text import NO_NUMBER, to_digits
 from rigctl.reports.table import Column, Table
 

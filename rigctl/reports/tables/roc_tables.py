@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from model.prediction.region_performance import PairDetection
-from rigctl.choices import RocKind
+from rigctl.files.choices import RocKind
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.csv_rows import csv_rows
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.choices import SnrKind
+from rigctl.files.choices import SnrKind
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.table import Column, Table

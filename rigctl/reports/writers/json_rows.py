@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rigctl.json_text import json_text
+from rigctl.console.json_text import json_text
 from rigctl.reports.table import AnyTable, Shown, Value
 
 

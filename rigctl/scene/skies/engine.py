@@ -3,8 +3,8 @@
 import importlib.util
 
 from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
-from rigctl.choices import Engine
 from rigctl.errors import ConfigError
+from rigctl.files.choices import Engine
 
 
 def require_engine(engine: Engine, *, tier: Fidelity | None = None) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.lighting.table_lighting import TableLighting
-from rigctl.array_archive import read_arrays
 from rigctl.errors import ConfigError, DataError
+from rigctl.storage.array_archive import read_arrays
 
 # The sun of the scene may differ from the table's by this much.
 _SAME_SUN_DEG = 0.5

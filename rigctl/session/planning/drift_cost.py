@@ -7,8 +7,8 @@ import numpy as np
 
 from model.processing.reconstruction import design, reconstruct
 from rigctl.files.session_file import SessionFile
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.session.planning.session_steps import Step, plan_steps, step_times_ns
-from rigctl.utc_time import NS_PER_S
 
 _LEAST_ANGLES = 3
 _ANGLE_DECIMALS = 3

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from rigctl.errors import ConfigError
 from rigctl.files.place import SiteSection
 from rigctl.files.session_file import ScheduleSection, SessionFile
+from rigctl.numbers.utc_time import NS_PER_S, unix_ns
 from rigctl.session.planning.sun_track import SunTrack
-from rigctl.utc_time import NS_PER_S, unix_ns
 
 _NS_PER_MIN = 60 * NS_PER_S
 _NS_PER_H = 3600 * NS_PER_S

@@ -5,11 +5,11 @@ from typing import Any, TypedDict
 
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
+from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.session.planning.drift_cost import false_dolp, grouping_cost, missing_axes
 from rigctl.session.planning.schedule import round_times_ns
 from rigctl.session.planning.session_steps import Step, estimate, plan_steps, step_times_ns
 from rigctl.session.planning.sun_track import SunTrack
-from rigctl.utc_time import NS_PER_S, utc_text
 
 SUN_ANGLES = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
 

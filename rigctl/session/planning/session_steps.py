@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from rigctl.choices import FrameKind
+from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import DarkSection, SessionFile, Take
-from rigctl.utc_time import NS_PER_S
+from rigctl.numbers.utc_time import NS_PER_S
 
 # A FITS header of one frame and its line in the manifest [bytes].
 BYTES_BESIDE_PIXELS = 5760 + 1024

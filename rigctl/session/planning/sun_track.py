@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from functools import lru_cache
 
 from rigctl.files.place import SiteSection
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.scene.skies.sun_position import sun_position
-from rigctl.utc_time import NS_PER_S
 
 Vector = tuple[float, float, float]
 # Between two exact positions the direction is interpolated along the chord: over a minute the sun moves by at most

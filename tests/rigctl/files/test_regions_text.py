@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from rigctl.choices import Dictionary
-from rigctl.config import load
+from rigctl.files.choices import Dictionary
+from rigctl.files.config import load
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile, regions_text
 
 

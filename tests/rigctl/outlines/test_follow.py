@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.choices import Dictionary
 from rigctl.errors import DataError
+from rigctl.files.choices import Dictionary
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile
 from rigctl.outlines.follow import follow_markers, moved_markers
 from rigctl.outlines.markers import grey_picture, search_markers

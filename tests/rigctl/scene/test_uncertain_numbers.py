@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rigctl.config import with_std_apart
 from rigctl.errors import ConfigError
+from rigctl.files.config import with_std_apart
 from rigctl.files.place import Place, SiteSection
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor

@@ -8,7 +8,6 @@ import pytest
 
 from drivers.errors import NotConnectedError
 from rigctl.devices.rig import open_rig
-from rigctl.durable_file import PART_SUFFIX
 from rigctl.errors import RunFolderError
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.repair import repair_run
@@ -17,6 +16,7 @@ from rigctl.runs.run_lock import RunLock
 from rigctl.runs.verification import verify_run
 from rigctl.session.control import ask
 from rigctl.session.take_session import resume_session, take_session
+from rigctl.storage.durable_file import PART_SUFFIX
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.resealed import with_session
 

@@ -9,12 +9,12 @@ import pytest
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
+from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.scene.parameters import get
 from rigctl.scene.scene_reading import scene_of_file
 from rigctl.simulated.lit_roof import LitRoof
 from rigctl.simulated.roof_changes import CLOUD_S, changed_roof, cloud_factor
 from rigctl.simulated.simulation import with_simulation
-from rigctl.utc_time import NS_PER_S
 from tests.rigctl.example_files import EXAMPLES
 
 MORNING_NS = 1_274_796_580 * NS_PER_S  # 2010-05-25T14:09:40Z

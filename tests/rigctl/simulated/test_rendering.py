@@ -3,8 +3,8 @@ import tomllib
 import pytest
 from pydantic import TypeAdapter
 
-from rigctl.config import load
 from rigctl.errors import ConfigError
+from rigctl.files.config import load
 from rigctl.files.rendering_sections import RenderingSection
 from rigctl.files.rig_file import RigFile
 from rigctl.simulated.rendering import rendering_effect

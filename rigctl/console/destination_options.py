@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from rigctl.destination import (
+from rigctl.storage.destination import (
     Destination,
     Kind,
     edited_before,

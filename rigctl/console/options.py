@@ -1,15 +1,29 @@
-"""Options that are more than one number: lists and choices, every problem of them kept for one message."""
+"""Options that several commands read: lists, choices, times and sizes."""
 
 from collections.abc import Iterable
-from typing import TypeVar
+from datetime import UTC, datetime
+from typing import Annotated, TypeVar
 
-from rigctl.number_range import range_problem
+import typer
+
+from rigctl.errors import ConfigError
+from rigctl.numbers.number_range import FIRST_YEAR, LAST_YEAR, range_problem
+from rigctl.numbers.utc_time import unix_ns
 
 Choice = TypeVar("Choice", bound=str)
+_BYTES_PER_MB = 1_000_000
+_MOST_MB = 100_000
+
+MaxFrameMb = Annotated[
+    int,
+    typer.Option(
+        metavar="MB", min=1, max=_MOST_MB, help="Refuse a picture of more MB of samples before memory is taken for it."
+    ),
+]
 
 
 class OptionTexts:
-    """Reads the texts of options.
+    """Reads the texts of options; every problem of them is kept for one message.
 
     Attributes
     ----------
@@ -47,3 +61,29 @@ class OptionTexts:
         wild = [problem for number in numbers if (problem := range_problem(number)) is not None]
         self.problems += [f"{option}: is {text!r}, {problem}" for problem in wild[:1]]
         return None if wild else numbers
+
+
+def time_option(name: str, text: str | None) -> int | None:
+    """Return a time that was given on the command line [ns since 1970 UTC].
+
+    Raises
+    ------
+    ConfigError
+        It is no time, or has no zone.
+    """
+    if text is None:
+        return None
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
+    if moment.tzinfo is None:
+        raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
+    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
+        raise ConfigError(f"{name}: {text!r}: the year must lie between {FIRST_YEAR} and {LAST_YEAR}")
+    return unix_ns(moment.astimezone(UTC))
+
+
+def frame_bytes(max_frame_mb: int) -> int:
+    """Return the largest picture that is read, in bytes."""
+    return max_frame_mb * _BYTES_PER_MB

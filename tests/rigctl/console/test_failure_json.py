@@ -3,9 +3,9 @@ import json
 import pytest
 
 from rigctl import cli
+from rigctl.console.failure_json import failure_json
 from rigctl.devices.stages import find_driver
 from rigctl.errors import ConfigError
-from rigctl.failure_json import failure_json
 from rigctl.simulated.camera_address import require_known_camera
 from tests.rigctl.example_files import EXAMPLES
 

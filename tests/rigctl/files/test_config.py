@@ -3,8 +3,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from rigctl.config import Section, Uncertain, load, sha256_of
 from rigctl.errors import ConfigError
+from rigctl.files.config import Section, Uncertain, load, sha256_of
 
 
 class Example(Section):

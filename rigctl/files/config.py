@@ -11,10 +11,10 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from model.rectangular import rectangular_std
-from rigctl.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
-from rigctl.number_range import shown, wild_numbers
-from rigctl.problem_words import Key, meant, other_kind, place_text
+from rigctl.files.problem_words import Key, meant, other_kind, place_text
+from rigctl.numbers.number_range import shown, wild_numbers
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
 
 class Section(BaseModel):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.console_streams import LastingStream, visible
+from rigctl.console.console_streams import LastingStream, visible
 
 PLAN = ["plan", "examples/rig-sim.toml", "examples/session.toml", "--at", "2026-05-04T10:00Z", "--all"]
 
@@ -16,7 +16,7 @@ PLAN = ["plan", "examples/rig-sim.toml", "examples/session.toml", "--at", "2026-
 def _plan(**streams) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "rigctl", *PLAN],
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
         text=True,
         timeout=120,

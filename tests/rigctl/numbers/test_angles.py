@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rigctl.angles import wrapped
+from rigctl.numbers.angles import wrapped
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import DataError
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 _MOST_HEADER_BYTES = 4096
 

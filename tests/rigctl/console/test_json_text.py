@@ -4,7 +4,7 @@ import json
 from math import inf, nan
 
 from rigctl import cli
-from rigctl.json_text import json_text
+from rigctl.console.json_text import json_text
 from tests.rigctl.example_files import SMALL_SCENE
 
 

@@ -7,8 +7,8 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from rigctl.console_streams import visible
-from rigctl.json_text import json_text
+from rigctl.console.console_streams import visible
+from rigctl.console.json_text import json_text
 
 _WIDTH_OF_FILES = 120
 
