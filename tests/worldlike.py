@@ -62,21 +62,22 @@ class World:
     black_dn: float = 0.0
 
 
-def random_world(rng: np.random.Generator, **fixed: object) -> World:
+def random_world(rng: np.random.Generator, *, full_scale_dn: int | None = None, black_dn: float = 0.0) -> World:
     """Return a world of the ranges that other people's frames are of."""
     bits = int(rng.choice([8, 10, 12]))
-    drawn = {
-        "height": int(rng.integers(128, 224)),
-        "width": int(rng.integers(128, 256)),
-        "texture": float(np.exp(rng.uniform(np.log(0.02), np.log(0.4)))),
-        "texture_pixels": float(rng.uniform(0.7, 4.0)),
-        "blur_pixels": float(rng.uniform(0.0, 3.0)),
-        "is_demosaiced": bool(rng.random() < 0.3),
-        "full_scale_dn": 2**bits - 1,
-        "electrons": float(np.exp(rng.uniform(np.log(4e3), np.log(6e4)))),
-        "read_noise_dn": float(rng.uniform(0.3, 0.8) * 2 ** max(bits - 9, 0)),
-    }
-    return replace(World(**drawn), **fixed)  # type: ignore[arg-type]
+    world = World(
+        height=int(rng.integers(128, 224)),
+        width=int(rng.integers(128, 256)),
+        texture=float(np.exp(rng.uniform(np.log(0.02), np.log(0.4)))),
+        texture_pixels=float(rng.uniform(0.7, 4.0)),
+        blur_pixels=float(rng.uniform(0.0, 3.0)),
+        is_demosaiced=bool(rng.random() < 0.3),
+        full_scale_dn=2**bits - 1,
+        electrons=float(np.exp(rng.uniform(np.log(4e3), np.log(6e4)))),
+        read_noise_dn=float(rng.uniform(0.3, 0.8) * 2 ** max(bits - 9, 0)),
+        black_dn=black_dn,
+    )
+    return world if full_scale_dn is None else replace(world, full_scale_dn=full_scale_dn)
 
 
 def light(world: World, rng: np.random.Generator) -> tuple[Pictures, Pictures, Pictures]:

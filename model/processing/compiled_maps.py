@@ -1,6 +1,6 @@
 """The pass of `maps` over counts, compiled by numba: one thread, an arctangent of its own."""
 
-from typing import Any
+from collections.abc import Callable
 
 import numba
 import numpy as np
@@ -18,12 +18,11 @@ _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = np.linalg.solve(
 ).astype(np.float32)
 _ZERO, _HALF = np.float32(0.0), np.float32(0.5)
 _QUARTER_PI, _HALF_PI, _PI = np.float32(np.pi / 4), np.float32(np.pi / 2), np.float32(np.pi)
-_BELOW_PI = np.nextafter(_PI, _ZERO)
+_BELOW_PI: np.float32 = np.nextafter(_PI, _ZERO)
 _TINY, _INFINITE = np.float32(1e-38), np.float32(np.inf)
 
 
-@numba.njit(inline="always", fastmath={"contract", "arcp", "nsz"}, error_model="numpy")  # type: ignore[untyped-decorator]
-def _half_argument(x: Any, y: Any) -> Any:
+def _half_argument_of(x: np.float32, y: np.float32) -> np.float32:
     """Return half of the argument of x + i y, in [0, pi)."""
     wide, high = abs(x), abs(y)
     long = wide if wide > high else high
@@ -39,15 +38,20 @@ def _half_argument(x: Any, y: Any) -> Any:
     value = value * square + _C2
     value = value * square + _C1
     value = value * square + _C0
-    half = value * ratio * _HALF
+    half: np.float32 = value * ratio * _HALF
     half = half if high <= wide else _QUARTER_PI - half
     half = half if x >= _ZERO else _HALF_PI - half
     half = half if y >= _ZERO else _PI - half
     return half if half < _BELOW_PI else _BELOW_PI
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract", "arcp", "nsz"}, error_model="numpy")  # type: ignore[untyped-decorator]
-def fill_maps(
+# Numba tells no types: its functions are bound to names that have them.
+_half_argument: Callable[[np.float32, np.float32], np.float32] = numba.njit(
+    inline="always", fastmath={"contract", "arcp", "nsz"}, error_model="numpy"
+)(_half_argument_of)
+
+
+def _fill_maps(
     counts: NDArray[np.uint16] | Float32Array,
     inverse: Float32Array,
     whole_dn: Float32Array,
@@ -99,3 +103,8 @@ def fill_maps(
             e[i] = _half_argument(b[i], c[i])
         for i in range(size):
             good[i] = (a[i] > _ZERO) & (d[i] < _INFINITE)
+
+
+fill_maps: Callable[..., None] = numba.njit(
+    cache=True, nogil=True, fastmath={"contract", "arcp", "nsz"}, error_model="numpy"
+)(_fill_maps)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from model.processing.dolp_distribution import normal_ratio
 from model.processing.dolp_distribution.frame import dolp_frame
 from model.processing.dolp_distribution.normal_ratio import NormalRatio
-from model.processing.dolp_distribution.quantile_search import find_quantiles
+from model.processing.dolp_distribution.quantile import find_quantiles
 
 FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.quantity_table import ORDERED
-from model.processing.rank_correlation import RankCorrelation, rank_correlation
+from model.processing.trend import RankCorrelation, rank_correlation
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 

@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 from sim_devices.stages import apt_messages as messages
 from sim_devices.stages.apt_address import MODELS, AptOptions
-from sim_devices.stages.apt_parameters import TABLE, AptParameters
-from sim_devices.stages.apt_receiver import AptReceiver, Message
+from sim_devices.stages.apt_messages import TABLE, AptParameters, AptReceiver, Message
 from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.simulated_stage import Reply
 

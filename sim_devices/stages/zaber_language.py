@@ -1,12 +1,131 @@
 """Answers of a simulated Zaber stage, from a reading of Zaber's ASCII protocol manual (firmware 6 and 7)."""
 
+import re
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.simulated_stage import Reply
 from sim_devices.stages.zaber_address import ZaberOptions
-from sim_devices.stages.zaber_receiver import Command, ZaberReceiver, checksum
-from sim_devices.stages.zaber_settings import ZaberSettings
+
+_MAXSPEED_UNIT = 1.6384  # microsteps a second are this much less than the number in the setting
+_TOP_SPEED_DEG_PER_S = 100.0  # what is set; a hindered motor does not come up to it
+_FAR = 10**9
+
+
+class ZaberSettings:
+    """Name to value. Positions are asked for each time."""
+
+    def __init__(self, options: ZaberOptions, position: Callable[[], int]) -> None:
+        turn = options.counts_per_turn
+        self.alerts = False
+        self.checksums = False
+        self._position = position
+        self._has_encoder = options.encoder
+        self._fixed: dict[str, int | str] = {
+            "deviceid": options.model,
+            "device.id": options.model,
+            "system.serial": options.serial_number,
+            "system.axiscount": 1,
+            "version": "7.38",
+            "version.build": 16000,
+            "device.hw.modified": 0,
+            "comm.packet.size.max": 80,
+            "comm.word.size.max": 50,
+            "comm.command.packets.max": 1,
+            "get.settings.max": 10,
+            "resolution": options.resolution,
+            "limit.min": 0 if options.one_turn else -_FAR,
+            "limit.max": turn if options.one_turn else _FAR,
+            "maxspeed": round(_TOP_SPEED_DEG_PER_S / 360.0 * turn * _MAXSPEED_UNIT),
+        }
+        if options.cycle:
+            self._fixed["limit.cycle.dist"] = turn
+
+    def get(self, name: str) -> str | None:
+        """Return a setting's value as text, or None when there is no such setting."""
+        if name == "pos" or (name == "encoder.pos" and self._has_encoder):
+            return str(self._position())
+        switches = {"comm.alert": self.alerts, "comm.checksum": self.checksums}
+        if name in switches:
+            return str(int(switches[name]))
+        value = self._fixed.get(name)
+        return None if value is None else str(value)
+
+    def set(self, name: str, value: str) -> bool:
+        """Write a setting; return whether there is one that can take this value."""
+        if value not in ("0", "1"):
+            return False
+        if name == "comm.alert":
+            self.alerts = value == "1"
+        elif name == "comm.checksum":
+            self.checksums = value == "1"
+        else:
+            return False
+        return True
+
+
+_LONGEST = 80
+_CHECKED = re.compile(r"(.*):([0-9A-F]{2})")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """A whole command: for which device and axis (0: all), its message id if it has one, and its words."""
+
+    device: int
+    axis: int
+    message_id: str | None
+    words: tuple[str, ...]
+
+
+class ZaberReceiver:
+    """Collects characters from a slash to the end of a line. A command whose checksum is wrong is passed over."""
+
+    def __init__(self) -> None:
+        self._collected: str | None = None
+
+    def receive(self, data: bytes) -> list[Command]:
+        """Return the commands that these bytes complete."""
+        commands = (self._take(character) for character in data.decode("latin-1"))
+        return [command for command in commands if command is not None]
+
+    def _take(self, character: str) -> Command | None:
+        if character in "\r\n":
+            text, self._collected = self._collected, None
+            return None if text is None else _understand(text)
+        if self._collected is None:
+            self._collected = "" if character == "/" else None
+        elif len(self._collected) < _LONGEST and " " <= character <= "~":
+            self._collected += character
+        else:
+            self._collected = None
+        return None
+
+
+def checksum(text: str) -> str:
+    """Return the two digits that make the bytes of a message add up to 0 modulo 256."""
+    return f"{-sum(text.encode('latin-1')) % 256:02X}"
+
+
+def _understand(text: str) -> Command | None:
+    checked = _CHECKED.fullmatch(text)
+    if checked is not None:
+        text, digits = checked.groups()
+        if checksum(text) != digits:
+            return None
+    numbers, words = _leading_numbers(text.split())
+    padded: list[str | None] = [*numbers, None, None, None]
+    device, axis, message_id = padded[:3]
+    return Command(device=int(device or 0), axis=int(axis or 0), message_id=message_id, words=words)
+
+
+def _leading_numbers(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
+    count = 0
+    while count < min(3, len(words)) and words[count].isdecimal():
+        count += 1
+    return words[:count], tuple(words[count:])
+
 
 _DEVICE = 1
 _STALLED, _NO_REFERENCE, _INTERRUPTED, _BY_HAND = "FS", "WR", "NI", "NC"

@@ -122,9 +122,8 @@ def test_a_silent_port_is_told() -> None:
 def test_stages_of_a_plug_in_are_found_too(monkeypatch: pytest.MonkeyPatch) -> None:
     identity = DeviceIdentity(model="plugged", serial_number="7", firmware="1")
     module = ModuleType("plugged_in")
-    module.PROBE = StageProbe(  # type: ignore[attr-defined]
-        baud=4800, usb_ids=((0x1234, None),), ask=lambda port: [Answer(address=None, identity=identity)]
-    )
+    probe = StageProbe(baud=4800, usb_ids=((0x1234, None),), ask=lambda port: [Answer(address=None, identity=identity)])
+    monkeypatch.setattr(module, "PROBE", probe, raising=False)
     monkeypatch.setitem(sys.modules, "plugged_in", module)
     entry = EntryPoint(name="plugged", value="plugged_in:open", group=STAGES)
     monkeypatch.setattr(discovery, "entry_points", lambda group: [entry])

@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass, field
 from math import cos, sin
+from typing import TypedDict, Unpack
 
 from tests.rigctl.scene_texts import LIGHT, SENSOR
 
@@ -70,8 +71,17 @@ class _Given:
         )
 
 
-def _given(name: str, *, known: bool = True, condition: float = 1.0, **changes: object) -> HardCase:
-    given = _Given(**changes)  # type: ignore[arg-type]
+class _Changes(TypedDict, total=False):
+    s0: float
+    dolp: float
+    texture_rms: float
+    background: tuple[float, float, float]
+    sensor: dict[str, object]
+    more: str
+
+
+def _given(name: str, *, known: bool = True, condition: float = 1.0, **changes: Unpack[_Changes]) -> HardCase:
+    given = _Given(**changes)
     return HardCase(name=name, text=given.text(), dolp=given.dolp if known else None, condition=condition)
 
 

@@ -3,15 +3,20 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import isqrt
 
 import numpy as np
 
 from model.accuracy.estimates.light_error import LightError
-from model.accuracy.estimates.more_tiles import on_more_tiles
 from model.accuracy.estimates.sensitivity import Changes, changes, grown, over_field, steps
-from model.accuracy.evaluation.chain import ChainResult
+from model.accuracy.evaluation.chain import ChainResult, region_light
 from model.accuracy.evaluation.quantities import Reading, readings
 from model.accuracy.planning.numerical_settings import DOLP, ROC, TILES
+from model.effects.acting import acting
+from model.scene.adjacency import with_surroundings
+from model.scene.aperture_radiance import aperture_lights
+from model.scene.field_light import FieldLight
+from model.scene.field_of_view import tiles
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
 
@@ -148,3 +153,47 @@ def _of_detection(result: ChainResult) -> dict[Reading, float]:
             found[Reading(place, "p_detection", f"{rate:g}")] = float(error)
         found[Reading(place, "auc", "whole curve")] = pair.auc_error
     return found
+
+
+def on_more_tiles(scene: LitScene, result: ChainResult, name: str) -> RegionLight | None:
+    """Return the light of a region over one more tile along each side; None for a point.
+
+    Parameters
+    ----------
+    scene, result
+        What was evaluated, and what was found.
+    name
+        Of a region that is given by its material.
+
+    Raises
+    ------
+    ValueError
+        The radiance of the region is given.
+
+    References
+    ----------
+    Definition; rules of the hemisphere integral as for the tiles.
+    """
+    region = next(one for one in scene.regions if one.name == name)
+    air, view, illumination = scene.air, scene.view, result.illumination
+    if air is None or view is None or illumination is None or region.surface is None or region.tilt is None:
+        raise ValueError(f"region {name}: its radiance is given, there is nothing to compute")
+    own = result.lights[name].lights
+    if region.part is None or len(own) == 1:
+        return None
+    seen = acting(scene, result.effects)
+    more = tiles(region.part, view, per_side=isqrt(len(own)) + 1, rule=result.settings.tile_rule)
+    lights = aperture_lights(
+        illumination,
+        surface=region.surface,
+        tilt=region.tilt,
+        views=tuple(tile.view for tile in more),
+        rules=own[0].rules,
+        skylight=seen.parts.skylight,
+        path=seen.parts.path_radiance,
+    )
+    field = FieldLight(lights=lights, weights=tuple(tile.weight for tile in more), spread=result.lights[name].spread)
+    around = seen.imperfections.surround_albedo
+    if around is not None:
+        field = with_surroundings(field, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
+    return region_light(seen, region, field)

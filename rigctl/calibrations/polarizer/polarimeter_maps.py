@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.polarimeter.analyzer import AnalyzerChannels, analyzer_channels
 from calibration.polarimeter.axis import half_turn
-from calibration.polarimeter.blocks import block_means
+from calibration.polarimeter.data_reduction import block_means
 from rigctl.calibrations.polarizer.generator_file import GeneratorAngle
 from rigctl.calibrations.polarizer.scan_frames import dark_frames, generator_cells, scene_frames
 from rigctl.errors import DataError

@@ -1,5 +1,7 @@
 """The literal messages are those of Zaber's manual, of its own libraries' tests, and of what its client sends."""
 
+from dataclasses import replace
+
 import pytest
 
 from drivers.errors import LimitError, ProtocolError
@@ -50,30 +52,19 @@ def test_commands_say_it_and_add_up_to_zero(words: str, axis: int, message_id: i
     assert (sum(said[1:]) + int(check, 16)) % 256 == 0
 
 
-def reply(**changes: object) -> Reply:
-    values: dict[str, object] = {
-        "device": 1,
-        "axis": 0,
-        "message_id": None,
-        "accepted": True,
-        "busy": False,
-        "flag": "--",
-        "data": "0",
-        "checked": False,
-    }
-    return Reply(**(values | changes))  # type: ignore[arg-type]
+IDLE = Reply(device=1, axis=0, message_id=None, accepted=True, busy=False, flag="--", data="0", checked=False)
 
 
 @pytest.mark.parametrize(
     ("line", "event"),
     [
-        (b"@01 0 OK IDLE -- 0\r\n", reply()),
-        (b"@01 0 OK IDLE -- 0:8D\r\n", reply(checked=True)),
-        (b"@01 0 12 OK IDLE -- 0\r\n", reply(message_id=12)),
-        (b"@01 0 OK IDLE WR 49822\r\n", reply(flag="WR", data="49822")),
-        (b"@01 1 OK BUSY -- 0\r\n", reply(axis=1, busy=True)),
-        (b"@02 0 RJ IDLE -- BADCOMMAND\r\n", reply(device=2, accepted=False, data="BADCOMMAND")),
-        (b"@01 0 OK IDLE FS 02 FS WR\r\n", reply(flag="FS", data="02 FS WR")),
+        (b"@01 0 OK IDLE -- 0\r\n", IDLE),
+        (b"@01 0 OK IDLE -- 0:8D\r\n", replace(IDLE, checked=True)),
+        (b"@01 0 12 OK IDLE -- 0\r\n", replace(IDLE, message_id=12)),
+        (b"@01 0 OK IDLE WR 49822\r\n", replace(IDLE, flag="WR", data="49822")),
+        (b"@01 1 OK BUSY -- 0\r\n", replace(IDLE, axis=1, busy=True)),
+        (b"@02 0 RJ IDLE -- BADCOMMAND\r\n", replace(IDLE, device=2, accepted=False, data="BADCOMMAND")),
+        (b"@01 0 OK IDLE FS 02 FS WR\r\n", replace(IDLE, flag="FS", data="02 FS WR")),
         (b"!01 1 IDLE --\r\n", Unasked(kind="!", text="01 1 IDLE --")),
         (b"#01 0 help\r\n", Unasked(kind="#", text="01 0 help")),
     ],
@@ -102,7 +93,7 @@ def test_a_damaged_message_is_an_error_and_the_next_one_is_read(damaged: bytes) 
     parser.feed(damaged + b"@01 0 OK IDLE -- 0:8D\r\n")
     with pytest.raises(ProtocolError):
         parser.next_event()
-    assert parser.next_event() == reply(checked=True)
+    assert parser.next_event() == replace(IDLE, checked=True)
 
 
 def test_a_flood_without_messages_is_not_kept() -> None:
@@ -110,7 +101,7 @@ def test_a_flood_without_messages_is_not_kept() -> None:
     with pytest.raises(ProtocolError, match="make no message"):
         parser.feed(b"x" * 1025)
     parser.feed(b"@01 0 OK IDLE -- 0:8D\r\n")
-    assert parser.next_event() == reply(checked=True)
+    assert parser.next_event() == replace(IDLE, checked=True)
 
 
 @pytest.mark.parametrize(("data", "flags"), [("00", ()), ("01 WR", ("WR",)), ("02 FS WR", ("FS", "WR"))])

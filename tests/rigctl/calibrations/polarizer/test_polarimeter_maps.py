@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.polarimeter.blocks import block_means
+from calibration.polarimeter.data_reduction import block_means
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
 from rigctl.cli import EXIT_USAGE, main
 from rigctl.runs.frame_record import FrameRecord

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.more_tiles import on_more_tiles
+from model.accuracy.estimates.error_budget import on_more_tiles
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.planning.numerical_settings import HEMISPHERE, NUMERICAL_SETTINGS, settings_at
 from tests.model.accuracy.random_scenes import random_scene

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sim_devices.faults import LineNoise
-from sim_devices.stages.line import Line
+from sim_devices.stages.simulated_stage import Line
 
 
 def line(

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sim_devices.stages.ring import Ring
+from sim_devices.stages.drive import Ring
 
 PULSES = 143360
 
