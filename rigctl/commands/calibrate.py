@@ -115,7 +115,7 @@ def _calibrated(request: "NoiseRequest") -> "CalibratedNoise":
 
 def _print_table(found: "CalibratedNoise") -> None:
     from calibration.sensor.first_lines import first_lines
-    from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table, unknown_lines
+    from rigctl.reports.tables.calibration_tables import calibration_rows, calibration_table, unknown_lines
     from rigctl.reports.writers.terminal_table import terminal_table
 
     console = results()

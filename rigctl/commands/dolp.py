@@ -36,7 +36,7 @@ def fig5(
     Example: rigctl dolp fig5 --out fig5
     """
     from rigctl.jobs.dolp import dolp_by_snr
-    from rigctl.reports.tables.dolp_tables import fig5_table
+    from rigctl.reports.tables.paper_tables import fig5_table
 
     found = dolp_by_snr(draws=draws, seed=seed, out=out)
     if as_json:
@@ -59,7 +59,7 @@ def estimators(
     Example: rigctl dolp estimators --out estimators
     """
     from rigctl.jobs.dolp import compare_estimators
-    from rigctl.reports.tables.dolp_tables import estimator_table
+    from rigctl.reports.tables.paper_tables import estimator_table
 
     found = compare_estimators(out=out)
     if as_json:

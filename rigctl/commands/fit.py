@@ -38,7 +38,7 @@ def surface(
     Example: rigctl fit surface examples/fit-black-panel.toml --out fitted.toml
     """
     from rigctl.jobs.fit import fit_surface_file
-    from rigctl.reports.tables.surface_fit_tables import fit_json, fit_tables
+    from rigctl.reports.tables.surface_tables import fit_json, fit_tables
 
     fitted = fit_surface_file(file, profile=profile, out=out)
     fit = fitted.fit

@@ -149,8 +149,12 @@ def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -
     from rigctl.jobs.predict import predict_scene
     from rigctl.reports.tables.comparison_json import prediction_json
     from rigctl.reports.tables.light_tables import geometry_lines, light_json, light_tables
-    from rigctl.reports.tables.quantity_tables import quantity_tables
-    from rigctl.reports.tables.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
+    from rigctl.reports.tables.prediction_tables import (
+        input_effect_tables,
+        input_effects_json,
+        quantity_tables,
+        with_input_errors,
+    )
 
     predicted = predict_scene(request, uncertainty=uncertainty)
     found, errors = predicted.found, predicted.uncertainty
@@ -179,13 +183,13 @@ def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -
 
 
 def _roc(rocs: "Mapping[RocKind, PairDetection]") -> dict[str, object]:
-    from rigctl.reports.tables.roc_tables import roc_json
+    from rigctl.reports.tables.detection_tables import roc_json
 
     return {"roc": roc_json({kind: (one,) for kind, one in rocs.items()}, ())} if rocs else {}
 
 
 def _roc_tables(rocs: "Mapping[RocKind, PairDetection]") -> "Iterable[AnyTable]":
-    from rigctl.reports.tables.roc_tables import roc_table
+    from rigctl.reports.tables.detection_tables import roc_table
 
     return [roc_table({kind: (one,) for kind, one in rocs.items()})] if rocs else []
 
@@ -218,7 +222,7 @@ def _predict_to(request: "PredictRequest", tolerance: float, shown: "_Shown", *,
     from rigctl.reports.tables.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
     from rigctl.reports.tables.comparison_json import prediction_json
     from rigctl.reports.tables.effects_tables import effects_json, left_out_line
-    from rigctl.reports.tables.quantity_tables import quantity_tables
+    from rigctl.reports.tables.prediction_tables import quantity_tables
 
     predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only)
     found, effects = predicted.found, predicted.effects

@@ -33,7 +33,7 @@ def command(
     Example: rigctl sky examples/scene-airborne.toml --compare-aerosols --out sky
     """
     from rigctl.jobs.sky import compute_sky
-    from rigctl.reports.tables.sky_tables import sky_json, sky_lines
+    from rigctl.reports.tables.light_tables import sky_json, sky_lines
 
     if compare_aerosols:
         _compare(scene, out, engine=engine, as_json=as_json)
@@ -50,7 +50,7 @@ def command(
 
 def _compare(scene: Path, out: Path | None, *, engine: Engine, as_json: bool) -> None:
     from rigctl.jobs.sky import compute_skies_by_aerosol
-    from rigctl.reports.tables.sky_tables import kinds_json, kinds_table, sky_lines
+    from rigctl.reports.tables.light_tables import kinds_json, kinds_table, sky_lines
     from rigctl.reports.writers.terminal_table import terminal_table
 
     kinds = compute_skies_by_aerosol(scene, engine=engine, out=out, progress=_say)

@@ -60,7 +60,7 @@ def command(
 
 
 def _print(found: "StokesOfRun", out: Path) -> None:
-    from rigctl.reports.tables.quantity_tables import quantity_tables
+    from rigctl.reports.tables.prediction_tables import quantity_tables
     from rigctl.reports.writers.terminal_table import terminal_table
 
     _print_faults(found)

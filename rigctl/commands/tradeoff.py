@@ -106,7 +106,7 @@ def _curves(
 
 
 def _show_accuracy(curves: "Curves", out: Path | None, *, as_json: bool) -> None:
-    from rigctl.reports.tables.tradeoff_tables import choice_table, curve_json, curve_table, floor_lines, named_table
+    from rigctl.reports.tables.accuracy_tables import choice_table, curve_json, curve_table, floor_lines, named_table
 
     if as_json:
         print_json(curve_json(curves))

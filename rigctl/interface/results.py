@@ -9,17 +9,18 @@ from rigctl.interface.data_frames import Number, data_frame, measured_numbers, n
 from rigctl.interface.optional import Backend, optional
 from rigctl.jobs.predict import PredictedScene, SweptScene
 from rigctl.jobs.stokes import StokesOfRun
-from rigctl.reports.figures.comparison_figures import scene_pictures, scores
-from rigctl.reports.figures.sky_figure import sky_picture
-from rigctl.reports.figures.sweep_figure import sweep_png
+from rigctl.reports.figures.comparison_figures import scores
+from rigctl.reports.figures.measurement_figures import scene_pictures
+from rigctl.reports.figures.prediction_figures import sweep_png
+from rigctl.reports.figures.scene_figures import sky_picture
 from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.comparison_tables import check_table, summary_table
-from rigctl.reports.tables.quantity_tables import quantity_tables
+from rigctl.reports.tables.light_tables import sky_lines
+from rigctl.reports.tables.prediction_tables import quantity_tables
 from rigctl.reports.tables.row_table import row_table
-from rigctl.reports.tables.sky_tables import sky_lines
 from rigctl.reports.tables.surface_tables import surface_tables
 from rigctl.reports.tables.sweep_tables import sweep_tables
-from rigctl.reports.writers.html_fragment import lines_fragment, picture_fragment, table_fragment
+from rigctl.reports.writers.html_page import lines_fragment, picture_fragment, table_fragment
 from rigctl.scene.reflected_light import SurfaceSheet
 from rigctl.scene.sky_map import SkyMap
 

@@ -135,7 +135,7 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         write_whole(request.maps, maps.npz())
     if request.report is not None:
         from rigctl.reports.pages.polarizer_page import polarizer_report
-        from rigctl.reports.writers.report_file import report_file
+        from rigctl.reports.writers.output_folder import report_file
 
         report = polarizer_report(found, content, regions=regions, maps=maps)
         write_whole(request.report, report_file(report, request.report))

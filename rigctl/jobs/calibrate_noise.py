@@ -84,12 +84,12 @@ def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = Non
     found = CalibratedNoise(calibration=calibration, content=calibration.as_json())
     write_content(request.out, found.content)
     if request.plot is not None:
-        from rigctl.reports.figures.photon_transfer_figure import photon_transfer_png
+        from rigctl.reports.figures.calibration_figures import photon_transfer_png
 
         write_whole(request.plot, photon_transfer_png(calibration.noise))
     if request.report is not None:
         from rigctl.reports.pages.calibration_page import calibration_report
-        from rigctl.reports.writers.report_file import report_file
+        from rigctl.reports.writers.output_folder import report_file
 
         report = calibration_report(calibration, created_utc=found.content["created_utc"])
         write_whole(request.report, report_file(report, request.report))

@@ -13,7 +13,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import measure, signal_of_cycle
-from rigctl.reports.outputs.detection_files import write_detection
+from rigctl.reports.outputs.measurement_files import write_detection
 from rigctl.runs.wholeness import used_run
 
 

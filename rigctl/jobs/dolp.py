@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from model.processing.dolp_against_snr import DolpAgainstSnr, dolp_against_snr
 from model.processing.estimators import ESTIMATORS, EstimatorError, bias_and_rms
-from rigctl.reports.figures.dolp_figures import estimator_plot, fig5_plot
+from rigctl.reports.figures.paper_figures import estimator_plot, fig5_plot
 from rigctl.storage.durable_file import write_durably
 
 _FIG5_STOKES = (1.0, 0.5, 0.5)

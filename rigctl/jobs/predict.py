@@ -28,7 +28,7 @@ from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.prediction.sweep import Axis, Sweep, parse_sweeps, sweep_over
 from rigctl.prediction.sweep_to_tolerance import sweep_to_tolerance
-from rigctl.reports.outputs.sweep_files import write_sweep
+from rigctl.reports.outputs.prediction_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight

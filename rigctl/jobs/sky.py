@@ -27,7 +27,7 @@ def compute_sky(scene: Path | SceneFile, *, engine: Engine = "own", out: Path | 
     """
     found = sky_map(scene_file(scene), engine=engine)
     if out is not None:
-        from rigctl.reports.outputs.sky_files import write_sky  # half a second, wanted for a picture only
+        from rigctl.reports.outputs.prediction_files import write_sky  # half a second, wanted for a picture only
 
         write_sky(found, out)
     return found
@@ -65,7 +65,7 @@ def compute_skies_by_aerosol(
         found.append(one)
     kinds = tuple(found)
     if out is not None:
-        from rigctl.reports.outputs.sky_files import write_kinds  # half a second, wanted for a picture only
+        from rigctl.reports.outputs.prediction_files import write_kinds  # half a second, wanted for a picture only
 
         write_kinds(kinds, out)
     return kinds

@@ -74,7 +74,7 @@ def characterise_stage(request: CharacteriseRequest, *, progress: Progress, warn
     if request.out is not None:
         write_durably(request.out, as_text(content))
     if request.plot is not None:
-        from rigctl.reports.figures.characterisation_figure import (
+        from rigctl.reports.figures.rig_figures import (
             characterisation_png,  # half a second, for a plot only
         )
 

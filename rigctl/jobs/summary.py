@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rigctl.live.session_history import SessionHistory, session_history
 from rigctl.reports.pages.run_page import run_report
-from rigctl.reports.writers.report_file import report_file
+from rigctl.reports.writers.output_folder import report_file
 from rigctl.runs.wholeness import used_run
 from rigctl.storage.durable_file import write_durably
 

@@ -62,7 +62,7 @@ def look_at_surface(
     except ValueError as error:
         raise ConfigError(str(error)) from error
     if out is not None:
-        from rigctl.reports.outputs.surface_files import write_surface  # half a second, wanted for plots only
+        from rigctl.reports.outputs.prediction_files import write_surface  # half a second, wanted for plots only
 
         write_surface(sheet, reflected_maps(surface, sun_zenith_deg=sun_zenith_deg), out)
     return sheet

@@ -9,7 +9,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.prediction.accuracy_curves import Curves, accuracy_curves, steps
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, TradeoffRequest, acquisition_tradeoff
 from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.reports.outputs.tradeoff_files import write_accuracy_tradeoff, write_acquisition_tradeoff
+from rigctl.reports.outputs.prediction_files import write_accuracy_tradeoff, write_acquisition_tradeoff
 from rigctl.scene.scene_light import SceneLight
 
 # Told what is being done, in words, the steps done, and how many there are.

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Flag, auto
+from itertools import groupby
 from typing import Any, Generic, TypeVar
 
 Value = str | float | int | bool | None
@@ -123,6 +124,11 @@ class Table(Generic[RowT]):
         """Return the rows as people read them."""
         columns = self.shown(where)
         return [tuple(column.text_of(row, where) for column in columns) for row in self.rows]
+
+    def groups(self) -> list[tuple[str, int]]:
+        """Return the headings over columns of a page and how many columns each spans; nothing where there are none."""
+        names = [column.group for column in self.shown(Shown.PAGE)]
+        return [(name, len(list(same))) for name, same in groupby(names)] if any(names) else []
 
 
 AnyTable = Table[Any]

@@ -3,15 +3,14 @@
 from pathlib import Path
 
 from rigctl.comparison.compared_run import ComparedRun, ComparedSeries
-from rigctl.reports.outputs.folder import write_folder
 from rigctl.reports.pages.comparison_page import comparison_report
 from rigctl.reports.pages.series_page import series_report
 from rigctl.reports.tables.comparison_json import compared_json, measurement_json, prediction_json
 from rigctl.reports.tables.row_table import row_table
 from rigctl.reports.tables.series_tables import series_json, series_rows
-from rigctl.reports.writers.csv_rows import csv_rows
+from rigctl.reports.writers.data_files import csv_rows, json_file
 from rigctl.reports.writers.html_page import html
-from rigctl.reports.writers.json_rows import json_file
+from rigctl.reports.writers.output_folder import write_folder
 from rigctl.reports.writers.pdf_document import pdf
 
 

@@ -11,11 +11,11 @@ from rigctl.paper.paper_result import MaterialSet, PaperResult
 from rigctl.paper.results import figures_of
 from rigctl.paper.rooftop import PANELS
 from rigctl.reports.figures.paper_figures import curves_png, laws_figure_png, panels_png
-from rigctl.reports.figures.sky_figure import sky_picture
-from rigctl.reports.outputs.folder import write_folder
+from rigctl.reports.figures.scene_figures import sky_picture
 from rigctl.reports.pages.paper_page import paper_report
 from rigctl.reports.tables.paper_tables import statement_csv, statement_json, verdict_lines
 from rigctl.reports.writers.html_page import html
+from rigctl.reports.writers.output_folder import write_folder
 from rigctl.scene.sky_map import sky_map
 
 _SAME_FOR_ALL = (2, 5)

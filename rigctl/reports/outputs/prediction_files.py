@@ -1,4 +1,4 @@
-"""The files of a prediction without a run."""
+"""The files of predictions without a run: of one scene, of a sweep, of tradeoffs, of a sky and of a material."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,14 +7,25 @@ from typing import Any
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.region_performance import PairDetection
-from rigctl.files.choices import RocKind
-from rigctl.reports.figures.prediction_figures import counts_png, laws_png
-from rigctl.reports.figures.roc_figure import roc_png
-from rigctl.reports.outputs.folder import write_folder
+from rigctl.files.choices import RocKind, SnrKind
+from rigctl.prediction.accuracy_curves import Curves
+from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
+from rigctl.prediction.sweep import Sweep
+from rigctl.reports.figures.detection_figures import roc_png
+from rigctl.reports.figures.prediction_figures import MOST_AXES, counts_png, laws_png, sweep_png
+from rigctl.reports.figures.scene_figures import hemisphere_picture, kinds_picture, sky_picture, surface_picture
+from rigctl.reports.figures.tradeoff_figures import curve_png, digits_png, tradeoff_picture
 from rigctl.reports.table import Column, Table
-from rigctl.reports.tables.roc_tables import roc_csv
-from rigctl.reports.writers.csv_rows import csv_rows
-from rigctl.reports.writers.json_rows import json_file
+from rigctl.reports.tables.accuracy_tables import curve_json, curve_table
+from rigctl.reports.tables.acquisition_tables import tradeoff_csv, tradeoff_json
+from rigctl.reports.tables.detection_tables import roc_csv
+from rigctl.reports.tables.light_tables import kinds_json, sky_json
+from rigctl.reports.tables.surface_tables import surface_json
+from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json
+from rigctl.reports.writers.data_files import csv_rows, json_file
+from rigctl.reports.writers.output_folder import write_folder
+from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
+from rigctl.scene.sky_map import SkyMap, SkyOfKind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,3 +86,65 @@ def _csv(predictions: Mapping[str, RegionPrediction], remarks: Sequence[str]) ->
         Column(key=key) for key in ("region", "quantity", "statistic", "value", "remark")
     )
     return csv_rows(Table(columns=columns, rows=tuple(rows)))
+
+
+def write_sweep(found: Sweep, out: Path, *, remarks: Sequence[str], snr: SnrKind = "exact") -> tuple[str, ...]:
+    """Write sweep.csv, sweep.json and sweep.png, and roc.csv and roc.png of curves; return what was written."""
+    contents = {
+        "sweep.csv": sweep_csv(found, remarks=remarks),
+        "sweep.json": json_file(sweep_json(found, remarks=remarks)),
+    }
+    if len(found.axes) <= MOST_AXES:
+        contents["sweep.png"] = sweep_png(found, snr=snr, remarks=remarks)
+    if found.rocs:
+        contents |= {"roc.csv": roc_csv(found.rocs), "roc.png": roc_png(found.rocs, _labels(found))}
+    return write_folder(out, contents)
+
+
+def _labels(found: Sweep) -> tuple[str, ...]:
+    points: list[str] = [""]
+    for axis in found.axes:
+        points = [", ".join(filter(None, (text, f"{axis.key}={value:g}"))) for text in points for value in axis.values]
+    return tuple(points)
+
+
+def write_accuracy_tradeoff(curves: Curves, out: Path) -> None:
+    """Write tradeoff.csv, tradeoff.json, tradeoff.png and digits.png."""
+    contents = {
+        "tradeoff.csv": csv_rows(curve_table(curves)),
+        "tradeoff.json": json_file(curve_json(curves), indent=None),
+        "tradeoff.png": curve_png(curves),
+        "digits.png": digits_png(curves),
+    }
+    write_folder(out, contents)
+
+
+def write_acquisition_tradeoff(found: AcquisitionTradeoff, out: Path) -> None:
+    """Write acquisition.csv, acquisition.json and acquisition.png."""
+    contents = {
+        "acquisition.csv": tradeoff_csv(found),
+        "acquisition.json": json_file(tradeoff_json(found), indent=None),
+        "acquisition.png": tradeoff_picture(found),
+    }
+    write_folder(out, contents)
+
+
+def write_sky(sky: SkyMap, out: Path) -> None:
+    """Write sky.png and sky.json."""
+    write_folder(out, {"sky.png": sky_picture(sky), "sky.json": json_file(sky_json(sky), indent=None)})
+
+
+def write_kinds(kinds: tuple[SkyOfKind, ...], out: Path) -> None:
+    """Write sky-aerosols.png and sky-aerosols.json."""
+    content = json_file(kinds_json(kinds), indent=None)
+    write_folder(out, {"sky-aerosols.png": kinds_picture(kinds), "sky-aerosols.json": content})
+
+
+def write_surface(sheet: SurfaceSheet, maps: ReflectedMaps, out: Path) -> None:
+    """Write surface.png (against angle), hemisphere.png (all directions of the camera) and surface.json."""
+    contents = {
+        "surface.png": surface_picture(sheet, maps),
+        "hemisphere.png": hemisphere_picture(sheet, maps),
+        "surface.json": json_file(surface_json(sheet)),
+    }
+    write_folder(out, contents)

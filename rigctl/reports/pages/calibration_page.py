@@ -13,12 +13,11 @@ from calibration.sensor.not_known import not_known
 from calibration.sensor.performance import Performance
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration
 from rigctl.calibrations.noise.noise_frames import FrameSource
-from rigctl.reports.figures.calibration_figures import dark_png, linearity_png, snr_png
+from rigctl.reports.figures.calibration_figures import dark_png, linearity_png, photon_transfer_png, snr_png
 from rigctl.reports.figures.calibration_pictures import histograms_png, maps_png, spectrograms_png
-from rigctl.reports.figures.photon_transfer_figure import photon_transfer_png
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Terms
 from rigctl.reports.table import Table, text_columns
-from rigctl.reports.tables.calibration_table import calibration_rows, calibration_table, sheet_table, unknown_lines
+from rigctl.reports.tables.calibration_tables import calibration_rows, calibration_table, sheet_table, unknown_lines
 from rigctl.version import VERSION
 
 _DECIBEL = 20.0

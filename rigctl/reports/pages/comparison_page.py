@@ -1,8 +1,9 @@
 """The report of a comparison, section by section."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
+from model.scene.field_light import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison
@@ -12,24 +13,21 @@ from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import UNSEEN
 from rigctl.prediction.performance import Performance
-from rigctl.reports.figures import budget_figure, comparison_figures
-from rigctl.reports.pages.light_section import light_section
+from rigctl.reports.figures import comparison_figures, measurement_figures
+from rigctl.reports.figures.scene_figures import light_figure
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
-from rigctl.reports.table import Table, text_columns
 from rigctl.reports.tables import comparison_tables
-from rigctl.reports.tables.attribution_tables import fitted_table, move_table
-from rigctl.reports.tables.calibration_table import parameter_table
+from rigctl.reports.tables.calibration_tables import parameter_table
 from rigctl.reports.tables.comparison_json import STATISTICS
+from rigctl.reports.tables.comparison_tables import fault_table, fitted_table, move_table
 from rigctl.reports.tables.effects_tables import taken_table
-from rigctl.reports.tables.fault_table import fault_table
-from rigctl.reports.tables.performance_tables import detection_table, strength_table
-from rigctl.reports.tables.provenance_json import provenance_json
+from rigctl.reports.tables.light_tables import share_table
+from rigctl.reports.tables.prediction_tables import detection_table, strength_table
+from rigctl.reports.tables.provenance import provenance_json, source_table
 from rigctl.reports.tables.row_table import mixed_row_table, row_table
-from rigctl.reports.tables.told_places import told_places
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
 _SHOWN_DISAGREEMENTS = 12
-_DEG_PER_RAD = 57.29577951308232
 _SOURCE = (
     "Model ([MK14]: Meng & Kerekes, IEEE TGRS 2014, doi:10.1109/TGRS.2014.2299272) beside measurement. {kind} "
     "comparison. {origin}"
@@ -141,14 +139,14 @@ def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
 
 def _figures(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Iterable[Section]:
     pictures = Picture(
-        png=comparison_figures.scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
+        png=measurement_figures.scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
         caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
     )
     shown: tuple[Block, ...] = (pictures,)
     if measurement.images.residual is not None:
         shown += (
             Picture(
-                png=comparison_figures.residual_picture(measurement.images.residual),
+                png=measurement_figures.residual_picture(measurement.images.residual),
                 caption="What no light gives: twice the residual of the fit over the light, at 0, 45, 90, 135 deg what "
                 "the sums of orthogonal pairs differ by. Structure in it is a fault of the run.",
             ),
@@ -181,7 +179,7 @@ def _uncertainty(comparison: Comparison) -> Iterable[Section]:
     if not known:
         return
     picture = Picture(
-        png=budget_figure.budget_bars(known),
+        png=comparison_figures.budget_bars(known),
         caption="Standard uncertainty of each region's mean by cause, to first order; the bar on top is all of them "
         "together. S0 as a share of itself.",
     )
@@ -262,31 +260,24 @@ def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
 
 
 def _sources(found: ComparedRun) -> Iterable[Section]:
-    facts = _facts(found.measurement, anonymous=found.provenance.anonymous)
-    told = Table(columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(facts.items()))
-    yield Section(title="Where it comes from", blocks=(told,))
+    yield Section(title="Where it comes from", blocks=(source_table(found),))
     provenance = Verbatim(text=json.dumps(provenance_json(found), indent=2))
     yield Section(title="Provenance in full", blocks=(provenance,), folded=True)
 
 
-def _facts(measurement: Measurement, *, anonymous: bool) -> dict[str, str]:
-    grid, first = measurement.grid, measurement.grid.records[0][0]
-    exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
-    return {
-        "run": told_places(str(measurement.run.path), anonymous=anonymous),
-        "frames come from": measurement.run.session.origin or "not said",
-        "camera": f"{first.camera_model or 'not known'}, serial number {_serial(first.camera_serial, anonymous)}",
-        "stage": f"{first.stage_model or 'not known'}, serial number {_serial(first.stage_serial, anonymous)}",
-        "polarizer angles, measured [deg]": ", ".join(f"{a * _DEG_PER_RAD:.3f}" for a in grid.polarizer_angles_rad),
-        "extinction ratio of the polarizer": f"{measurement.extinction_ratio:g}",
-        "cycles": str(grid.cycles),
-        "exposure [ms]": exposures,
-        "dark level": measurement.dark_level.source,
-        "saturated pixels in the picture": str(int(measurement.saturated.sum())),
-        "missing pixels in the picture": str(int(measurement.missing.sum())),
-        "first frame": first.start_utc or "not known",
-    }
+def light_section(lights: Mapping[str, FieldLight]) -> Section:
+    """Return the section on what the light of regions is made of.
 
-
-def _serial(text: str | None, is_left_out: bool) -> str:
-    return "left out" if is_left_out else text or "not known"
+    Parameters
+    ----------
+    lights : mapping
+        Region to its light, as `rigctl.scene.scene_light.SceneLight.region` gives it; one or more.
+    """
+    text = (
+        "Radiance at the aperture in W m-2 sr-1 in band, as the model has it: S1 = horizontal - vertical, S2 = (+45) - "
+        "(-45). Reflected light is what is left of it at the camera; path is light that the air before the target adds."
+    )
+    picture = Picture(
+        png=light_figure(lights), caption="What the light at the aperture is made of; the stroke is the total."
+    )
+    return Section(title="What the light is made of", blocks=(Paragraph(text=text), share_table(lights), picture))

@@ -7,9 +7,9 @@ from calibration.polarimeter.data_reduction import DataReduction
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
 from rigctl.calibrations.polarizer.polarizer_json import rig_lines
-from rigctl.reports.figures.polarizer_figures import channels_png, curves_png, harmonics_png, maps_png
+from rigctl.reports.figures.rig_figures import channels_png, curves_png, harmonics_png, maps_png
 from rigctl.reports.report import Block, Paragraph, Picture, Report, Section, Verbatim
-from rigctl.reports.tables.polarizer_tables import (
+from rigctl.reports.tables.calibration_tables import (
     channel_table,
     harmonic_table,
     matrix_table,

@@ -4,8 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from rigctl.live.session_history import SessionHistory
-from rigctl.reports.figures.cycle_figure import cycle_figure, drift_line
-from rigctl.reports.figures.run_figures import contact_sheet, count_plot, sun_plot
+from rigctl.reports.figures.run_figures import contact_sheet, count_plot, cycle_figure, drift_line, sun_plot
 from rigctl.reports.report import Picture, Report, Section
 from rigctl.reports.table import Column, Table, text_columns
 from rigctl.runs.run_events import RunEvent, event_facts

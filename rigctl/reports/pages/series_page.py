@@ -7,10 +7,10 @@ from model.prediction.quantity_table import FOLLOWED
 from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.series import SeriesPoint, hours_of
 from rigctl.comparison.verdict import refusals
-from rigctl.reports.figures import series_figure
+from rigctl.reports.figures.comparison_figures import series_figure
 from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
 from rigctl.reports.tables.comparison_tables import trend_table
-from rigctl.reports.tables.provenance_json import provenance_json
+from rigctl.reports.tables.provenance import provenance_json
 from rigctl.reports.tables.series_tables import DRIFTS, drift_table, mean_table
 
 _VERDICTS = {
@@ -81,7 +81,7 @@ def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:
     for name, at, label in axes:
         pictures = tuple(
             Picture(
-                png=series_figure.series_figure(
+                png=series_figure(
                     points, at, region=region, quantities=FOLLOWED, label=label, unit=points[0].measurement.grid.unit
                 ),
                 caption=f"{region}, both sides and residuals against the {name}; bars of residuals: both errors.",

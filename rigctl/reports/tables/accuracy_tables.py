@@ -1,16 +1,23 @@
-"""The numerical error of a prediction to a tolerance: what each knob was set to, what it leaves, and what it cost."""
+"""Accuracy against time as tables, CSV and JSON: what a tolerance costs, knob by knob and for the whole chain."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
+from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STATISTICS
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from model.accuracy.series_to_tolerance import SeriesCase, SeriesPrediction
+from rigctl.prediction.accuracy_curves import CurvePoint, Curves
+from rigctl.prediction.paper_choices import NamedChoice
 from rigctl.reports.table import Column, Table
+from rigctl.reports.writers.data_files import json_rows
 
 _PERCENT = 100.0
 _MOST_LISTED = 6
+_SHOWN_FLOORS = ("radiance", "s1n", "s2n", "dolp_pixels", "p_detection")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,3 +136,137 @@ def _share(seconds: float, total: float) -> str:
 
 def _number(error: float) -> float | None:
     return error if error < float("inf") else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Point:
+    point: CurvePoint
+    on_front: bool
+
+
+def _error(one: _Point, name: str) -> float:
+    found: float = getattr(one.point, name)
+    return found
+
+
+def _digits(one: _Point, name: str) -> str:
+    error = _error(one, name)
+    return "-" if math.isnan(error) else f"{error:.1e}"
+
+
+def _six_digits(one: _Point, name: str) -> str:
+    return f"{_error(one, name):.6g}"
+
+
+# CSV has six figures: times are measured, errors estimated.
+_COLUMNS: tuple[Column[_Point], ...] = (
+    Column(title="knob", key="knob", value=lambda one: one.point.varied, left=True),
+    Column(title="setting", key="setting", value=lambda one: one.point.level, left=True),
+    Column(
+        title="seconds",
+        key="seconds",
+        value=lambda one: one.point.seconds,
+        text=lambda one: f"{one.point.seconds:.3g}",
+        csv=lambda one: f"{one.point.seconds:.6g}",
+    ),
+    *(
+        Column(
+            title=title,
+            key=key,
+            value=partial(_error, name=name),
+            text=partial(_digits, name=name),
+            csv=partial(_six_digits, name=name),
+        )
+        for title, key, name in (
+            ("true error", "true_error", "true"),
+            ("estimated error", "estimated_error", "estimated"),
+            ("error of all", "error_of_all", "whole"),
+        )
+    ),
+    Column(
+        title="front",
+        key="on_front",
+        value=lambda one: one.on_front,
+        text=lambda one: "*" if one.on_front else "",
+        csv=lambda one: str(int(one.on_front)),
+        left=True,
+    ),
+)
+
+
+def curve_table(curves: Curves) -> Table[_Point]:
+    """Return every point; a star marks the front."""
+    front = set(curves.front)
+    rows = tuple(_Point(point=point, on_front=point in front) for point in curves.points)
+    return Table(title="error against time", columns=_COLUMNS, rows=rows)
+
+
+def curve_json(curves: Curves) -> dict[str, Any]:
+    """Return points, choices and the floor as JSON holds them."""
+    return {
+        "points": json_rows(curve_table(curves)),
+        "choices": [accuracy_json(found) for found in curves.predictions],
+        "input_floor": {"/".join(key): floor for key, floor in curves.floor.items()},
+        "reference_s": curves.reference_s,
+        "named_points": json_rows(named_table(curves)),
+        "digits": [
+            {"quantity": one.quantity, "seconds": one.seconds, "true_error": one.error} for one in curves.digits
+        ],
+    }
+
+
+def named_table(curves: Curves) -> Table[NamedChoice]:
+    """Return the paper's choices, and the user's: all other settings are fine."""
+    columns: tuple[Column[NamedChoice], ...] = (
+        Column(title="choice", key="choice", value=lambda one: one.name, left=True),
+        Column(title="seconds", key="seconds", value=lambda one: one.seconds, text=lambda one: f"{one.seconds:.3g}"),
+        Column(title="true error", key="true_error", value=lambda one: one.error, text=lambda one: f"{one.error:.1e}"),
+        Column(title="of", key="of", value=lambda one: "/".join(one.reading or ("nothing",)), left=True),
+        Column(title="by", key="by", value=lambda one: "you" if one.by_user else "[MK14]", left=True),
+    )
+    return Table(title="choices of the paper, and yours: error against time", columns=columns, rows=curves.named)
+
+
+def choice_table(curves: Curves) -> Table[AccuratePrediction]:
+    """Return what each tolerance chooses, and where its time goes."""
+    names = list(curves.predictions[0].plan)
+    columns: tuple[Column[AccuratePrediction], ...] = (
+        Column(title="tolerance", text=lambda found: f"{found.tolerance:g}", left=True),
+        *(Column(title=name, text=partial(_setting, name=name), left=True) for name in names),
+        Column(title="most of the error", text=lambda found: max(names, key=found.budget.worst), left=True),
+        Column(title="time in", text=_slowest, left=True),
+    )
+    return Table(title="what --tolerance chooses", columns=columns, rows=tuple(curves.predictions))
+
+
+def _setting(found: AccuratePrediction, name: str) -> str:
+    return NUMERICAL_SETTINGS[name].levels[found.plan[name]].label
+
+
+def _slowest(found: AccuratePrediction) -> str:
+    total = sum(found.stage_s.values())
+    slow = sorted(found.stage_s.items(), key=lambda item: -item[1])[:2]
+    return ", ".join(f"{stage} {100.0 * seconds / total:.0f} %" for stage, seconds in slow if total > 0.0)
+
+
+def floor_lines(curves: Curves) -> list[str]:
+    """Return what the uncertain inputs make of a tolerance, in words."""
+    if not any(floor > 0.0 for floor in curves.floor.values()):
+        return ["the scene's numbers are stated without uncertainty: no floor; give std of what is not certain"]
+    lines = ["floor by the uncertain inputs (one standard deviation):"]
+    for quantity in _SHOWN_FLOORS:
+        keys = [key for key in curves.floor if key.quantity == quantity and is_mean(key)]
+        if keys:
+            lines.append("  " + "; ".join(f"{key.place} {quantity} {curves.floor[key]:.1e}" for key in keys[:4]))
+    known = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
+    least = min((floor for floor in known if floor > 0.0), default=None)
+    if least is not None:
+        lines.append(
+            f"a tolerance below {least:.1e} buys nothing for DoLP: the inputs are not known better (absolute error)"
+        )
+    return lines
+
+
+def is_mean(key: Reading) -> bool:
+    """Return whether a number is one that people read first."""
+    return key.statistic in ("mean", "s0", "0.001")

@@ -11,7 +11,7 @@ from model.acquisition.session_design import DolpBudget, Session
 from model.acquisition.session_search import Reached
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.reports.table import Column, Table
-from rigctl.reports.writers.csv_rows import csv_rows
+from rigctl.reports.writers.data_files import csv_rows
 
 SCHEMA_VERSION = 1
 # The second is that at which detection is shown.
@@ -40,6 +40,8 @@ _SESSION_COLUMNS: tuple[Column[Session], ...] = (
     Column(title="time s", key="duration_s", text=lambda session: f"{session.duration_s:.4g}"),
 )
 _OF_A_WAY = ("angles_deg", "order", "exposure_ms", "settle_ms")
+_Way = dict[int, CurvePoint]
+_Reached = tuple[Session, Reached]
 
 
 def assumptions(found: AcquisitionTradeoff) -> Iterable[str]:
@@ -53,9 +55,6 @@ def assumptions(found: AcquisitionTradeoff) -> Iterable[str]:
         f"{disturbances.settling_time_s * 1000:.3g} ms"
     )
     yield "texture and fixed pattern are the same in all cycles: no number of frames averages them out"
-
-
-_Way = dict[int, CurvePoint]
 
 
 def curve_table(found: AcquisitionTradeoff) -> Table[_Way]:
@@ -76,9 +75,6 @@ def curve_table(found: AcquisitionTradeoff) -> Table[_Way]:
 
 def _total_after(after: _Way, cycles: int) -> str:
     return _shown(after[cycles].worst.total)
-
-
-_Reached = tuple[Session, Reached]
 
 
 def reached_table(found: AcquisitionTradeoff) -> Table[_Reached]:

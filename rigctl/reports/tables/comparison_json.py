@@ -20,9 +20,9 @@ from rigctl.measurement.region_numbers import MeasuredRegion
 from rigctl.measurement.run_diagnosis import UNSEEN, FaultTerm, RunDiagnosis
 from rigctl.prediction.performance import Performance
 from rigctl.reports.table import Table
-from rigctl.reports.tables.provenance_json import provenance_json
+from rigctl.reports.tables.provenance import provenance_json
 from rigctl.reports.tables.row_table import numbers_columns, row_table
-from rigctl.reports.writers.json_rows import finite, json_rows
+from rigctl.reports.writers.data_files import finite, json_rows
 
 SCHEMA_VERSION = 1
 

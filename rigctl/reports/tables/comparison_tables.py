@@ -1,4 +1,4 @@
-"""The tables of a comparison beside its rows: regions in short, trends, checks, uncertainty budget."""
+"""The tables of a comparison beside its rows: regions in short, trends, checks, faults, budget, inputs that explain."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -8,10 +8,13 @@ import numpy as np
 
 from rigctl.comparison.checks import Check
 from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.input_attribution import FittedInput, InputAttribution, InputMove
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.comparison.uncertainty_budget import RegionBudget
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.run_diagnosis import FaultTerm
+from rigctl.reports.number_text import signed, to_digits
 from rigctl.reports.table import NOTHING, Column, Table
 from rigctl.reports.tables.row_table import measured_text, predicted_text
 
@@ -19,6 +22,9 @@ from rigctl.reports.tables.row_table import measured_text, predicted_text
 _SUMMARY = (("DoLP", "dolp", ""), ("AoLP", "aolp_deg", " [deg]"), ("DoLP SNR", "dolp_snr", ""))
 # No number of a report is known so well.
 _ROUNDING = 1e-12
+# More names than this say no more than that an input is hardly seen.
+_NAMED = 4
+_SHOWN_MOVES = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,3 +119,69 @@ def _share(found: RegionBudget, quantity: str, cause: str) -> str:
 def disagreeing(comparison: Comparison, most: int) -> list[Row]:
     """Return the rows that disagree, the farthest first."""
     return sorted(comparison.disagreements, key=lambda row: -abs(row.z or 0.0))[:most]
+
+
+def move_table(attribution: InputAttribution) -> Table[InputMove]:
+    """Return the inputs as attributions, the likeliest first."""
+    columns: tuple[Column[InputMove], ...] = (
+        Column(title="input", text=lambda move: move.name, left=True),
+        Column(title="stated", text=lambda move: f"{to_digits(move.value, move.std)} ± {move.std:.2g}"),
+        Column(title="would move by [its std]", text=lambda move: f"{move.move_std:+.1f}"),
+        Column(title="to", text=lambda move: to_digits(move.moved_value, move.std)),
+        Column(title="score", text=lambda move: f"{move.score:+.1f}"),
+        Column(title="chance of the rest", text=_chance),
+        Column(title="seen by the data", text=lambda move: f"{move.seen:.0%}"),
+        Column(title="cannot be told from", text=_confused, left=True, wide=True),
+    )
+    return Table(columns=columns, rows=attribution.moves[:_SHOWN_MOVES])
+
+
+def fitted_table(attribution: InputAttribution) -> Table[FittedInput]:
+    """Return all inputs after the joint update."""
+    columns: tuple[Column[FittedInput], ...] = (
+        Column(title="input", text=lambda found: found.name, left=True),
+        Column(title="fitted value", text=lambda found: to_digits(found.value, found.std)),
+        Column(title="its std", text=lambda found: f"{found.std:.2g}"),
+        Column(title="moved by [stated std]", text=lambda found: f"{found.moved_std:+.2f}"),
+    )
+    return Table(columns=columns, rows=attribution.fitted)
+
+
+def _chance(move: InputMove) -> str:
+    return f"{move.p_value_left:.2g}" + (" (removed)" if move.removes else "")
+
+
+def _confused(move: InputMove) -> str:
+    names = move.indistinguishable_from
+    if not names:
+        return NOTHING
+    return ", ".join(names) if len(names) <= _NAMED else f"{len(names)} others: hardly seen"
+
+
+def fault_table(terms: Sequence[FaultTerm]) -> Table[FaultTerm]:
+    """Return faults with their size, what they move, and what they cannot be told from."""
+    columns: tuple[Column[FaultTerm], ...] = (
+        Column(title="fault", text=lambda term: term.title, left=True),
+        Column(title="size", text=lambda term: _number(term.value)),
+        Column(title="error", text=lambda term: _number(term.std_error)),
+        Column(title="unit", text=lambda term: term.unit, left=True),
+        Column(title="moves DoLP by", text=lambda term: _number(term.dolp_shift)),
+        Column(title="AoLP by [deg]", text=lambda term: _number(term.aolp_shift_deg)),
+        Column(title="said", text=_said, left=True, wide=True),
+    )
+    return Table(columns=columns, rows=tuple(terms), is_off=lambda term: term.named)
+
+
+def _number(value: float | None) -> str:
+    return NOTHING if value is None else f"{value:.3g}"
+
+
+def _said(term: FaultTerm) -> str:
+    if not term.testable:
+        return f"not testable: {term.reason}"
+    found = "found" if term.named else f"not found ({signed(_score(term))} errors)"
+    return found + (f"; not to be told from {', '.join(term.confused_with)}" if term.confused_with else "")
+
+
+def _score(term: FaultTerm) -> float | None:
+    return None if term.value is None or not term.std_error else term.value / term.std_error

@@ -1,19 +1,63 @@
-"""What comes out of the paper's statements: as tables for people, as JSON and CSV, and as the page of docs/."""
+"""What comes out of the paper as tables and text: its statements, and what noise does to DoLP."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
+import numpy as np
+
+from model.processing.dolp_against_snr import DolpAgainstSnr
+from model.processing.estimators import EstimatorError
 from rigctl.paper.numbers import Number
 from rigctl.paper.results import IN_WORDS, Result
 from rigctl.paper.search import Search
 from rigctl.paper.statements import STATEMENTS
 from rigctl.reports.table import Column, Table
-from rigctl.reports.writers.csv_rows import csv_rows
-from rigctl.reports.writers.json_rows import finite
+from rigctl.reports.writers.data_files import csv_rows, finite
 
 # More numbers of a statement stand in CSV and JSON.
 _MOST_SHOWN = 8
+_HEAD = """# What [MK14] says of its figures, and what comes out
+
+Every sentence of sections II-C to VI about what a figure shows, checked through the whole chain with two sets of
+materials, for the optical properties of the paper stand in a reference that is not at hand. Written by `rigctl paper`
+(`python -m tests.rigctl.paper.statements_page > docs/paper-statements.md`); a test fails when page and program differ.
+
+- **library**: black paint (slope 0.15) and asphalt (slope 0.30) of the material library, with a texture that
+  multiplies all Stokes parameters of the asphalt alike (`examples/paper/library.toml`);
+- **rough**: paint of slope 0.30, asphalt of slope 0.40, and the diagonal texture of eq. (10), 5 % of the reflected S0
+  in S0, S1 and S2 each (`examples/paper/rough.toml`). Nothing was tuned beyond these two sets.
+
+| verdict | means |
+|---|---|
+| holds | every inequality of the sentence holds, by more than three numerical errors |
+| opposite | at least one is reversed, by more than three numerical errors |
+| cannot be seen | every P_D compared is above .999; or it needs the authors' measured points, which nobody here has |
+| noise floor | exact DoLP SNRs compared lie below 2.1: those of light without polarization are 1.913 |
+| ambiguous | readings of the sentence differ, each is named; or the margin is within the numerical error |
+
+"""
+_NOTES = """
+**What brings them about.** Fig. 9a: at a view of 10 deg and phi 0 all these ratios lie near 1.913, the exact SNR of
+unpolarised light; to first order (`--snr first-order`) they may be any number down to 0. Fig. 10: near the glint the
+smooth paint of the library is so bright that the path dilutes its polarization more than it adds; rougher paint is
+darker there, and the path's own polarization, which grows with altitude, makes up for it. Fig. 13: with the library's
+slopes the paint is 1.5 times as bright as the asphalt at a view of 40 deg (S0 2408 to 1642 DN) and is found by its
+brightness; with those of the rough set the two are alike there (1346 to 1409 DN). How model and data agree cannot be
+judged without the authors' points.
+"""
+# Heading, and what stands under it.
+_FIG5 = (
+    ("mean: first", "first_mean"),
+    ("Gaussian", "mean"),
+    ("Poisson", "poisson_mean"),
+    ("drawn", "drawn_mean"),
+    ("std: first", "first_std"),
+    ("Gaussian", "std"),
+    ("Poisson", "poisson_std"),
+    ("drawn", "drawn_std"),
+)
 
 
 def statement_json(found: Sequence[Result]) -> list[dict[str, Any]]:
@@ -123,38 +167,6 @@ def tally(found: Sequence[Result]) -> str:
     return ", ".join(f"{IN_WORDS[name]} {counts[name]}" for name in IN_WORDS if counts[name])
 
 
-_HEAD = """# What [MK14] says of its figures, and what comes out
-
-Every sentence of sections II-C to VI about what a figure shows, checked through the whole chain with two sets of
-materials, for the optical properties of the paper stand in a reference that is not at hand. Written by `rigctl paper`
-(`python -m tests.rigctl.paper.statements_page > docs/paper-statements.md`); a test fails when page and program differ.
-
-- **library**: black paint (slope 0.15) and asphalt (slope 0.30) of the material library, with a texture that
-  multiplies all Stokes parameters of the asphalt alike (`examples/paper/library.toml`);
-- **rough**: paint of slope 0.30, asphalt of slope 0.40, and the diagonal texture of eq. (10), 5 % of the reflected S0
-  in S0, S1 and S2 each (`examples/paper/rough.toml`). Nothing was tuned beyond these two sets.
-
-| verdict | means |
-|---|---|
-| holds | every inequality of the sentence holds, by more than three numerical errors |
-| opposite | at least one is reversed, by more than three numerical errors |
-| cannot be seen | every P_D compared is above .999; or it needs the authors' measured points, which nobody here has |
-| noise floor | exact DoLP SNRs compared lie below 2.1: those of light without polarization are 1.913 |
-| ambiguous | readings of the sentence differ, each is named; or the margin is within the numerical error |
-
-"""
-
-_NOTES = """
-**What brings them about.** Fig. 9a: at a view of 10 deg and phi 0 all these ratios lie near 1.913, the exact SNR of
-unpolarised light; to first order (`--snr first-order`) they may be any number down to 0. Fig. 10: near the glint the
-smooth paint of the library is so bright that the path dilutes its polarization more than it adds; rougher paint is
-darker there, and the path's own polarization, which grows with altitude, makes up for it. Fig. 13: with the library's
-slopes the paint is 1.5 times as bright as the asphalt at a view of 40 deg (S0 2408 to 1642 DN) and is found by its
-brightness; with those of the rough set the two are alike there (1346 to 1409 DN). How model and data agree cannot be
-judged without the authors' points.
-"""
-
-
 def statements_page(found: Sequence[Result], materials: Sequence[str]) -> str:
     """Return the page of docs/ on the statements.
 
@@ -204,3 +216,30 @@ def search_lines(found: Search | None) -> Iterable[str]:
 def verdict_lines(found: Iterable[Result]) -> tuple[str, ...]:
     """Return a line a statement, as it stands under a picture."""
     return tuple(f"{one.statement.id} {verdict_text(one)}: {one.statement.check}" for one in found)
+
+
+def fig5_table(found: DolpAgainstSnr) -> Table[int]:
+    """Return mean and deviation of DoLP against the SNR of S0: first order, exact, drawn."""
+    columns: tuple[Column[int], ...] = (
+        Column(title="SNR [dB]", text=lambda k: f"{20 * np.log10(found.snr[k]):.0f}"),
+        Column(title="S0 [e-]", text=lambda k: f"{found.s0_e[k]:.4g}"),
+        *(Column(title=title, text=partial(_five_digits, values=getattr(found, name))) for title, name in _FIG5),
+    )
+    return Table(columns=columns, rows=tuple(range(len(found.snr))))
+
+
+def estimator_table(found: Mapping[str, EstimatorError], true_snr: Sequence[float]) -> Table[int]:
+    """Return bias and rms error of estimators of the true DoLP, a row a true signal-to-noise ratio."""
+    columns: tuple[Column[int], ...] = (
+        Column(title="true SNR", text=lambda k: f"{true_snr[k]:g}"),
+        *(Column(title=name, text=partial(_errors, found=error), unbroken=True) for name, error in found.items()),
+    )
+    return Table(title="bias/rms error", columns=columns, rows=tuple(range(len(true_snr))))
+
+
+def _five_digits(k: int, values: Sequence[float]) -> str:
+    return "-" if np.isnan(values[k]) else f"{values[k]:.5f}"
+
+
+def _errors(k: int, found: EstimatorError) -> str:
+    return f"{found.bias[k]:+.3f}/{found.rms[k]:.3f}"

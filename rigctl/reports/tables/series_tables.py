@@ -11,9 +11,9 @@ from rigctl.comparison.series import SeriesDrift, SeriesPoint, mean_row
 from rigctl.reports.number_text import signed
 from rigctl.reports.table import NOTHING, Column, Table
 from rigctl.reports.tables.comparison_json import SCHEMA_VERSION
-from rigctl.reports.tables.provenance_json import provenance_json
+from rigctl.reports.tables.provenance import provenance_json
 from rigctl.reports.tables.row_table import ROW_COLUMNS, error_of, measured_text, predicted_text, row_table
-from rigctl.reports.writers.json_rows import json_rows
+from rigctl.reports.writers.data_files import json_rows
 
 # Of a drift that is worth a word, in standard errors.
 DRIFTS = 4.0

@@ -12,8 +12,8 @@ from rigctl.files.choices import SnrKind
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.table import Column, Table
-from rigctl.reports.tables.roc_tables import roc_json
-from rigctl.reports.writers.csv_rows import csv_rows
+from rigctl.reports.tables.detection_tables import roc_json
+from rigctl.reports.writers.data_files import csv_rows
 
 FloatArray = NDArray[np.float64]
 

@@ -1,8 +1,9 @@
-"""A report as one HTML page that needs no other file."""
+"""A report as one HTML page that needs no other file; its parts as pieces for a cell of a notebook."""
 
 import base64
+from collections.abc import Iterable
+from html import escape
 from importlib.resources import files
-from itertools import groupby
 
 from jinja2 import Environment, StrictUndefined
 
@@ -15,15 +16,9 @@ def html(report: Report) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.tests["kind"] = _is_kind
     environment.filters["base64"] = _embedded
-    environment.globals.update(groups=column_groups, page=Shown.PAGE)
+    environment.globals.update(page=Shown.PAGE)
     template = environment.from_string((files("rigctl") / "data" / "report.html.j2").read_text(encoding="utf-8"))
     return template.render(report=report)
-
-
-def column_groups(table: AnyTable) -> list[tuple[str, int]]:
-    """Return the headings over columns of a page and how many columns each spans; nothing where there are none."""
-    groups = [column.group for column in table.shown(Shown.PAGE)]
-    return [(name, len(list(same))) for name, same in groupby(groups)] if any(groups) else []
 
 
 def _is_kind(block: Block, kind: str) -> bool:
@@ -32,3 +27,25 @@ def _is_kind(block: Block, kind: str) -> bool:
 
 def _embedded(png: bytes) -> str:
     return base64.b64encode(png).decode("ascii")
+
+
+def table_fragment(table: AnyTable, *, most: int = 60) -> str:
+    """Return a table; of more than `most` rows the first, and how many there are."""
+    columns = table.shown(Shown.TERMINAL)
+    title = f"<caption>{escape(table.title)}</caption>" if table.title else ""
+    head = "".join(f"<th>{escape(column.title)}</th>" for column in columns)
+    texts = table.texts(Shown.TERMINAL)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in texts[:most])
+    rest = lines_fragment([f"{most} of {len(texts)} rows"]) if len(texts) > most else ""
+    return f"<table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}"
+
+
+def lines_fragment(lines: Iterable[str]) -> str:
+    """Return lines of text, each a paragraph."""
+    return "".join(f"<p>{escape(line)}</p>" for line in lines)
+
+
+def picture_fragment(png: bytes, *, width_px: int = 640) -> str:
+    """Return a picture that needs no other file."""
+    data = base64.b64encode(png).decode("ascii")
+    return f'<img style="max-width:{width_px}px;width:100%" src="data:image/png;base64,{data}">'

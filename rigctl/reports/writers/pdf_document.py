@@ -17,7 +17,6 @@ from reportlab.platypus import Table as Grid
 
 from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Terms, Verbatim, Verdict
 from rigctl.reports.table import AnyTable, Column, Shown, Table
-from rigctl.reports.writers.html_page import column_groups
 
 _MARGIN = 17 * mm
 _WIDTH = A4[0] - 2 * _MARGIN
@@ -147,7 +146,7 @@ def _table(block: AnyTable) -> list[Any]:
 def _head(block: AnyTable, columns: tuple[Column[Any], ...], points: float) -> list[list[Any]]:
     """Return the lines of headings: over groups of columns where there are any, and over columns."""
     rows = []
-    if groups := column_groups(block):
+    if groups := block.groups():
         centred = ParagraphStyle("group", parent=_style(points, "Helvetica-Bold"), alignment=1)
         rows.append([cell for name, span in groups for cell in (Text(_safe(name), centred), *[""] * (span - 1))])
     if any(column.title for column in columns):
@@ -157,7 +156,7 @@ def _head(block: AnyTable, columns: tuple[Column[Any], ...], points: float) -> l
 
 def _spans(block: AnyTable) -> Iterable[tuple[Any, ...]]:
     first = 0
-    for _, span in column_groups(block):
+    for _, span in block.groups():
         yield "SPAN", (first, 0), (first + span - 1, 0)
         first += span
 

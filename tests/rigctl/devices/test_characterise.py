@@ -9,7 +9,7 @@ from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
 from rigctl.devices.characterisation_file import as_json
 from rigctl.devices.characterise import Characterisation, characterise
-from rigctl.reports.figures.characterisation_figure import characterisation_png
+from rigctl.reports.figures.rig_figures import characterisation_png
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.in_process_port import InProcessPort

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rigctl.live.cycle_history import cycle_history, region_means_of
-from rigctl.reports.figures.cycle_figure import cycle_figure, drift_line
+from rigctl.reports.figures.run_figures import cycle_figure, drift_line
 from rigctl.runs.live_status import read_status
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.session_record import SessionNoise

@@ -16,7 +16,7 @@ from rigctl.jobs.tradeoff import trade_acquisition
 from rigctl.prediction.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.prediction.scene_sessions import SceneSessions
-from rigctl.reports.figures.acquisition_figure import tradeoff_picture
+from rigctl.reports.figures.tradeoff_figures import tradeoff_picture
 from rigctl.reports.tables.acquisition_tables import curve_table, proposal, reached_table, tradeoff_csv, tradeoff_json
 from tests.rigctl.example_files import SMALL_SCENE
 

@@ -6,7 +6,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.predicted_uncertainty import predicted_uncertainty
 from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.reports.tables.uncertainty_tables import input_effect_tables, input_effects_json, with_input_errors
+from rigctl.reports.tables.prediction_tables import input_effect_tables, input_effects_json, with_input_errors
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import written
 

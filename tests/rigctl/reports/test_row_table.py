@@ -7,8 +7,7 @@ import pytest
 from rigctl.comparison.rows import Row
 from rigctl.reports.table import Shown
 from rigctl.reports.tables.row_table import mixed_row_table, row_table
-from rigctl.reports.writers.csv_rows import csv_rows
-from rigctl.reports.writers.json_rows import json_rows
+from rigctl.reports.writers.data_files import csv_rows, json_rows
 
 ROW = Row(
     region="road",

@@ -11,11 +11,10 @@ from rich.console import Console
 
 from rigctl.reports.report import Bullets, Paragraph, Report, Section, Terms, Verbatim, Verdict
 from rigctl.reports.table import Column, Shown, Table, text_columns
-from rigctl.reports.writers.csv_rows import csv_rows
+from rigctl.reports.writers.data_files import csv_rows, finite, json_rows
 from rigctl.reports.writers.html_page import html
-from rigctl.reports.writers.json_rows import finite, json_rows
+from rigctl.reports.writers.output_folder import report_file
 from rigctl.reports.writers.pdf_document import pdf
-from rigctl.reports.writers.report_file import report_file
 from rigctl.reports.writers.terminal_table import terminal_table
 
 

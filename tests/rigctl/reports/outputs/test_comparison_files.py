@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.reports.figures.budget_figure import _LOOKS
+from rigctl.reports.figures.comparison_figures import _LOOKS
 from rigctl.reports.number_text import to_digits
 from rigctl.reports.outputs.comparison_files import write_comparison
 from rigctl.session.take_session import take_session

@@ -11,7 +11,7 @@ import pytest
 from rigctl.calibrations.noise.calibrate_files import calibrate_frames
 from rigctl.calibrations.noise.noise_frames import emva_frames
 from rigctl.cli import main
-from rigctl.reports.tables.calibration_table import calibration_rows
+from rigctl.reports.tables.calibration_tables import calibration_rows
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
 
 

@@ -1,6 +1,8 @@
-"""Plots of a polarizer calibration: scans, what Malus' law leaves of them, each stage angle, maps."""
+"""Figures of the rig: scans of the polarizer, and how a stage turns."""
 
+import io
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +12,12 @@ from calibration.polarimeter.axis import AxisFit, half_turn
 from calibration.polarimeter.fourier_fit import SEEN_SIGMAS
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, ScanCurve
+from rigctl.devices.characterise import SIDES, Characterisation, Side
 from rigctl.reports.figures.figure_style import MEASURED, png, subplots
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +33,9 @@ _STYLES = (
 _PERCENT = 100.0
 # Share of the blocks that a map's colours leave out at either end.
 _BEYOND = 1.0
+# Two colours that a colour-blind reader tells apart, and that differ in grey.
+_COLOURS: dict[Side, str] = {"forward": "#0b3c6f", "backward": "#d1701a"}
+_DOTS_PER_INCH = 150
 
 
 def curves_png(found: PolarizerCalibration) -> bytes:
@@ -137,3 +147,39 @@ def _draw_map(axes: Axes, picture: FloatArray, side: int, *, title: str, unit: s
 def _range(picture: FloatArray) -> Sequence[float]:
     """Return the limits of a map's colours: a few odd blocks do not decide them."""
     return [float(limit) for limit in np.nanpercentile(picture, [_BEYOND, 100.0 - _BEYOND])]
+
+
+def characterisation_png(result: Characterisation) -> bytes:
+    """Return a plot as a PNG file: above, readback errors by angle and side; below, how each visit came to rest."""
+    from matplotlib.figure import Figure  # half a second, wanted for a plot only
+
+    figure = Figure(figsize=(7.0, 6.5), layout="constrained")
+    above, below = figure.subplots(2, 1)
+    for side in SIDES:
+        _draw_errors(above, result, side)
+        _draw_settling(below, result, side)
+    title = f"{result.identity.model} {result.identity.serial_number}: backlash {result.backlash_deg:.4f} deg"
+    above.set(xlabel="angle [deg]", ylabel="readback - target [deg]", title=title)
+    below.axhspan(-result.band_deg, result.band_deg, color="0.9")
+    below.axvline(result.settle_s, color="0.5", lw=1, label=f"at rest after {result.settle_s:.2f} s")
+    below.set(xlabel="time since the end of the move [s]", ylabel="reading - rest [deg]")
+    for axes in (above, below):
+        axes.grid(alpha=0.3, lw=0.4)
+        axes.legend(fontsize="small")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    return buffer.getvalue()
+
+
+def _draw_errors(axes: "Axes", result: Characterisation, side: Side) -> None:
+    chosen = [visit for visit in result.visits if visit.side == side]
+    angles, errors = [visit.angle_deg for visit in chosen], [visit.error_deg for visit in chosen]
+    marker = ">" if side == "forward" else "<"
+    axes.plot(angles, errors, marker, ms=5, color=_COLOURS[side], label=side, alpha=0.7)
+
+
+def _draw_settling(axes: "Axes", result: Characterisation, side: Side) -> None:
+    for visit in result.visits:
+        if visit.side == side:
+            times, offs = zip(*visit.watched, strict=True)
+            axes.plot(times, offs, lw=0.8, color=_COLOURS[side], alpha=0.6)

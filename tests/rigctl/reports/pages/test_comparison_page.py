@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rigctl.reports.pages.light_section import light_section
+from rigctl.reports.pages.comparison_page import light_section
 from rigctl.reports.report import Picture
 from rigctl.reports.table import Shown, Table
 

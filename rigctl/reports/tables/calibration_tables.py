@@ -1,48 +1,28 @@
-"""The numbers of a noise calibration as tables: the standard's beside the best ones; those that a comparison used."""
+"""Calibrations as tables: numbers of the noise and of the polarizer, and the EMVA 1288 summary sheet."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from calibration.estimate import Estimate
+from calibration.polarimeter.data_reduction import DataReduction
+from calibration.polarimeter.fourier_fit import Harmonic
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.not_known import not_known
 from rigctl.calibrations.checked_values import MeasuredOverFrames
 from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
+from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
 from rigctl.files.scene_file import NoiseSection
 from rigctl.reports.number_text import to_digits
-from rigctl.reports.table import Column, Shown, Table
+from rigctl.reports.table import Column, Shown, Table, text_columns
 
 _BEST, _STANDARD = "best", "EMVA 1288"
 _NOT_KNOWN = "not known"
 # Digits of a number without an error, and from where on powers of ten are written.
 _MOST_DIGITS, _LARGE, _THOUSAND = 6, 1e6, 1e3
-
-
-@dataclass(frozen=True, kw_only=True)
-class CalibrationRow:
-    """A quantity with its numbers as text, each to the digits that its error allows.
-
-    Attributes
-    ----------
-    title, unit : str
-        What it is called, and its unit.
-    value, error, frames : str
-        What the model uses, its standard error, and from how many frames; empty where only the standard has it.
-    emva_value, emva_error, emva_frames, symbol : str
-        The same of EMVA 1288, and its symbol; empty where the standard has none.
-    """
-
-    title: str
-    unit: str
-    value: str
-    error: str
-    frames: str
-    emva_value: str
-    emva_error: str
-    emva_frames: str
-    symbol: str
-
-
 # Title, unit, factor from the file's unit to this one, key of the best number, key of the standard's.
 _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
     ("gain", "DN/e-", 1.0, "gain_dn_per_e", "gain_dn_per_e"),
@@ -70,6 +50,33 @@ _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
     ("PRNU of columns", "%", 100.0, None, "prnu_column"),
     ("PRNU of pixels", "%", 100.0, None, "prnu_pixel"),
 )
+_Known = tuple[str, MeasuredOverFrames[float]]
+_TextRow = tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationRow:
+    """A quantity with its numbers as text, each to the digits that its error allows.
+
+    Attributes
+    ----------
+    title, unit : str
+        What it is called, and its unit.
+    value, error, frames : str
+        What the model uses, its standard error, and from how many frames; empty where only the standard has it.
+    emva_value, emva_error, emva_frames, symbol : str
+        The same of EMVA 1288, and its symbol; empty where the standard has none.
+    """
+
+    title: str
+    unit: str
+    value: str
+    error: str
+    frames: str
+    emva_value: str
+    emva_error: str
+    emva_frames: str
+    symbol: str
 
 
 _COLUMNS: tuple[Column[CalibrationRow], ...] = (
@@ -102,9 +109,6 @@ def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
 def sheet_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
     """Return the numbers that the standard's summary sheet has."""
     return Table(columns=_SHEET_COLUMNS, rows=tuple(row for row in rows if row.symbol))
-
-
-_Known = tuple[str, MeasuredOverFrames[float]]
 
 
 def parameter_table(noise: NoiseParameters) -> Table[_Known]:
@@ -187,3 +191,99 @@ def _brief(number: float) -> str:
 
 def _exponent(number: float) -> int:
     return int(f"{number:.1e}".partition("e")[2])
+
+
+def number_table(found: PolarizerCalibration) -> Table[_TextRow]:
+    """Return sense, axis offset, diattenuation and extinction."""
+    columns = text_columns("quantity", "value", "std error", "unit", left=(0, 3))
+    return Table(columns=columns, rows=tuple(_numbers(found)))
+
+
+def harmonic_table(found: PolarizerCalibration) -> Table[Harmonic]:
+    """Return what Malus' law leaves, by cycles a turn."""
+    columns: tuple[Column[Harmonic], ...] = (
+        Column(title="cycles a turn", text=lambda one: str(one.order), left=True),
+        Column(title="amplitude [%]", text=lambda one: f"{100 * one.amplitude:.3f}"),
+        Column(title="std error [%]", text=lambda one: f"{100 * one.std_error:.3f}"),
+        Column(title="seen", text=lambda one: HARMONIC_MEANING[one.order] if one.is_seen else "no", left=True),
+    )
+    return Table(columns=columns, rows=found.harmonics)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Channel:
+    stage_deg: float
+    axis_deg: tuple[float, float]
+    throughput: tuple[float, float]
+    diattenuation: tuple[float, float]
+
+
+def channel_table(found: PolarizerCalibration) -> Table[_Channel]:
+    """Return axis, throughput and diattenuation of each stage angle, each with its standard error."""
+    columns: tuple[Column[_Channel], ...] = (
+        Column(title="stage [deg]", text=lambda one: f"{one.stage_deg:.3f}", left=True),
+        Column(title="axis [deg]", text=lambda one: f"{one.axis_deg[0]:.4f}"),
+        Column(title="std error", text=lambda one: f"{one.axis_deg[1]:.4f}"),
+        Column(title="throughput", text=lambda one: f"{one.throughput[0]:.5f}"),
+        Column(title="std error", text=lambda one: f"{one.throughput[1]:.5f}"),
+        Column(title="diattenuation", text=lambda one: f"{one.diattenuation[0]:.5f}"),
+        Column(title="std error", text=lambda one: f"{one.diattenuation[1]:.5f}"),
+    )
+    return Table(columns=columns, rows=tuple(_channels(found)))
+
+
+def region_table(regions: Mapping[str, PolarizerCalibration]) -> Table[tuple[str, PolarizerCalibration]]:
+    """Return offset and diattenuation of each region by itself."""
+    columns: tuple[Column[tuple[str, PolarizerCalibration]], ...] = (
+        Column(title="region", text=lambda row: row[0], left=True),
+        Column(title="offset [deg]", text=lambda row: _offset(row[1])[0]),
+        Column(title="std error", text=lambda row: _offset(row[1])[1]),
+        Column(title="diattenuation", text=lambda row: _diattenuation(row[1])[0]),
+        Column(title="std error", text=lambda row: _diattenuation(row[1])[1]),
+    )
+    return Table(columns=columns, rows=tuple(regions.items()))
+
+
+def matrix_table(reduction: DataReduction) -> Table[_TextRow]:
+    """Return the data reduction matrix, its values with their errors."""
+    rows = tuple(
+        (name, *(f"{value:+.5f} ± {error:.5f}" for value, error in zip(values, errors, strict=True)))
+        for name, values, errors in zip(("S0", "S1", "S2"), reduction.matrix, reduction.std_error, strict=True)
+    )
+    return Table(columns=text_columns(*[""] * len(rows[0])), rows=rows)
+
+
+def _numbers(found: PolarizerCalibration) -> Iterable[_TextRow]:
+    yield "sense of rotation", f"{found.axis.best.sense:+d}", "", ""
+    yield "axis offset", *_offset(found), "deg"
+    if found.diattenuation is not None and found.diattenuation_error is not None:
+        yield "diattenuation", *_diattenuation(found), ""
+    if found.extinction is not None:
+        extinction = found.extinction
+        upper = "no upper limit" if extinction.upper is None else f"{extinction.upper:.4g}"
+        ratio = "not measured" if extinction.ratio is None else f"{extinction.ratio:.4g}"
+        yield "extinction ratio", ratio, f"95 %: {extinction.lower:.4g} to {upper}", ""
+
+
+def _offset(found: PolarizerCalibration) -> tuple[str, str]:
+    best = found.axis.best
+    return f"{np.degrees(best.offset_rad):.4f}", f"{np.degrees(best.std_error_rad):.4f}"
+
+
+def _diattenuation(found: PolarizerCalibration) -> tuple[str, str]:
+    if found.diattenuation is None or found.diattenuation_error is None:
+        return "not measured", ""
+    return f"{found.diattenuation:.5f}", f"{found.diattenuation_error:.5f}"
+
+
+def _channels(found: PolarizerCalibration) -> Iterable[_Channel]:
+    channels, stage_rad = found.channels, found.stage_rad
+    if channels is None or stage_rad is None:
+        return
+    for k, angle_rad in enumerate(stage_rad):
+        yield _Channel(
+            stage_deg=float(np.degrees(angle_rad)),
+            axis_deg=(float(np.degrees(channels.axis_rad[k]) % 180.0), float(np.degrees(channels.axis_error_rad[k]))),
+            throughput=(float(channels.throughput[k]), float(channels.throughput_error[k])),
+            diattenuation=(float(channels.diattenuation[k]), float(channels.diattenuation_error[k])),
+        )

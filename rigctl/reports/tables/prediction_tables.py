@@ -1,0 +1,150 @@
+"""Numbers of regions as tables: with their errors, by uncertain inputs, and what they are worth."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from model.prediction.prediction import RegionPrediction
+from model.prediction.quantity_table import ORDERED
+from model.prediction.region_performance import PairDetection, PolarizationStrength
+from rigctl.files.choices import SnrKind
+from rigctl.prediction.performance import STATED_RATES, Performance
+from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
+from rigctl.reports.number_text import NO_NUMBER, to_digits
+from rigctl.reports.table import NOTHING, Column, Table
+
+_STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
+Statistics = Mapping[str, float]
+# Probabilities at which the law of DoLP is stated.
+_QUANTILES = ("DoLP 2.5 %", "median", "97.5 %")
+# Of as many inputs as make the uncertainty; the rest is in the JSON.
+_SHOWN = 6
+
+
+def quantity_tables(regions: Mapping[str, Mapping[str, Statistics]], *, snr: SnrKind = "exact") -> Iterable[Table[Any]]:
+    """Return a table for each region: a row a quantity, a column a statistic.
+
+    `snr` says which DoLP SNR is shown; that to first order has a row of its own.
+    """
+    columns: tuple[Column[tuple[str, Statistics]], ...] = (
+        Column(title="quantity", text=lambda row: row[0], left=True),
+        *(Column(title=statistic, text=partial(_with_error, statistic=statistic)) for statistic in _STATISTICS),
+    )
+    for name, quantities in regions.items():
+        yield Table(title=name, columns=columns, rows=tuple(_rows(quantities, snr)))
+
+
+def _rows(quantities: Mapping[str, Statistics], snr: SnrKind) -> Iterable[tuple[str, Statistics]]:
+    for name, statistics in quantities.items():
+        if name != "dolp_snr" or snr != "first-order":
+            yield name, statistics
+        if name == "dolp_snr" and snr != "exact" and "first_order" in statistics:
+            yield "dolp_snr (first order)", {"mean": statistics["first_order"]}
+
+
+def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
+    statistics = row[1]
+    if statistic not in statistics:
+        return ""
+    error = statistics.get(f"{statistic}_std_error", statistics.get(f"{statistic}_std_error_inputs"))
+    value = statistics[statistic]
+    if not isfinite(value):
+        return NO_NUMBER
+    return f"{value:.6g}" if error is None else f"{to_digits(value, error)} ± {to_digits(error, error)}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Strength:
+    region: str
+    prediction: RegionPrediction
+    found: PolarizationStrength | None
+
+
+def strength_table(predictions: Mapping[str, RegionPrediction], performance: Performance) -> Table[_Strength]:
+    """Return the law of each region's DoLP in a few numbers."""
+    columns: tuple[Column[_Strength], ...] = (
+        Column(title="region", text=lambda row: row.region, left=True),
+        *(Column(title=title, text=partial(_quantile, k=k)) for k, title in enumerate(_QUANTILES)),
+        Column(title="NEDoLP", text=lambda row: NOTHING if row.found is None else f"{row.found.nedolp:.4f}"),
+        Column(title="moments by", text=lambda row: row.prediction.dolp_method, left=True),
+        Column(title="error", text=lambda row: f"{row.prediction.dolp_error:.1e}"),
+    )
+    rows = tuple(
+        _Strength(region=name, prediction=prediction, found=performance.strengths[name])
+        for name, prediction in predictions.items()
+    )
+    return Table(columns=columns, rows=rows)
+
+
+def detection_table(performance: Performance) -> Table[PairDetection]:
+    """Return the probability of detection of every pair of regions."""
+    columns: tuple[Column[PairDetection], ...] = (
+        Column(title="target", text=lambda pair: pair.target, left=True),
+        Column(title="background", text=lambda pair: pair.background, left=True),
+        *(Column(title=f"{rate:g}", text=partial(_detected, k=k)) for k, rate in enumerate(STATED_RATES)),
+        Column(title="area under ROC", text=lambda pair: _probability(pair.auc)),
+    )
+    return Table(columns=columns, rows=tuple(performance.detections))
+
+
+def _quantile(row: _Strength, k: int) -> str:
+    return NOTHING if row.found is None else f"{row.found.quantiles[k]:.4f}"
+
+
+def _detected(pair: PairDetection, k: int) -> str:
+    return _probability(pair.p_detection[k])
+
+
+def _probability(found: float) -> str:
+    return NOTHING if np.isnan(found) else f"{found:.4f}"
+
+
+def with_input_errors(
+    predictions: dict[str, RegionPrediction], found: PredictedUncertainty
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Return regions as JSON has those of a prediction, with a std_error_inputs beside each number."""
+    return {
+        region: {
+            quantity: statistics
+            | {f"{name}_std_error_inputs": found.std_errors[region][quantity][name] for name in statistics}
+            for quantity, statistics in prediction.quantities.items()
+        }
+        for region, prediction in predictions.items()
+    }
+
+
+def input_effects_json(found: PredictedUncertainty) -> dict[str, Any]:
+    """Return which input makes how much of the uncertainty, of the means that a user reads first."""
+    effects = {
+        region: {quantity: dict(found.ranked(region, quantity)) for quantity in ORDERED if quantity in quantities}
+        for region, quantities in found.std_errors.items()
+    }
+    return {"uncertain_inputs": list(found.inputs), "input_effects": effects, "input_remarks": list(found.remarks)}
+
+
+def input_effect_tables(found: PredictedUncertainty) -> Iterable[Table[str]]:
+    """Return a table for each region: the inputs that move its DoLP most, by one standard uncertainty of each."""
+    for region in found.std_errors:
+        ranked = found.ranked(region, "dolp")[:_SHOWN]
+        if not ranked:
+            continue
+        columns: tuple[Column[str], ...] = (
+            Column(title="input", text=str, left=True),
+            *(
+                Column(title=title, text=partial(_effect, effects=dict(found.ranked(region, quantity))))
+                for title, quantity in (("DoLP", "dolp"), ("s1", "s1n"), ("s2", "s2n"), ("S0 DN", "s0"))
+            ),
+        )
+        yield Table(
+            title=f"{region}: change by one standard uncertainty of an input, those first that move DoLP most",
+            columns=columns,
+            rows=tuple(name for name, _ in ranked),
+        )
+
+
+def _effect(name: str, effects: Mapping[str, float]) -> str:
+    return f"{effects[name]:+.2g}" if name in effects else "0"

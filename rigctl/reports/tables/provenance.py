@@ -1,0 +1,105 @@
+"""Provenance of a comparison: files with their hashes, settings, versions; places told so that others may read them."""
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import PurePath
+from typing import Any
+
+from rigctl.comparison.compared_run import ComparedRun
+from rigctl.measurement.measurement import Measurement
+from rigctl.reports.table import Table, text_columns
+from rigctl.version import VERSION
+
+_DEG_PER_RAD = 57.29577951308232
+
+# Of these figures in the last digit, and single pixels of figures, depend.
+_LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
+# Parts of keys whose values say whose rig it is, or where it stands.
+_PERSONAL = ("serial", "site", "latitude", "longitude", "host", "port")
+_LEFT_OUT = "left out"
+
+
+def provenance_json(found: ComparedRun) -> dict[str, Any]:
+    """Return what a comparison was made from and with, as JSON holds it, without absolute paths."""
+    told: dict[str, Any] = told_places(_provenance(found), anonymous=found.provenance.anonymous)
+    return told
+
+
+def _provenance(found: ComparedRun) -> dict[str, Any]:
+    run, used = found.measurement.run, found.provenance
+    return {
+        "program": f"rigctl {VERSION}",
+        "run": {"path": str(run.path), "created_by": run.created_by, "created_utc": run.created_utc},
+        "files": {what: {"path": str(file.path), "sha256": file.sha256} for what, file in used.files.items()},
+        "settings": {"alpha": used.alpha, "scale": used.scale},
+        "machine": _machine(),
+        "session": run.session_json,
+    }
+
+
+def _machine() -> dict[str, str]:
+    """Return what of this machine a report may depend on, in its last digits and single pixels."""
+    return {name: version(name) for name in _LIBRARIES} | {
+        "python": platform.python_version(),
+        "processor": platform.machine(),
+    }
+
+
+def told_places(content: Any, *, anonymous: bool) -> Any:
+    """Return the content of a report without absolute paths.
+
+    Parameters
+    ----------
+    content : tables, lists and values
+        As JSON holds them.
+    anonymous : bool
+        Leave the last name only of each path, and say "left out" for serial numbers, ports and the site.
+    """
+    if isinstance(content, dict):
+        return {
+            key: _LEFT_OUT
+            if anonymous and value is not None and any(part in key for part in _PERSONAL)
+            else told_places(value, anonymous=anonymous)
+            for key, value in content.items()
+        }
+    if isinstance(content, list | tuple):
+        return [told_places(value, anonymous=anonymous) for value in content]
+    return _told_path(content, anonymous=anonymous) if isinstance(content, str) else content
+
+
+def _told_path(text: str, *, anonymous: bool) -> str:
+    if anonymous and "/" in text and "\n" not in text and "://" not in text:
+        return PurePath(text).name
+    if text.startswith("/") and "\n" not in text and len(text) < os.pathconf("/", "PC_PATH_MAX"):
+        return os.path.relpath(text)
+    return text
+
+
+def source_table(found: ComparedRun) -> Table[tuple[str, str]]:
+    """Return where the frames come from and how they were taken, for people."""
+    facts = _facts(found.measurement, anonymous=found.provenance.anonymous)
+    return Table(columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(facts.items()))
+
+
+def _facts(measurement: Measurement, *, anonymous: bool) -> dict[str, str]:
+    grid, first = measurement.grid, measurement.grid.records[0][0]
+    exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
+    return {
+        "run": told_places(str(measurement.run.path), anonymous=anonymous),
+        "frames come from": measurement.run.session.origin or "not said",
+        "camera": f"{first.camera_model or 'not known'}, serial number {_serial(first.camera_serial, anonymous)}",
+        "stage": f"{first.stage_model or 'not known'}, serial number {_serial(first.stage_serial, anonymous)}",
+        "polarizer angles, measured [deg]": ", ".join(f"{a * _DEG_PER_RAD:.3f}" for a in grid.polarizer_angles_rad),
+        "extinction ratio of the polarizer": f"{measurement.extinction_ratio:g}",
+        "cycles": str(grid.cycles),
+        "exposure [ms]": exposures,
+        "dark level": measurement.dark_level.source,
+        "saturated pixels in the picture": str(int(measurement.saturated.sum())),
+        "missing pixels in the picture": str(int(measurement.missing.sum())),
+        "first frame": first.start_utc or "not known",
+    }
+
+
+def _serial(text: str | None, is_left_out: bool) -> str:
+    return "left out" if is_left_out else text or "not known"
