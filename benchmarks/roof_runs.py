@@ -28,7 +28,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 ALPHA = 1e-3
 _WIDTH, _HEIGHT, _SIDE = 150, 50, 40
 _PANELS = {"black_panel": ("black-paint", 0.012), "white_panel": ("white-paint", 0.008), "asphalt": ("asphalt", 0.02)}
-# What a person might know of a roof; each change of `rigctl.simulated.roof_changes` is five of these or more.
+# What a person might know of a roof; each change of `rigctl.simulated.perturbation` is five of these or more.
 _VISIBILITY_STD_KM, _DHR_STD, _TILT_STD_DEG, _DRIFT_STD, _SHARE_STD = 1.0, 0.03, 0.5, 5e-4, 0.05
 
 

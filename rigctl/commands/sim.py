@@ -35,7 +35,7 @@ def stage_command(
 
     Example: rigctl sim stage "sim:ellx?stall=3&pace=1" --link /tmp/stage --truth /tmp/stage.csv
     """
-    from rigctl.simulated.serve_stage import serve_stage
+    from rigctl.simulated.serving import serve_stage
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -64,7 +64,7 @@ def camera_command(
 
     Example: rigctl sim camera 127.0.0.1 --lost 0.001
     """
-    from rigctl.simulated.serve_camera import serve_rig_camera
+    from rigctl.simulated.serving import serve_rig_camera
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

@@ -1,6 +1,7 @@
 """Opens rotation stages: through the entry points of their drivers, on real ports and on simulated ones."""
 
 import inspect
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -8,10 +9,9 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from drivers.errors import NotConnectedError
-from drivers.interfaces import DeviceIdentity, RotationStage
+from drivers.interfaces import DeviceIdentity, Move, RotationStage, StagePosition, StageStatus, Way
 from drivers.serial_ports import resolve_port
 from rigctl.devices.characterisation_file import load_settle_s
-from rigctl.devices.settling import SettlingStage
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import StageSection
 from sim_devices.clock import SimClock
@@ -120,3 +120,66 @@ def _require_arguments(factory: Callable[..., RotationStage], driver: str, port:
     except TypeError as error:
         allowed = ", ".join(list(signature.parameters)[1:])
         raise ConfigError(f"stage: driver {driver!r}: {error}; it takes {allowed}") from error
+
+
+class SettlingStage:
+    """Another stage, with a pause and a fresh readback after each move.
+
+    Parameters
+    ----------
+    stage : RotationStage
+        What turns.
+    settle_s : float
+        Pause after a move [s].
+    sleep : callable
+        Makes the pause.
+    """
+
+    def __init__(self, stage: RotationStage, *, settle_s: float, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._stage = stage
+        self._settle_s = settle_s
+        self._sleep = sleep
+
+    def __enter__(self) -> "SettlingStage":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the device says of itself."""
+        return self._stage.identify()
+
+    def home(self) -> StagePosition:
+        """Search the reference mark; return the readback after the pause."""
+        self._stage.home()
+        self._sleep(self._settle_s)
+        return self._stage.position()
+
+    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
+        """Go to an angle; return once it is there and rests. Raises what the stage raises."""
+        move = self._stage.move_to(angle_deg, way=way)
+        self._sleep(self._settle_s)
+        return Move(
+            target_deg=move.target_deg,
+            position=self._stage.position(),
+            tries=move.tries,
+            duration_s=move.duration_s + self._settle_s,
+            remarks=move.remarks,
+        )
+
+    def position(self) -> StagePosition:
+        """Read the encoder."""
+        return self._stage.position()
+
+    def status(self) -> StageStatus:
+        """Ask the device what it is doing."""
+        return self._stage.status()
+
+    def stop(self) -> None:
+        """Stop any motion that the device is able to stop."""
+        self._stage.stop()
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+        self._stage.close()

@@ -1,13 +1,29 @@
-"""Numbers as tables of pandas or polars: one row a number, and the columns that CSV files have."""
+"""Numbers as tables of pandas or polars, one row a number; such packages are imported when asked for."""
 
+import importlib
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Literal
 
-from rigctl.interface.optional import BACKENDS, Backend, optional
 from rigctl.measurement.region_numbers import MeasuredQuantities
 from rigctl.reports.table import AnyTable, Column, Shown, Table
 
+Backend = Literal["pandas", "polars"]
+BACKENDS = ("pandas", "polars")
 Number = tuple[str, str, str, float, float | None]
+
+
+def optional(name: str) -> Any:
+    """Return an optional package.
+
+    Raises
+    ------
+    ImportError
+        It is not installed; the text has the line that installs it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ImportError(f"{name} is not installed; install it with: pip install 'rigctl[notebook]'") from error
 
 
 def data_frame(table: AnyTable, backend: Backend = "pandas") -> Any:

@@ -5,8 +5,7 @@ from operator import itemgetter
 from typing import Any
 
 from rigctl.comparison.compared_run import ComparedRun
-from rigctl.interface.data_frames import Number, data_frame, measured_numbers, number_table
-from rigctl.interface.optional import Backend, optional
+from rigctl.interface.data_frames import Backend, Number, data_frame, measured_numbers, number_table, optional
 from rigctl.jobs.predict import PredictedScene, SweptScene
 from rigctl.jobs.stokes import StokesOfRun
 from rigctl.reports.figures.comparison_figures import scores

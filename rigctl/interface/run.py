@@ -14,7 +14,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
-from rigctl.interface.optional import Backend, optional
+from rigctl.interface.data_frames import Backend, optional
 from rigctl.interface.results import StokesResult
 from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.measurement.run_calibrations import CalibrationPaths

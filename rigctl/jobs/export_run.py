@@ -5,9 +5,7 @@ from pathlib import Path
 
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ExportFormat
-from rigctl.runs.exports.export_hdf5 import export_hdf5
-from rigctl.runs.exports.export_tiff import export_tiff
-from rigctl.runs.exports.export_zarr import export_zarr
+from rigctl.runs.export_formats import export_hdf5, export_tiff, export_zarr
 from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import used_run
 from rigctl.storage.durable_file import PART_SUFFIX

@@ -2,10 +2,11 @@
 
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.errors import DataError, RunFolderError
+from rigctl.runs.event_log import json_line
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.frame_record import FrameRecord
@@ -13,7 +14,6 @@ from rigctl.runs.run_description import SESSION_FILE, first_link
 from rigctl.runs.run_events import EVENTS_FILE, journal_problems, read_journal, sound_events
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_checksum, read_contents
 from rigctl.runs.run_lock import RunLock
-from rigctl.runs.run_writer import json_line
 from rigctl.runs.sealed_lines import sealed_all
 from rigctl.runs.verification import Finding, frame_problems
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
@@ -95,7 +95,7 @@ class _Repairer:
             self._adopt(file)
         frames = tuple(self._frames[sequence] for sequence in sorted(self._frames))
         if frames != contents.frames or contents.problems or contents.torn_manifest_line:
-            lines = sealed_all((json_line(asdict(record)) for record in frames), self._first_link)
+            lines = sealed_all((json_line(record) for record in frames), self._first_link)
             write_durably(self._path / MANIFEST_FILE, lines)
         self._mend_events()
         return Repair(adopted=tuple(self._adopted), set_aside=tuple(self._set_aside), frames=frames)

@@ -1,10 +1,8 @@
 """A run folder as it is written: each frame durable before the manifest names it."""
 
-import json
-import threading
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import RunFolderError
 from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.disk_reserve import DISK_FULL, DiskReserve
+from rigctl.runs.event_log import Clock, EventLog, json_line
 from rigctl.runs.fits.fits_frame import encode_frame
 from rigctl.runs.fits.frame_header import header_cards
 from rigctl.runs.frame_record import FrameRecord
@@ -27,13 +25,11 @@ from rigctl.runs.run_description import (
     first_link,
     read_description,
 )
-from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closing_facts
+from rigctl.runs.run_events import closing_facts
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, file_checksum, read_run
 from rigctl.runs.run_lock import RunLock, released_on_error
 from rigctl.storage.durable_file import flush_folder, write_durably
 from rigctl.version import VERSION
-
-Clock = Callable[[], int]
 
 
 class RunWriter:
@@ -66,12 +62,8 @@ class RunWriter:
         self.path = path
         self._lock = lock
         self._sequences = set(sequences)
-        self._utc_ns = utc_ns
-        self._monotonic_ns = monotonic_ns
         self._manifest = Journal(path / MANIFEST_FILE, first_link=first_link)
-        self._events = Journal(path / EVENTS_FILE, first_link=first_link)
-        self._event_lock = threading.Lock()
-        self._reserve = DiskReserve(path)
+        self._events = EventLog(path, first_link=first_link, utc_ns=utc_ns, monotonic_ns=monotonic_ns)
         flush_folder(path)
 
     @classmethod
@@ -157,7 +149,6 @@ class RunWriter:
         """Close the files. May be called twice."""
         self._manifest.close()
         self._events.close()
-        self._reserve.give_up()
         self._lock.release()
 
     @property
@@ -201,7 +192,7 @@ class RunWriter:
         try:
             for record, counts in frames:
                 written.append(self._write_file(record, counts))
-            self._manifest.append([json_line(asdict(record)) for record in written])
+            self._manifest.append([json_line(record) for record in written])
         except Exception as error:
             self._take_back(written)
             if isinstance(error, OSError):
@@ -247,21 +238,9 @@ class RunWriter:
             The disk is full, or the folder cannot be written.
         """
         try:
-            # The writer's thread notes events too.
-            with self._event_lock:
-                self._append_event([json_line(asdict(self._event(name, facts)))])
+            self._events.note(name, facts)
         except OSError as error:
             raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
-
-    def _append_event(self, lines: list[bytes]) -> None:
-        """Add a line; on a full disk the room that is kept for events is used."""
-        try:
-            self._events.append(lines)
-        except OSError as error:
-            if error.errno not in DISK_FULL:
-                raise
-            self._reserve.give_up()
-            self._events.append(lines)
 
     def closing_event(self, name: str, **facts: Any) -> None:
         """Note that what was to be done is done: the event holds how many frames there are, and their chain.
@@ -272,15 +251,6 @@ class RunWriter:
             As `event`.
         """
         self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
-
-    def _event(self, name: str, facts: dict[str, Any]) -> RunEvent:
-        return RunEvent(
-            id=self._events.lines,
-            utc=utc_text(self._utc_ns()),
-            monotonic_ns=self._monotonic_ns(),
-            event=name,
-            facts=facts,
-        )
 
 
 def require_new_folder(path: Path) -> None:
@@ -306,8 +276,3 @@ def _file_name(record: FrameRecord) -> str:
     angle_deg = record.polarizer_angle_target_deg
     angle = "" if angle_deg is None else f"_a{round(angle_deg) % 180:03d}"
     return f"{record.sequence:06d}_{record.kind}{angle}.fits"
-
-
-def json_line(content: dict[str, Any]) -> bytes:
-    """Return the content of one line of a manifest or of the events."""
-    return json.dumps(content, allow_nan=False).encode("ascii")

@@ -23,7 +23,7 @@ from rigctl.scene.scene_reading import scene_of_file
 from rigctl.scene.scene_record import Scene
 from rigctl.scene.skies.sun_position import sun_position
 from rigctl.scene.sun_text import sun_text
-from rigctl.simulated.roof_changes import changed_roof, cloud_factor
+from rigctl.simulated.perturbation import changed_roof, cloud_factor
 from sim_devices.textured_scene import RegionLight
 
 FloatArray = NDArray[np.float64]

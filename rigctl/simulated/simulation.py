@@ -1,10 +1,9 @@
 """A simulated rig, made of a rig file: one world, seen by the stage through bytes and by the camera through light."""
 
-import hashlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,34 +14,31 @@ from numpy.typing import NDArray
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RoofChange
 from rigctl.files.regions import masks
-from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
-from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
+from rigctl.files.rig_file import RigFile, SimulatedCamera
+from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, require_known_camera, split_faults, split_truth
 from rigctl.simulated.lit_roof import LitRoof
 from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
-from rigctl.simulated.rendering import rendering_effect
-from rigctl.simulated.roof_steps import BeginStep, with_light, with_time
 from rigctl.simulated.simulated_clock import SimulatedClock
+from rigctl.simulated.stated_parts import TEXTURE_STREAM, stage_options, stated_camera, stated_radiance, stated_world
 from sim_devices.camera import SimCamera
 from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
-from sim_devices.detector import Detector, Lens
-from sim_devices.scene_truth import Region, Surface, paint_scene
-from sim_devices.stages.catalogue import StageOptions, make_stage, parse_stage_address
+from sim_devices.stages.catalogue import make_stage
 from sim_devices.stages.pty_server import serve_on_pty
-from sim_devices.stages.simulated_stage import SimulatedStage
 from sim_devices.textured_scene import TexturedScene
-from sim_devices.truth_log import TruthLog
-from sim_devices.world import Polarizer, World
+from sim_devices.world import World
 
 FloatArray = NDArray[np.float64]
 
-# Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
-_TEXTURE_STREAM = 1
 # Of the background's radiance, where a session's clock begins at night: hardly a photon.
 _NIGHT_SHARE = 1e-6
+# From one frame to the next, turning and storing, as a plan of a session has it [s].
+STEP_S = 0.42
+
+BeginStep = Callable[[int], bool]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,13 +135,13 @@ def simulate(
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
     require_known_camera(rig.camera.address)
     try:
-        options = _stage_options(rig.stage.port, rig.simulation.seed)
+        options = stage_options(rig.stage.port, rig.simulation.seed)
         stage_clock = SimClock(speed=options.speed)
         stage = make_stage(options, clock=stage_clock)
         seen = seen_scene(rig, utc_ns=time.time_ns if clock is None else clock.utc_ns)
-        world = _world(rig.simulation, seen.radiance, stage)
+        world = stated_world(rig.simulation, seen.radiance, stage)
         address, log = split_truth(rig.camera.address)
-        camera = _camera(rig.simulation, world, session_name, log, clock)
+        camera = stated_camera(rig.simulation, world, session_name, log, clock)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
     with serve_on_pty(stage, clock=stage_clock) as port, camera, _serve_if_gige(address, camera) as network_address:
@@ -165,8 +161,32 @@ def _begin_step(
 ) -> BeginStep:
     if seen.roof is not None and seen.textured is not None:
         utc_ns = time.time_ns if clock is None else clock.utc_ns
-        begin_step = with_light(begin_step, world, roof=seen.roof, scene=seen.textured, utc_ns=utc_ns)
-    return begin_step if clock is None else with_time(begin_step, camera, clock)
+        begin_step = _with_light(begin_step, world, roof=seen.roof, scene=seen.textured, utc_ns=utc_ns)
+    return begin_step if clock is None else _with_time(begin_step, camera, clock)
+
+
+def _with_time(begin_step: BeginStep, camera: SimCamera, clock: SimulatedClock) -> BeginStep:
+    """Return a begin of a step that lets as much time pass as a step takes."""
+
+    def begin(sequence: int) -> bool:
+        clock.reach(camera.busy_until_monotonic_ns)
+        clock.sleep(STEP_S)
+        return begin_step(sequence)
+
+    return begin
+
+
+def _with_light(
+    begin_step: BeginStep, world: World, *, roof: LitRoof, scene: TexturedScene, utc_ns: Callable[[], int]
+) -> BeginStep:
+    """Return a begin of a step that lights the world as it is at that moment."""
+
+    def begin(sequence: int) -> bool:
+        now_ns = utc_ns()
+        world.show(scene.painted(roof.at(now_ns), background_share=roof.dimmed(now_ns)))
+        return begin_step(sequence)
+
+    return begin
 
 
 @contextmanager
@@ -196,11 +216,6 @@ def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
     serial_number = camera.identify().serial_number
     with serve_gige_camera(camera, address=THIS_MACHINE, serial_number=serial_number, faults=faults):
         yield f"gige:{THIS_MACHINE}?{rest}"
-
-
-def _stage_options(port: str, seed: int) -> StageOptions:
-    options = parse_stage_address(port)
-    return options if "seed=" in port else replace(options, seed=seed)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -241,14 +256,14 @@ def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
     if not scene.has_materials:
         if rig.simulation.perturb is not None:
             raise ConfigError("--perturb: is for a simulated roof, a scene whose regions have a material")
-        return SeenScene(radiance=_radiance(scene, camera, rig.simulation.seed))
+        return SeenScene(radiance=stated_radiance(scene, camera, rig.simulation.seed))
     roof = LitRoof(scene, rig)
     inside = masks(list(scene.regions), width=camera.width, height=camera.height)
     textured = TexturedScene(
         masks={region.name: inside[region.name] for region in scene.regions},
         background_radiance=scene.background_radiance,
         shape=(camera.height, camera.width),
-        generator=np.random.default_rng([rig.simulation.seed, _TEXTURE_STREAM]),
+        generator=np.random.default_rng([rig.simulation.seed, TEXTURE_STREAM]),
     )
     radiance = textured.painted(roof.at(utc_ns())) if roof.is_day(utc_ns()) else _night(scene, camera)
     return SeenScene(radiance=radiance, roof=roof, textured=textured)
@@ -271,100 +286,6 @@ def made_camera(rig: RigFile, seen: SeenScene, *, session_name: str) -> SimCamer
     """
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
-    options = _stage_options(rig.stage.port, rig.simulation.seed)
+    options = stage_options(rig.stage.port, rig.simulation.seed)
     stage = make_stage(options, clock=SimClock(speed=options.speed))
-    return _camera(rig.simulation, _world(rig.simulation, seen.radiance, stage), session_name, None, None)
-
-
-def _world(simulation: SimulationSection, radiance: FloatArray, stage: SimulatedStage) -> World:
-    return World(
-        radiance=radiance,
-        polarizer=_polarizer(simulation.polarizer),
-        stage_angle_deg=stage.true_angle_deg,
-        flat_radiance=simulation.flat_radiance,
-    )
-
-
-def _radiance(scene: SceneFile, camera: SimulatedCamera, seed: int) -> FloatArray:
-    inside = masks(list(scene.regions), width=camera.width, height=camera.height)
-    return paint_scene(
-        width=camera.width,
-        height=camera.height,
-        background=Surface(mean_stokes=(scene.background_radiance, 0.0, 0.0)),
-        regions=[Region(surface=_surface(region), where=inside[region.name]) for region in scene.regions],
-        generator=np.random.default_rng([seed, _TEXTURE_STREAM]),
-    )
-
-
-def _surface(region: SceneRegion) -> Surface:
-    s0, s1, s2 = (component.value for component in region.given_radiance())
-    covariance = region.texture_covariance
-    return Surface(
-        mean_stokes=(s0, s1, s2),
-        texture_rms=region.texture_rms.value,
-        extra_covariance=None if covariance is None else np.array([[one.value for one in row] for row in covariance]),
-    )
-
-
-def _polarizer(truth: SimulatedPolarizer) -> Polarizer:
-    return Polarizer(
-        transmittance_along=truth.transmittance_along,
-        transmittance_across=truth.transmittance_along / truth.extinction_ratio,
-        offset_deg=truth.offset_deg,
-        sense=truth.sense,
-    )
-
-
-def _camera(
-    simulation: SimulationSection,
-    world: World,
-    session_name: str,
-    log: TruthLog | None,
-    clock: SimulatedClock | None,
-) -> SimCamera:
-    lens, detector = _lens(simulation.camera), _detector(simulation.camera)
-    return SimCamera(
-        world=world,
-        lens=lens,
-        detector=detector,
-        pattern_seed=simulation.seed,
-        noise_seed=_noise_seed(simulation.seed, session_name),
-        truth=log,
-        utc_ns=time.time_ns if clock is None else clock.utc_ns,
-        monotonic_ns=time.monotonic_ns if clock is None else clock.monotonic_ns,
-        rendering=[
-            rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed)
-            for section in simulation.effects
-        ],
-    )
-
-
-def _lens(truth: SimulatedCamera) -> Lens:
-    return Lens(
-        focal_length_m=truth.focal_length_mm / 1e3,
-        aperture_diameter_m=truth.aperture_diameter_mm / 1e3,
-        transmittance=truth.optics_transmittance,
-    )
-
-
-def _detector(truth: SimulatedCamera) -> Detector:
-    return Detector(
-        width=truth.width,
-        height=truth.height,
-        pixel_pitch_m=truth.pixel_pitch_um / 1e6,
-        effective_wavelength_m=truth.wavelength_nm / 1e9,
-        quantum_efficiency=truth.quantum_efficiency,
-        gain_dn_per_e=truth.gain_dn_per_e,
-        read_noise_e=truth.read_noise_e,
-        dark_current_e_per_s=truth.dark_current_e_per_s,
-        black_level_dn=truth.black_level_dn,
-        prnu=truth.prnu,
-        dsnu_e=truth.dsnu_e,
-        full_well_e=truth.full_well_e,
-        bit_depth=truth.bit_depth,
-    )
-
-
-def _noise_seed(seed: int, session_name: str) -> int:
-    digest = hashlib.sha256(f"{seed}/{session_name}".encode()).digest()
-    return int.from_bytes(digest[:8], "big")
+    return stated_camera(rig.simulation, stated_world(rig.simulation, seen.radiance, stage), session_name, None, None)

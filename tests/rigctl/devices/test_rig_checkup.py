@@ -12,7 +12,7 @@ from rigctl.devices.rig_checkup import adapter_wait, camera_frames, frame_times_
 from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
 from rigctl.session.planning.disk_demand import demand_of
-from rigctl.simulated.serve_camera import serve_rig_camera
+from rigctl.simulated.serving import serve_rig_camera
 from tests.rigctl.example_files import EXAMPLES, small_rig
 from tests.sim_devices.camera_builders import small_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import NotConnectedError
-from rigctl.devices.settling import SettlingStage
-from rigctl.devices.stages import open_stage
+from rigctl.devices.stages import SettlingStage, open_stage
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import StageSection, load_rig
 from tests.rigctl.example_files import EXAMPLES

@@ -7,7 +7,7 @@ import pytest
 import rigctl
 from rigctl.errors import ConfigError
 from rigctl.files.regions import load_regions
-from rigctl.interface import optional as optional_packages
+from rigctl.interface import data_frames as optional_packages
 from rigctl.jobs.predict import PredictedScene
 from rigctl.jobs.stokes import StokesOfRun
 from tests.rigctl.example_files import EXAMPLES

@@ -13,7 +13,7 @@ from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.scene.parameters import get
 from rigctl.scene.scene_reading import scene_of_file
 from rigctl.simulated.lit_roof import LitRoof
-from rigctl.simulated.roof_changes import CLOUD_S, changed_roof, cloud_factor
+from rigctl.simulated.perturbation import CLOUD_S, changed_roof, cloud_factor
 from rigctl.simulated.simulation import with_simulation
 from tests.rigctl.example_files import EXAMPLES
 

@@ -7,7 +7,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.config import load
 from rigctl.files.rendering_sections import RenderingSection
 from rigctl.files.rig_file import RigFile
-from rigctl.simulated.rendering import rendering_effect
+from rigctl.simulated.stated_parts import rendering_effect
 from sim_devices.detector import Detector, Lens
 from tests.rigctl.example_files import EXAMPLES
 
