@@ -44,6 +44,9 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
 # Of errors of the operating system, those that a disk is to blame for; the others are files that were named wrongly.
 _DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
 
+# Of a link that leads to itself Python before 3.13 says so in another kind of error.
+_LINK_LOOP = "Symlink loop"
+
 # Verb -> (module that holds its `command` or `app`, one line of help). A module is imported when its verb is
 # called, so that `rigctl --help` starts at once.
 VERBS: dict[str, tuple[str, str]] = {
@@ -221,6 +224,8 @@ def _failure(error: Exception) -> tuple[int, str]:
         return int(error.exit_code), str(error.format_message())
     if isinstance(error, MemoryError):
         return EXIT_DATA, "this needs more memory than there is; nothing was written"
+    if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):
+        return EXIT_USAGE, str(error)
     if isinstance(error, OSError):
         code = EXIT_DATA if error.errno in _DISK_FAULTS else EXIT_USAGE
         return code, f"{error.filename or 'a file'}: {error.strerror or error}"

@@ -1,11 +1,13 @@
 """Log of what a simulated rig truly did, frame by frame, in which no driver and no session has a hand."""
 
+import errno
 import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 _MODE = 0o644
+_BEGINNING = b'{"sequence": '
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +53,7 @@ class TruthLog:
     Raises
     ------
     OSError
-        It cannot be written.
+        It cannot be written, or is another file: only a log of this kind is added to.
 
     Notes
     -----
@@ -60,6 +62,8 @@ class TruthLog:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        if path.exists() and not _is_log(path):
+            raise FileExistsError(errno.EEXIST, "is there already, and is no log of exposures", str(path))
         os.close(self._opened())
 
     def note(self, frame: TrueFrame) -> None:
@@ -72,6 +76,13 @@ class TruthLog:
 
     def _opened(self) -> int:
         return os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, _MODE)
+
+
+def _is_log(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_BEGINNING)) in (b"", _BEGINNING)
 
 
 def read_truth(path: Path) -> tuple[TrueFrame, ...]:

@@ -1,6 +1,25 @@
-"""Options of the whole test suite."""
+"""Options of the whole test suite, and a home of its own: no test reads or writes what the user has kept."""
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
 
 import pytest
+
+_HOME = "RIGCTL_TEST_HOME"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # The first process makes it; those that pytest-xdist starts, and the programs that tests start, find it.
+    if _HOME not in os.environ:
+        os.environ[_HOME] = tempfile.mkdtemp(prefix="rigctl-tests-")
+        config.add_cleanup(lambda: shutil.rmtree(os.environ.pop(_HOME), ignore_errors=True))
+        # The fonts that matplotlib has found are none of ours, and looking for them again takes seconds.
+        cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        os.environ.setdefault("MPLCONFIGDIR", str(Path(cache) / "matplotlib"))
+    home = Path(os.environ[_HOME])
+    os.environ["XDG_STATE_HOME"], os.environ["XDG_CACHE_HOME"] = str(home / "state"), str(home / "cache")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.console.terminal import print_json, results
+from rigctl.console.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
     from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
@@ -84,6 +84,8 @@ def axis(
         if as_json:
             print_json(error.content)
         raise
+    for line in found.rig_changes:
+        progress().print(f"{write}: {line}", markup=False, soft_wrap=True)
     if as_json:
         print_json(found.content)
     else:

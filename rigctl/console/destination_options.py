@@ -1,6 +1,7 @@
 """Destinations of every command, in one table; each is tried before the command begins."""
 
 import functools
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,25 +18,39 @@ from rigctl.storage.destination import (
     origin_of,
     remember_written,
     require_free,
+    results_of,
     snapshot,
 )
 
 _FORCE = "force"
+# They write a file that nobody keeps, again and again.
+_ALWAYS_ANEW = ("doctor",)
 # They decide how a result is told, and not what is in it.
 _TELLING = ("as_json", _FORCE)
 _COMPARED = ("comparison.json", "comparison.csv", "prediction.json", "measurement.json", "report.html", "report.pdf")
 _SERIES = ("series.json", "series.csv", "series.html", "series.pdf")
-_STOKES = ("stokes.fits", "dolp.fits", "aolp.fits", "saturated.fits", "missing.fits", "pictures.png", "aolp.png")
+_PREDICTED = ("prediction.*", "counts.png", "laws.png", "roc.csv", "roc.png", "sweep.*")
+_STOKES = (
+    "residual.png",
+    "stokes.fits",
+    "dolp.fits",
+    "aolp.fits",
+    "saturated.fits",
+    "missing.fits",
+    "pictures.png",
+    "aolp.png",
+)
 _DETECTED = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
-_TRADED = tuple(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png"))
+_TRADED = ("digits.png", *(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png")))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Place:
-    """One option of a command that names a destination."""
+    """One option of a command that names a destination, or its argument where `label` says so."""
 
     kind: Kind = "file"
     names: tuple[str, ...] = ()
+    label: str | None = None
 
 
 _FILE = _Place()
@@ -46,24 +61,33 @@ def _folder(*names: str) -> _Place:
 
 
 _NEW = _Place(kind="new")
-_DESTINATIONS: dict[str, dict[str, _Place]] = {
+_ABSENT = _Place(kind="absent")
+# As many figures and sets of materials as are asked for.
+_PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
+DESTINATIONS: dict[str, dict[str, _Place]] = {
     "acquire": {"out": _NEW},
-    "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE},
+    "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE, "write": _Place(kind="edited")},
     "calibrate flat": {"out": _FILE},
     "calibrate noise": {"out": _FILE, "plot": _FILE, "report": _FILE, "defects": _FILE},
     "calibrate radiometric": {"out": _FILE},
     "calibrate registration": {"out": _FILE},
     "compare": {"out": _folder(*_COMPARED, *_SERIES)},
     "demo": {"out": _NEW},
+    "doctor": {"folder": _folder()},
     "detect": {"out": _folder(*_DETECTED)},
     "dolp estimators": {"out": _folder("estimators.png")},
     "dolp fig5": {"out": _folder("fig5.png")},
-    "export": {"out": _NEW},
+    "export": {"out": _ABSENT},
     "fit surface": {"out": _FILE},
-    "predict": {"out": _folder("sweep.csv", "sweep.json", "sweep.png")},
+    "import": {"run": _Place(kind="run", label="RUN")},
+    "new": {"folder": _Place(kind="new", label="DIR")},
+    "paper": {"out": _folder(*_PAPER)},
+    "predict": {"out": _folder(*_PREDICTED), "write_truth": _FILE},
+    "preview": {"picture": _FILE},
     "regions draw": {"out": _FILE},
     "regions find": {"out": _FILE},
     "regions mark": {"out": _FILE},
+    "sim stage": {"link": _ABSENT, "truth": _FILE},
     "sky": {"out": _folder("sky.png", "sky.json", "sky-aerosols.png", "sky-aerosols.json")},
     "stage characterise": {"out": _FILE, "plot": _FILE},
     "stokes": {"out": _folder(*_STOKES, "stokes.json")},
@@ -87,11 +111,11 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
         for name, one in command.commands.items():
             with_tried_destinations(f"{verb} {name}", one)
         return command
-    places = _DESTINATIONS.get(verb)
+    places = DESTINATIONS.get(verb)
     body = command.callback
     if places is None or body is None:
         return command
-    if any(place.kind != "new" for place in places.values()):
+    if any(place.kind in ("file", "folder") for place in places.values()) and verb not in _ALWAYS_ANEW:
         command.params.append(_force_option())
 
     @functools.wraps(body)
@@ -106,7 +130,8 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
         require_free(destinations, origin, inputs=inputs, force=force)
         edited, before = edited_before(destinations), snapshot(destinations)
         try:
-            return body(**values)
+            with results_of(origin, force=force):
+                return body(**values)
         finally:
             keep_old(edited)
             remember_written(destinations, before, origin)
@@ -138,7 +163,7 @@ def _destinations(verb: str, places: Mapping[str, _Place], values: Mapping[str, 
             path = _DEFAULTS[verb](values)
         if path is not None:
             kind = "edited" if _is_edited(verb, path, values) else place.kind
-            name = f"--{option.replace('_', '-')}"
+            name = place.label or f"--{option.replace('_', '-')}"
             found.append(Destination(option=name, path=Path(path), kind=kind, names=place.names))
     return found
 
@@ -146,7 +171,7 @@ def _destinations(verb: str, places: Mapping[str, _Place], values: Mapping[str, 
 def _is_edited(verb: str, path: Path, values: Mapping[str, Any]) -> bool:
     """Return whether a regions file is to be written where it was read from."""
     given = values.get("regions") if verb in ("regions mark", "regions find") else values.get("start")
-    return verb.startswith("regions ") and isinstance(given, Path) and given.resolve() == Path(path).resolve()
+    return verb.startswith("regions ") and isinstance(given, Path) and os.path.realpath(given) == os.path.realpath(path)
 
 
 def _inputs(values: Mapping[str, Any], places: Mapping[str, _Place]) -> list[Path]:

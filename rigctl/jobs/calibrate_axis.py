@@ -16,7 +16,7 @@ from rigctl.calibrations.polarizer.polarizer_calibration import (
     from_references,
 )
 from rigctl.calibrations.polarizer.polarizer_json import polarizer_json, region_json
-from rigctl.calibrations.polarizer.rig_writing import write_into_rig
+from rigctl.calibrations.polarizer.rig_writing import require_writable_rig, write_into_rig
 from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_scan
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.config import Uncertain
@@ -99,6 +99,8 @@ class CalibratedAxis:
         The directions lie farther apart than scans are wrong.
     is_generator_taken_as_perfect : bool
         Nothing was known of its DoLP.
+    rig_changes : tuple of str
+        Lines of the rig file that went and came.
     """
 
     calibration: PolarizerCalibration
@@ -106,6 +108,7 @@ class CalibratedAxis:
     content: dict[str, Any]
     directions_disagree: bool
     is_generator_taken_as_perfect: bool
+    rig_changes: tuple[str, ...] = ()
 
 
 def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
@@ -118,6 +121,8 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
     UndecidedSenseError
         The scans do not tell the sense of rotation; nothing is written.
     """
+    if request.write is not None:
+        require_writable_rig(request.write)
     known = _known_light(request)
     areas = [None] if request.regions is None else list(load_regions(request.regions))
     runs = [used_run(run) for run in request.runs]
@@ -129,8 +134,7 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         raise UndecidedSenseError(_undecided(found), content)
     maps = None if request.maps is None else _maps(runs[0], request, known)
     write_content(request.out, content)
-    if request.write is not None:
-        write_into_rig(request.write, found)
+    changes = () if request.write is None else write_into_rig(request.write, found)
     if maps is not None and request.maps is not None:
         write_whole(request.maps, maps.npz())
     if request.report is not None:
@@ -143,6 +147,7 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         calibration=found,
         regions=regions,
         content=content,
+        rig_changes=changes,
         directions_disagree=found.axis.scatter_rad > _DISAGREEING_RAD,
         is_generator_taken_as_perfect=request.generator is not None and request.dolp is None,
     )

@@ -1,6 +1,6 @@
 """Exporting a run: run folder in; a file or folder that other programs read out."""
 
-import shutil
+import tempfile
 from pathlib import Path
 
 from rigctl.errors import ConfigError
@@ -10,6 +10,7 @@ from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import used_run
 from rigctl.storage.durable_file import PART_SUFFIX
 
+_SHOWN = 100
 _WRITERS = {"tiff": export_tiff, "hdf5": export_hdf5, "zarr": export_zarr}
 
 
@@ -35,19 +36,8 @@ def export_run(path: Path, *, to: ExportFormat, out: Path) -> Run:
     if out.exists():
         raise ConfigError(f"--out: {out} is there already; name a file or folder that does not exist yet")
     run = used_run(path)
-    part = out.with_name(out.name + PART_SUFFIX)
-    _remove(part)
-    try:
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:_SHOWN]}-", suffix=PART_SUFFIX) as scratch:
+        part = Path(scratch) / "part"
         _WRITERS[to](run, part)
-    except BaseException:
-        _remove(part)
-        raise
-    part.replace(out)
+        part.replace(out)
     return run
-
-
-def _remove(part: Path) -> None:
-    if part.is_dir():
-        shutil.rmtree(part)
-    else:
-        part.unlink(missing_ok=True)

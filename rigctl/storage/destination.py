@@ -5,15 +5,19 @@ import json
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Literal
 
 from rigctl.errors import ConfigError
 
-Kind = Literal["file", "folder", "new", "edited"]
+Kind = Literal["file", "folder", "new", "edited", "run", "absent"]
 _RUN_FILES = ("session.json", "manifest.jsonl")
+# A run of which one of the two is gone is still one.
+_BESIDE_IN_RUN = ("frames", "events.jsonl")
 # Where a format has a place for its writer, the word stands within this much of either end.
 _HEADER_BYTES = 65536
 _TEXT_FORMATS = (".toml", ".csv", ".txt")
@@ -30,10 +34,11 @@ class Destination:
         The option that names it.
     path : Path
         As it was given.
-    kind : {"file", "folder", "new", "edited"}
-        One file, files in a folder, something that must not be there yet, or a file that the command is to change.
+    kind : {"file", "folder", "new", "edited", "run", "absent"}
+        One file, files in a folder, a folder that must not hold anything yet, a file that the command is to change, a
+        run that is made or added to, or what must not be there at all.
     names : tuple of str
-        The files of a folder, in it or in the folders of it.
+        The files of a folder, in it or in the folders of it; ``*`` stands for any text.
     """
 
     option: str
@@ -56,6 +61,52 @@ class Origin:
 
     command: str
     digest: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Command:
+    """The command that runs: where its results come from, and which files it has written by now."""
+
+    origin: Origin
+    force: bool
+    written: set[Path] = field(default_factory=set)
+
+
+_RUNNING: ContextVar[_Command | None] = ContextVar("running", default=None)
+
+
+@contextmanager
+def results_of(origin: Origin, *, force: bool) -> Iterator[None]:
+    """Give a command the right to replace its own results until the context is left; then note which it has written."""
+    running = _Command(origin=origin, force=force)
+    token = _RUNNING.set(running)
+    try:
+        yield
+    finally:
+        _RUNNING.reset(token)
+        for file in running.written:
+            with suppress(OSError):
+                _remember(file, origin)
+
+
+def require_replaceable(files: Iterable[Path]) -> None:
+    """Refuse files of a person, and results that are not those of the running command, before any is written.
+
+    Raises
+    ------
+    ConfigError
+        One of them may not be replaced.
+
+    Notes
+    -----
+    Outside of a command, as a program calls, results of rigctl are replaced.
+    """
+    running = _RUNNING.get() or _Command(origin=Origin(command="", digest=""), force=True)
+    wanted = [file for file in files if file not in running.written]
+    problem = _taken([file for file in wanted if file.exists()], running.origin, force=running.force)
+    if problem is not None:
+        raise ConfigError(f"{wanted[0].parent}: {problem}")
+    running.written.update(wanted)
 
 
 def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
@@ -116,7 +167,7 @@ def edited_before(destinations: Iterable[Destination]) -> dict[Path, bytes]:
 
 
 def keep_old(before: Mapping[Path, bytes]) -> None:
-    """Keep each file that was edited as it was, under its name with .bak.
+    """Keep each file that was edited as it was, under its name with .bak; earlier ones stay.
 
     Raises
     ------
@@ -124,11 +175,15 @@ def keep_old(before: Mapping[Path, bytes]) -> None:
         It cannot be kept.
     """
     for path, content in before.items():
+        kept = path.with_name(f"{path.name}.bak")
+        number = 1
+        while kept.exists():
+            number, kept = number + 1, path.with_name(f"{path.name}.bak{number}")
         try:
             if path.read_bytes() != content:
-                path.with_name(f"{path.name}.bak").write_bytes(content)
+                kept.write_bytes(content)
         except OSError as error:
-            raise ConfigError(f"{path}: cannot be kept as {path.name}.bak: {error.strerror}") from error
+            raise ConfigError(f"{path}: cannot be kept as {kept.name}: {error.strerror}") from error
 
 
 Snapshot = dict[Path, tuple[int, int, int]]
@@ -156,22 +211,38 @@ def remember_written(destinations: Iterable[Destination], before: Snapshot, orig
 
 def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     path = one.path
-    run = next((folder for folder in (path.absolute(), *path.absolute().parents) if _is_run(folder)), None)
-    if run is not None and one.kind != "new":
+    at = path.absolute()
+    run = next((folder for folder in (at, *at.parents) if _is_run(folder)), None)
+    if run is not None and (one.kind not in ("new", "run") or run != at):
         return f"lies in the run {run}, which takes no results: name a place beside it"
-    if one.kind == "new":
-        return "is there already, and is a file: name a new place" if path.is_file() else _untried(path)
+    if one.kind in ("new", "run"):
+        return _not_new(path, is_run=run == at and one.kind == "run") or _untried(path)
+    if one.kind == "absent":
+        return "is there already: remove it, or name another" if os.path.lexists(path) else _unplaced(path)
     if one.kind == "folder":
         if path.exists() and not path.is_dir():
             return "is a file; name a folder"
         return _untried(path / "x") or _taken(_present(one), origin, force=force)
     if path.is_dir():
         return "is a folder; name a file"
-    if not path.absolute().parent.is_dir():
-        return f"there is no folder {path.absolute().parent}; its folder does not exist"
     if path.exists() and not path.is_file():
         return "is no regular file"
-    return _untried(path) or (None if one.kind == "edited" else _taken(_present(one), origin, force=force))
+    if one.kind == "edited":
+        return _unplaced(path) or _unwritable(path)
+    return _unplaced(path) or _taken(_present(one), origin, force=force)
+
+
+def _not_new(path: Path, *, is_run: bool) -> str | None:
+    if path.is_dir():
+        return None if is_run or not any(path.iterdir()) else "is not empty: name a folder that is not there yet"
+    return "is there already, and is no folder: name a new place" if path.exists() else None
+
+
+def _unplaced(path: Path) -> str | None:
+    """Return why a file cannot be made in its folder, which has to be there."""
+    if not path.absolute().parent.is_dir():
+        return f"there is no folder {path.absolute().parent}; its folder does not exist"
+    return _untried(path)
 
 
 def _untried(path: Path) -> str | None:
@@ -206,6 +277,10 @@ def _taken(files: Iterable[Path], origin: Origin, *, force: bool) -> str | None:
     return None
 
 
+def _unwritable(file: Path) -> str | None:
+    return "is read-only" if file.exists() and not file.stat().st_mode & 0o222 else None
+
+
 def _there(file: Path) -> str:
     return f"{file.name} is there already, and"
 
@@ -215,12 +290,11 @@ def _present(one: Destination) -> list[Path]:
         return [one.path] if one.path.is_file() else []
     if one.kind == "new" or not one.path.is_dir():
         return []
-    names = set(one.names)
     return [
         Path(folder) / name
         for folder, _, files in _near(one.path)
         for name in files
-        if name in names and (Path(folder) / name).is_file()
+        if any(fnmatchcase(name, known) for known in one.names) and (Path(folder) / name).is_file()
     ]
 
 
@@ -233,7 +307,8 @@ def _near(path: Path) -> Iterator[tuple[str, list[str], list[str]]]:
 
 
 def _is_run(folder: Path) -> bool:
-    return all((folder / name).is_file() for name in _RUN_FILES)
+    there = [name for name in _RUN_FILES if (folder / name).is_file()]
+    return len(there) == len(_RUN_FILES) or (bool(there) and any((folder / name).exists() for name in _BESIDE_IN_RUN))
 
 
 def _files_of_input(path: Path) -> list[Path]:

@@ -84,6 +84,8 @@ def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_terminal_without_modem_lines_is_no_hindrance(terminal: Terminal) -> None:
     port = open_serial_port(terminal.path, baud=115200)
     port.request_to_send()
+    port.write(b"0in")
+    assert os.read(terminal.far, 10) == b"0in"
     port.close()
 
 

@@ -30,3 +30,10 @@ def test_a_line_that_is_no_frame_is_refused(tmp_path):
     (tmp_path / "truth.jsonl").write_text('{"sequence": 1}\n')
     with pytest.raises(ValueError, match="no frame"):
         read_truth(tmp_path / "truth.jsonl")
+
+
+def test_a_file_that_is_no_log_is_not_added_to(tmp_path):
+    (tmp_path / "session.toml").write_text("mine")
+    with pytest.raises(FileExistsError, match="no log of exposures"):
+        TruthLog(tmp_path / "session.toml")
+    assert (tmp_path / "session.toml").read_text() == "mine"

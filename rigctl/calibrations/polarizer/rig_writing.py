@@ -9,10 +9,13 @@ from rigctl.files.rig_file import load_rig
 from rigctl.storage.durable_file import write_durably
 
 _TABLE = re.compile(r"^\[polarizer\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
+_NO_LONGER_TRUE = re.compile(r"^(?:placeholder|offset_std_deg)\s*=[^\n]*(?:\n|\Z)", re.MULTILINE)
+_OURS = "    # rigctl calibrate axis"
+_PLACEHOLDER = "# a placeholder"
 
 
-def write_into_rig(path: Path, found: PolarizerCalibration) -> None:
-    """Write sense, offset with its error, and extinction ratio into a rig file; its comments stay.
+def require_writable_rig(path: Path) -> None:
+    """Refuse a file that a calibration cannot be written into, before there is one.
 
     Raises
     ------
@@ -20,10 +23,55 @@ def write_into_rig(path: Path, found: PolarizerCalibration) -> None:
         The file is no rig file, or has no table [polarizer] of its own.
     """
     load_rig(path)
-    text = path.read_text(encoding="utf-8")
-    table = _TABLE.search(text)
+    _polarizer_table(path)
+
+
+def write_into_rig(path: Path, found: PolarizerCalibration) -> tuple[str, ...]:
+    """Write sense, offset with its error, and extinction ratio into a rig file; its comments stay.
+
+    Returns
+    -------
+    tuple of str
+        The lines that went, behind a minus, and those that came, behind a plus.
+
+    Raises
+    ------
+    ConfigError
+        As `require_writable_rig`.
+    """
+    require_writable_rig(path)
+    text = _text(path)
+    table = _polarizer_table(path)
+    inside = _NO_LONGER_TRUE.sub("", table[0])
+    for key, number in _numbers(found).items():
+        # What a person has noted behind a number stays there.
+        line = re.compile(rf"^({key}\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
+        if line.search(inside):
+            inside = line.sub(lambda was, number=number: f"{was[1]}{number}{_kept(was[2])}{was[3]}", inside, count=1)
+        else:
+            inside = inside.replace("\n", f"\n{key} = {number}{_OURS}\n", 1)
+    write_durably(path, (text[: table.start()] + inside + text[table.end() :]).encode("utf-8"))
+    load_rig(path)
+    return _changes(table[0].splitlines(), inside.splitlines())
+
+
+def _kept(comment: str | None) -> str:
+    return _OURS if comment is None or comment.strip().startswith(_PLACEHOLDER) else comment
+
+
+def _polarizer_table(path: Path) -> re.Match[str]:
+    table = _TABLE.search(_text(path))
     if table is None:
         raise ConfigError(f"{path}: has no table [polarizer] to write into")
+    return table
+
+
+def _text(path: Path) -> str:
+    # As bytes: the ends of lines stay what they are.
+    return path.read_bytes().decode("utf-8")
+
+
+def _numbers(found: PolarizerCalibration) -> dict[str, str]:
     offset = found.offset_deg
     numbers = {
         "sense": str(found.axis.best.sense),
@@ -31,10 +79,9 @@ def write_into_rig(path: Path, found: PolarizerCalibration) -> None:
     }
     if found.extinction is not None and found.extinction.ratio is not None:
         numbers["extinction_ratio"] = f"{found.extinction.ratio:.4g}"
-    inside = re.sub(r"^(?:placeholder|offset_std_deg)\s*=[^\n]*\n", "", table[0], flags=re.MULTILINE)
-    for key, number in numbers.items():
-        line = f"{key} = {number}    # rigctl calibrate axis"
-        inside, done = re.subn(rf"^{key}\s*=[^\n]*$", line, inside, flags=re.MULTILINE)
-        inside = inside if done else inside.replace("\n", f"\n{line}\n", 1)
-    write_durably(path, (text[: table.start()] + inside + text[table.end() :]).encode("utf-8"))
-    load_rig(path)
+    return numbers
+
+
+def _changes(before: list[str], after: list[str]) -> tuple[str, ...]:
+    went = [f"- {line}" for line in before if line not in after]
+    return (*went, *(f"+ {line}" for line in after if line not in before))

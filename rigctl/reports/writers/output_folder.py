@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rigctl.reports.report import Report
+from rigctl.storage.destination import require_replaceable
 from rigctl.storage.durable_file import write_durably
 
 
@@ -21,8 +22,14 @@ def report_file(report: Report, path: Path) -> bytes:
 def write_folder(out: Path, contents: Mapping[str, bytes]) -> tuple[str, ...]:
     """Write files into a folder, which is made where it is not there; return their names.
 
-    Files of the same names are replaced.
+    Results of the same names are replaced where they are of rigctl, and of this very command unless it was forced.
+
+    Raises
+    ------
+    ConfigError
+        A file of the same name is not to be replaced; nothing is written.
     """
+    require_replaceable(out / name for name in contents)
     out.mkdir(parents=True, exist_ok=True)
     for name, data in contents.items():
         write_durably(out / name, data)

@@ -2,11 +2,19 @@
 
 import hashlib
 import json
+import os
+import re
+from fnmatch import fnmatch
+from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from rigctl import cli
+from rigctl.console.destination_options import DESTINATIONS
+from rigctl.errors import ConfigError
+from rigctl.reports.writers.output_folder import write_folder
 from tests.rigctl.made_runs import at, make_run
 
 
@@ -20,91 +28,169 @@ def _write(path, *, level_dn):
     make_run(path, [(at(angle_deg), counts + angle_deg) for angle_deg in (0, 45, 90, 135)])
 
 
+@pytest.fixture(scope="module")
+def refusing(tmp_path_factory):
+    """Return a folder with a run, and things that a person made; nothing in it is ever changed."""
+    folder = tmp_path_factory.mktemp("refusing")
+    _write(folder / "run", level_dn=100)
+    (folder / "session.toml").write_text("# mine\n")
+    (folder / "link-to-mine").symlink_to("session.toml")
+    (folder / "loop").symlink_to("loop")
+    (folder / "broken-run" / "frames").mkdir(parents=True)
+    (folder / "broken-run" / "session.json").write_text("{}")
+    os.mkfifo(folder / "fifo")
+    return folder
+
+
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
-    """Return a folder with a run, and a file that a person made."""
+    """Return a folder with a run."""
     folder = tmp_path / "desk"
     folder.mkdir()
     _write(folder / "run", level_dn=100)
-    (folder / "session.toml").write_text("# mine\n")
     monkeypatch.chdir(folder)
     return folder
 
 
 def _tree(folder):
-    return {str(f): hashlib.sha256(f.read_bytes()).hexdigest() for f in sorted(folder.rglob("*")) if f.is_file()}
+    return {
+        str(f): hashlib.sha256(f.read_bytes()).hexdigest() if f.is_file() else "" for f in sorted(folder.rglob("*"))
+    }
 
 
+_DETECT = ["detect", "run", "--background", "a", "--target", "b"]
+_NOISE = ["calibrate", "noise", "--run", "run"]
+_AXIS = ["calibrate", "axis", "run", "--reference-deg", "0"]
+# Every destination of every command: the option, and a command line that lacks it; by what it makes.
 _FILES = {
-    "summary": ["summary", "run"],
-    "noise": ["calibrate", "noise", "--run", "run"],
-    "flat": ["calibrate", "flat", "run"],
-    "axis": ["calibrate", "axis", "run", "--reference-deg", "0"],
-    "registration": ["calibrate", "registration", "run"],
-    "radiometric": ["calibrate", "radiometric", "run", "--panel", "white", "--scene", "no.toml"],
-    "fit": ["fit", "surface", "no.toml"],
-    "draw": ["regions", "draw", "run"],
-    "stage": ["stage", "characterise", "no.toml"],
+    "axis": [*_AXIS, "--out"],
+    "axis-maps": [*_AXIS, "--out", "a.json", "--maps"],
+    "axis-report": [*_AXIS, "--out", "a.json", "--report"],
+    "draw": ["regions", "draw", "run", "--out"],
+    "find": ["regions", "find", "run", "no.toml", "--out"],
+    "fit": ["fit", "surface", "no.toml", "--out"],
+    "flat": ["calibrate", "flat", "run", "--out"],
+    "mark": ["regions", "mark", "run", "no.toml", "--out"],
+    "noise": [*_NOISE, "--out"],
+    "noise-defects": [*_NOISE, "--out", "n.json", "--defects"],
+    "noise-plot": [*_NOISE, "--out", "n.json", "--plot"],
+    "noise-report": [*_NOISE, "--out", "n.json", "--report"],
+    "picture": ["preview", "sim:gc780", "--frames", "1", "--picture"],
+    "radiometric": ["calibrate", "radiometric", "run", "--panel", "white", "--scene", "no.toml", "--out"],
+    "registration": ["calibrate", "registration", "run", "--out"],
+    "stage": ["stage", "characterise", "no.toml", "--out"],
+    "stage-plot": ["stage", "characterise", "no.toml", "--plot"],
+    "summary": ["summary", "run", "--out"],
+    "truth": ["predict", "no.toml", "--write-truth"],
+    "true-angle": ["sim", "stage", "sim:ellx", "--link", "link", "--truth"],
 }
 _FOLDERS = {
-    "stokes": ["stokes", "run"],
-    "detect": ["detect", "run", "--background", "a", "--target", "b"],
-    "compare": ["compare", "run", "no.toml"],
-    "sky": ["sky", "no.toml"],
-    "surface": ["surface", "black-paint", "--sun-zenith-deg", "50"],
-    "fig5": ["dolp", "fig5"],
-    "tradeoff": ["tradeoff", "no.toml"],
-    "predict": ["predict", "no.toml", "--sweep", "sun.zenith_deg=10:20:2"],
+    "compare": ["compare", "run", "no.toml", "--out"],
+    "detect": [*_DETECT, "--out"],
+    "doctor": ["doctor", "--folder"],
+    "estimators": ["dolp", "estimators", "--out"],
+    "fig5": ["dolp", "fig5", "--out"],
+    "paper": ["paper", "--out"],
+    "predict": ["predict", "no.toml", "--sweep", "sun.zenith_deg=10:20:2", "--out"],
+    "sky": ["sky", "no.toml", "--out"],
+    "stokes": ["stokes", "run", "--out"],
+    "surface": ["surface", "black-paint", "--sun-zenith-deg", "50", "--out"],
+    "tradeoff": ["tradeoff", "no.toml", "--out"],
 }
-_NEW = {"export": ["export", "run", "--to", "tiff"], "acquire": ["acquire", "no.toml", "no.toml"]}
+_NEW = {
+    "acquire": ["acquire", "no.toml", "no.toml", "--out"],
+    "demo": ["demo", "--out"],
+    "new": ["new", "--simulated", "--no-input"],
+}
+_ABSENT = {
+    "export": ["export", "run", "--to", "tiff", "--out"],
+    "link": ["sim", "stage", "sim:ellx", "--link"],
+}
+_RUN = {"import": ["import", "--angles", "0", "--same-exposure", "--", "OUT", "session.toml"]}
+_EDITED = {"write": [*_AXIS, "--out", "a.json", "--write"]}
+# Of a command's paths, those that it reads.
+_READ = {
+    "emva", "file", "files", "flat", "generator", "digitised", "materials", "noise", "polarizer", "port", "radiometric",
+    "regions", "register", "rig", "run", "runs", "paths", "scene", "session", "start", "table",
+}  # fmt: skip
 
 
-def _refused(words, out, said, desk, capsys):
-    before = _tree(desk)
-    assert cli.main([*words, "--out", str(out)]) == 2
+def _rows(commands, mistakes):
+    return [
+        pytest.param(words, *row, id=f"{verb}-{row[0][:20]}") for verb, words in commands.items() for row in mistakes
+    ]
+
+
+_UNPLACEABLE = [("run/x", "takes no results"), ("/proc/x", "cannot be written")]
+# The same function judges all of a kind: one command of each stands for these.
+_RARE = [("session.toml/x", "folder"), ("n" * 300, "File name too long"), ("loop", "Symlink loop")]
+_RARE_FILES = [
+    ("none/x.json", "does not exist"),
+    ("link-to-mine", "not written by rigctl"),
+    ("fifo", "no regular file"),
+    ("/dev/full", "no regular file"),
+    ("broken-run/x", "takes no results"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "out", "said"),
+    [
+        *_rows(_FILES, [*_UNPLACEABLE, ("session.toml", "not written by rigctl"), (".", "is a folder")]),
+        *_rows({"find-rare": _FILES["find"], "noise-rare": _FILES["noise"]}, [*_RARE, *_RARE_FILES]),
+        *_rows(_FOLDERS, [*_UNPLACEABLE, ("session.toml", "is a file"), ("run", "takes no results")]),
+        *_rows({"stokes-rare": _FOLDERS["stokes"]}, _RARE),
+        *_rows(_NEW, [*_UNPLACEABLE, ("session.toml", "is no folder"), (".", "is not empty")]),
+        *_rows({"acquire-rare": _NEW["acquire"]}, _RARE),
+        *_rows(_ABSENT, [*_UNPLACEABLE, ("session.toml", "is there already"), ("none/x", "does not exist")]),
+        *_rows(
+            _RUN, [*_UNPLACEABLE, ("session.toml", "is no folder"), (".", "is not empty"), ("fifo", "is no folder")]
+        ),
+        *_rows(_EDITED, [(".", "is a folder"), ("none.toml", "none.toml"), ("fifo", "no regular file")]),
+    ],
+)
+def test_a_place_that_does_not_do_is_refused_before_any_work(words, out, said, refusing, monkeypatch, capsys):
+    monkeypatch.chdir(refusing)
+    before = _tree(refusing)
+    line = [out if word == "OUT" else word for word in words] if "OUT" in words else [*words, out]
+    assert cli.main(line) == 2
     error = capsys.readouterr().err
-    assert "--out" in error
     assert said in error
-    assert _tree(desk) == before
+    assert words[-1] in error or not words[-1].startswith("--") or words[-1] in ("--no-input", "--write")
+    assert _tree(refusing) == before
 
 
-@pytest.mark.parametrize("verb", _FILES)
-@pytest.mark.parametrize(
-    ("out", "said"),
-    [
-        ("session.toml", "not written by rigctl"),
-        (".", "is a folder"),
-        ("none/x.json", "does not exist"),
-        ("run/x.json", "takes no results"),
-        ("session.toml/x", "folder"),
-        ("/proc/x.json", "cannot be written"),
-        ("n" * 300, "File name too long"),
-    ],
-)
-def test_a_file_that_cannot_be_made_is_refused_at_once(verb, out, said, desk, capsys):
-    _refused(_FILES[verb], out, said, desk, capsys)
+def test_every_destination_of_every_command_is_tried():
+    group = typer.main.get_command(cli.app)
+    leaves = {}
+    for verb in cli.VERBS:
+        command = group.get_command(None, verb)
+        inner = getattr(command, "commands", None)
+        leaves |= {verb: command} if inner is None else {f"{verb} {name}": one for name, one in inner.items()}
+    paths = {
+        (verb, one.name)
+        for verb, command in leaves.items()
+        for one in command.params
+        if "Path" in str(getattr(one, "type_descriptor", ""))
+    }
+    written = {(verb, option) for verb, places in DESTINATIONS.items() for option in places}
+    forgotten = {
+        (verb, name)
+        for verb, name in paths - written
+        if name not in _READ and (verb, name) != ("calibrate noise", "folder")
+    }
+    assert forgotten == set()
+    assert {name for _, name in paths} >= {"out", "run", "scene"}
 
 
-@pytest.mark.parametrize("verb", _FOLDERS)
-@pytest.mark.parametrize(
-    ("out", "said"),
-    [
-        ("session.toml", "is a file"),
-        ("run", "takes no results"),
-        ("run/x", "takes no results"),
-        ("session.toml/x", "that is a file"),
-        ("/proc/x", "cannot be written"),
-        ("n" * 300, "File name too long"),
-    ],
-)
-def test_a_folder_that_cannot_be_made_is_refused_at_once(verb, out, said, desk, capsys):
-    _refused(_FOLDERS[verb], out, said, desk, capsys)
-
-
-@pytest.mark.parametrize("verb", _NEW)
-@pytest.mark.parametrize("out", ["session.toml", "session.toml/x", "/proc/x", "n" * 300])
-def test_what_must_be_new_is_refused_at_once(verb, out, desk, capsys):
-    _refused(_NEW[verb], out, "", desk, capsys)
+def test_every_file_of_a_result_folder_is_known_before_the_work():
+    patterns = [name for places in DESTINATIONS.values() for place in places.values() for name in place.names]
+    sources = sorted((Path(cli.__file__).parent / "reports" / "outputs").glob("*.py"))
+    names = {
+        name for file in sources for name in re.findall(r'"([\w-]+\.(?:png|csv|json|html|pdf|fits))"', file.read_text())
+    }
+    assert len(names) > 30
+    assert [name for name in sorted(names) if not any(fnmatch(name, one) for one in patterns)] == []
 
 
 def test_the_same_command_on_the_same_inputs_writes_again_and_another_needs_force(desk, capsys):
@@ -136,6 +222,19 @@ def test_a_summary_stands_beside_its_run(desk):
     assert cli.main(["summary", "run"]) == 0
     assert (desk / "run-summary.html").is_file()
     assert not (desk / "run" / "summary.html").exists()
+
+
+def test_a_result_that_no_table_names_is_not_replaced_either(tmp_path):
+    (tmp_path / "new.json").write_text("[]")
+    with pytest.raises(ConfigError, match=r"new\.json is there already, and was not written by rigctl"):
+        write_folder(tmp_path, {"other.json": b"{}", "new.json": b"{}"})
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["new.json"]
+
+
+def test_the_part_of_an_export_is_no_file_of_a_person(desk):
+    (desk / "counts.h5.part").write_text("mine")
+    assert cli.main(["export", "run", "--to", "tiff", "--out", "counts.h5"]) == 0
+    assert (desk / "counts.h5.part").read_text() == "mine"
 
 
 def test_two_results_in_one_file_are_refused(desk, capsys):

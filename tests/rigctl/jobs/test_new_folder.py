@@ -39,16 +39,32 @@ def test_a_real_rig_has_its_addresses_and_no_simulation(tmp_path):
     assert "rig-sheet" not in (tmp_path / "README.md").read_text()
 
 
+_FOUND = SimpleNamespace(
+    axis=SimpleNamespace(best=SimpleNamespace(sense=-1)),
+    offset_deg=SimpleNamespace(value=31.7012, std_error=0.021),
+    extinction=SimpleNamespace(ratio=498.7),
+)
+
+
+def test_what_a_person_noted_behind_a_number_stays_with_it_and_the_change_is_told(tmp_path):
+    new_folder(NewRequest(folder=tmp_path))
+    path = tmp_path / "rig.toml"
+    text = path.read_text().replace(
+        "offset_deg = 0.0                # a placeholder", "offset_deg = 0.0 # by eye, Monday"
+    )
+    path.write_bytes(text.replace("\n", "\r\n").encode())
+    changes = write_into_rig(path, _FOUND)
+    assert b"offset_deg = { value = 31.7012, std = 0.0210 } # by eye, Monday\r\n" in path.read_bytes()
+    assert b"a placeholder" not in path.read_bytes()
+    assert "- offset_deg = 0.0 # by eye, Monday" in changes
+    assert "+ sense = -1    # rigctl calibrate axis" in changes
+
+
 def test_placeholders_are_said_until_a_calibration_is_written(tmp_path):
     new_folder(NewRequest(folder=tmp_path))
     path = tmp_path / "rig.toml"
     assert "placeholders" in placeholder_doubt(load_rig(path))
-    found = SimpleNamespace(
-        axis=SimpleNamespace(best=SimpleNamespace(sense=-1)),
-        offset_deg=SimpleNamespace(value=31.7012, std_error=0.021),
-        extinction=SimpleNamespace(ratio=498.7),
-    )
-    write_into_rig(path, found)
+    write_into_rig(path, _FOUND)
     rig = load_rig(path)
     assert (rig.polarizer.sense, rig.polarizer.offset_deg, rig.polarizer.offset_std_deg) == (-1, 31.7012, 0.021)
     assert rig.polarizer.extinction_ratio == 498.7
