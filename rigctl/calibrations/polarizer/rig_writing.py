@@ -46,8 +46,9 @@ def write_into_rig(path: Path, found: PolarizerCalibration) -> tuple[str, ...]:
     for key, number in _numbers(found).items():
         # What a person has noted behind a number stays there.
         line = re.compile(rf"^({key}\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
-        if line.search(inside):
-            inside = line.sub(lambda was, number=number: f"{was[1]}{number}{_kept(was[2])}{was[3]}", inside, count=1)
+        was = line.search(inside)
+        if was is not None:
+            inside = f"{inside[: was.start()]}{was[1]}{number}{_kept(was[2])}{was[3]}{inside[was.end() :]}"
         else:
             inside = inside.replace("\n", f"\n{key} = {number}{_OURS}\n", 1)
     write_durably(path, (text[: table.start()] + inside + text[table.end() :]).encode("utf-8"))
