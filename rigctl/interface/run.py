@@ -17,11 +17,11 @@ from rigctl.files.scene_file import load_scene
 from rigctl.interface.data_frames import Backend, optional
 from rigctl.interface.results import StokesResult
 from rigctl.jobs.stokes import StokesRequest, stokes_of_run
+from rigctl.live.run_state import state_of
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run as RunRecord
 from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_state import state_of
 
 FilePath = str | Path
 

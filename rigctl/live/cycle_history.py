@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from rigctl.files.session_file import PICTURE
-from rigctl.live.cycle_numbers import Estimate, RegionPolarization, polarization, sum_rule
+from rigctl.live.cycle_numbers import polarization, sum_rule
 from rigctl.live.drift import Drift, drift_of
 from rigctl.live.frame_summary import FrameSummary, frame_summary, of_one_exposure
 from rigctl.live.light_levels import LightLevels
+from rigctl.live.live_status import Estimate, RegionPolarization
 from rigctl.live.mean_noise import mean_noise
 from rigctl.live.region_means import PixelMean, RegionMeans
 from rigctl.runs.frame_record import FrameRecord

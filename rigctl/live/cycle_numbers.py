@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,38 +12,12 @@ from model.stokes import aolp_rad
 from model.stokes import dolp as degree_of_polarization
 from rigctl.live.frame_summary import FrameSummary
 from rigctl.live.light_levels import Level, LightLevels
+from rigctl.live.live_status import Estimate, RegionPolarization
 
 _LEAST_ANGLES = 3
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 # A deviation for somebody who watches: three digits are plenty.
 _TOLERANCE = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True)
-class Estimate:
-    """A number and its standard deviation by the camera's noise; None without a calibration."""
-
-    value: float
-    sigma: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegionPolarization:
-    """Polarization of the light of a region.
-
-    Attributes
-    ----------
-    dolp : Estimate
-        Of the region's mean: naive, hence biased upward where it is of the size of its deviation.
-    aolp_deg : float or None
-        Angle of polarization in [0, 180); None without polarization.
-    light_dn_per_s : float
-        S0 of the region's mean, in counts a second.
-    """
-
-    dolp: Estimate
-    aolp_deg: float | None
-    light_dn_per_s: float
 
 
 def sum_rule(frames: Sequence[FrameSummary], *, region: str, levels: LightLevels) -> Estimate | None:

@@ -1,12 +1,10 @@
 """From mean counts to the level of the light: without what the camera counts in the dark, and per second."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from rigctl.live.frame_summary import FrameSummary
+from rigctl.live.live_status import DarkSource
 from rigctl.live.mean_noise import MeanNoise
-
-DarkSource = Literal["dark frames", "calibration", "not known: DoLP reads too low"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +43,8 @@ class LightLevels:
     def source(self, exposure_s: float) -> DarkSource:
         """Return where the dark level at an exposure comes from."""
         if exposure_s in self._darks:
-            return "dark frames"
-        return "not known: DoLP reads too low" if self.noise is None else "calibration"
+            return DarkSource.FRAMES
+        return DarkSource.UNKNOWN if self.noise is None else DarkSource.CALIBRATION
 
     def dark_dn(self, region: str, exposure_s: float) -> float:
         """Return the mean count of a region without light [DN]; 0 where nothing is known of it."""

@@ -1,14 +1,13 @@
 """Numbers of the frames as they come, by angle and by cycle: for whoever watches, not for processing."""
 
 import threading
-from dataclasses import asdict
-from typing import Any
 
 from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_numbers import polarization, sum_rule
 from rigctl.live.drift import Drift, drift_of
 from rigctl.live.frame_summary import FrameSummary, of_one_exposure
 from rigctl.live.light_levels import LightLevels
+from rigctl.live.live_status import AngleNumbers, CyclePlace, DarkLevel, LiveContent, RegionDrift, RegionPolarization
 from rigctl.live.mean_noise import MeanNoise
 
 _MS_PER_S = 1000.0
@@ -58,8 +57,8 @@ class LiveNumbers:
         self._drift = drift_of(self._cycle, before, region=self._reference, levels=self._levels)
         return self._drift
 
-    def content(self) -> dict[str, Any]:
-        """Return the numbers as JSON holds them.
+    def content(self) -> LiveContent:
+        """Return the numbers as they stand.
 
         Notes
         -----
@@ -67,49 +66,47 @@ class LiveNumbers:
         """
         with self._lock:
             frames = self._cycle or of_one_exposure(list(self._angles.values()))
-            angles = {f"{angle:g}": frame for (angle, _), frame in sorted(self._angles.items())}
-            return {
-                "angles": {angle: _shown(frame) for angle, frame in angles.items()},
-                **self._of_cycle(frames),
-                "drift": self._drift_content(),
-            }
+            angles = {f"{angle:g}": _shown(frame) for (angle, _), frame in sorted(self._angles.items())}
+            if not frames:
+                return LiveContent(angles=angles, regions={}, drift=self._region_drift())
+            last, levels = frames[-1], self._levels
+            dark = DarkLevel(source=levels.source(last.exposure_s), mean_dn=levels.dark_dn(PICTURE, last.exposure_s))
+            return LiveContent(
+                angles=angles,
+                cycle=CyclePlace(round=last.round, cycle=last.cycle, exposure_ms=last.exposure_s * _MS_PER_S),
+                dark=dark,
+                sum_rule=sum_rule(frames, region=PICTURE, levels=levels),
+                regions=self._regions(frames),
+                drift=self._region_drift(),
+            )
 
-    def _of_cycle(self, frames: tuple[FrameSummary, ...]) -> dict[str, Any]:
-        if not frames:
-            return {"cycle": None, "dark": None, "sum_rule": None, "regions": {}}
-        last, levels = frames[-1], self._levels
-        ratio = sum_rule(frames, region=PICTURE, levels=levels)
+    def _regions(self, frames: tuple[FrameSummary, ...]) -> dict[str, RegionPolarization]:
         found = {
-            region: polarization(frames, region=region, levels=levels, extinction_ratio=self._extinction_ratio)
-            for region in last.means
+            region: polarization(frames, region=region, levels=self._levels, extinction_ratio=self._extinction_ratio)
+            for region in frames[-1].means
         }
-        return {
-            "cycle": {"round": last.round, "cycle": last.cycle, "exposure_ms": last.exposure_s * _MS_PER_S},
-            "dark": {"source": levels.source(last.exposure_s), "mean_dn": levels.dark_dn(PICTURE, last.exposure_s)},
-            "sum_rule": None if ratio is None else asdict(ratio),
-            "regions": {region: asdict(shown) for region, shown in found.items() if shown is not None},
-        }
+        return {region: shown for region, shown in found.items() if shown is not None}
 
-    def _drift_content(self) -> dict[str, Any] | None:
+    def _region_drift(self) -> RegionDrift | None:
         if self._drift is None:
             return None
-        return {
-            "region": self._reference,
-            "per_min": self._drift.per_min,
-            "sigma_per_min": self._drift.sigma_per_min,
-            "change": self._drift.change,
-            "over_s": self._drift.over_s,
-        }
+        return RegionDrift(
+            region=self._reference,
+            per_min=self._drift.per_min,
+            sigma_per_min=self._drift.sigma_per_min,
+            change=self._drift.change,
+            over_s=self._drift.over_s,
+        )
 
 
 def _is_of_cycle(frame: FrameSummary, other: FrameSummary) -> bool:
     return (frame.round, frame.cycle) == (other.round, other.cycle)
 
 
-def _shown(frame: FrameSummary) -> dict[str, Any]:
-    return {
-        "mean_dn": frame.means[PICTURE].mean_dn,
-        "saturated_fraction": frame.saturated_fraction,
-        "exposure_ms": frame.exposure_s * _MS_PER_S,
-        "regions_dn": {name: mean.mean_dn for name, mean in frame.means.items() if name != PICTURE},
-    }
+def _shown(frame: FrameSummary) -> AngleNumbers:
+    return AngleNumbers(
+        mean_dn=frame.means[PICTURE].mean_dn,
+        saturated_fraction=frame.saturated_fraction,
+        exposure_ms=frame.exposure_s * _MS_PER_S,
+        regions_dn={name: mean.mean_dn for name, mean in frame.means.items() if name != PICTURE},
+    )

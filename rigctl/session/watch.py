@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,9 +17,9 @@ from rich.text import Text
 from rigctl.console.console_streams import visible
 from rigctl.console.terminal import progress as progress_console
 from rigctl.live.live_numbers import LiveNumbers
+from rigctl.live.live_status import LastStep, LiveStatus, StepProgress, write_status
 from rigctl.live.live_text import live_lines
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
-from rigctl.runs.live_status import write_status
 from rigctl.session.planning.session_steps import Step, step_times_ns
 from rigctl.session.session_clock import SessionClock
 
@@ -51,7 +52,7 @@ class Watch:
         self._task = self._bar.add_task(title, total=len(steps))
         self._lock = threading.Lock()
         self._told_s = -_TELL_EACH_S
-        self._status: dict[str, Any] = {"session": title, "frames_planned": len(steps), "frames": 0}
+        self._status = LiveStatus(session=title, frames_planned=len(steps), frames=0)
         self._screen = Live(get_renderable=self._shown, console=progress_console(), transient=True)
 
     def __enter__(self) -> Self:
@@ -61,7 +62,7 @@ class Watch:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._tell(**self._live.content())
+        self._tell(numbers=self._live.content())
         self._screen.stop()
 
     def begin(self, *, left: int) -> None:
@@ -73,33 +74,32 @@ class Watch:
     def stored(self, step: Step) -> None:
         """Count a step whose frame is on the disk."""
         self._bar.advance(self._task)
-        self._status["frames"] += 1
+        frames = self._status.frames + 1
         now_s = time.monotonic()
-        is_last = self._status["frames"] == len(self._steps)
+        is_last = frames == len(self._steps)
         if now_s - self._told_s >= _TELL_EACH_S or is_last:
             self._told_s = now_s
-            self._tell(last=_last(step), **self._remaining(step), **self._live.content())
+            self._tell(frames=frames, progress=self._progress(step), numbers=self._live.content())
+        else:
+            self._status = replace(self._status, frames=frames)
 
     def _shown(self) -> Group:
-        with self._lock:
-            lines = "\n".join(live_lines(self._status))
+        numbers = self._status.numbers
+        lines = "" if numbers is None else "\n".join(live_lines(numbers))
         return Group(self._bar, Text(visible(lines)))
 
-    def _remaining(self, step: Step) -> dict[str, Any]:
+    def _progress(self, step: Step) -> StepProgress:
         """Return how long it still takes: what the plan has between this step and the last, or until its time."""
         now_ns = self._clock.utc_ns()
         end_ns = now_ns + self._planned_ns[-1] - self._planned_ns[step.sequence]
         if self._steps[-1].due_ns is not None:
             end_ns = max(end_ns, self._planned_ns[-1])
-        return {"remaining_s": round((end_ns - now_ns) / NS_PER_S, 1), "end_utc": utc_text(end_ns)}
+        last = LastStep(sequence=step.sequence, kind=step.kind, cycle=step.cycle, angle_deg=step.polarizer_angle_deg)
+        return StepProgress(last=last, remaining_s=round((end_ns - now_ns) / NS_PER_S, 1), end_utc=utc_text(end_ns))
 
-    def _tell(self, **facts: Any) -> None:
+    def _tell(self, **changes: Any) -> None:
         with self._lock:
-            self._status |= facts | {"written_utc": utc_text(self._clock.utc_ns())}
+            self._status = replace(self._status, **changes, written_utc=utc_text(self._clock.utc_ns()))
             # Who watches gets nothing on a full disk; the frames say so loudly enough.
             with suppress(OSError):
                 write_status(self._run, self._status)
-
-
-def _last(step: Step) -> dict[str, Any]:
-    return {"sequence": step.sequence, "kind": step.kind, "cycle": step.cycle, "angle_deg": step.polarizer_angle_deg}

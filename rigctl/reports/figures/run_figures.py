@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_history import CycleHistory, CycleLook, Means
-from rigctl.live.cycle_numbers import Estimate
+from rigctl.live.live_status import Estimate
 from rigctl.live.session_history import Thumbnail
 from rigctl.reports.figures.figure_style import png, subplots
 from rigctl.runs.frame_record import FrameRecord

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rigctl.live.cycle_history import cycle_history, region_means_of
+from rigctl.live.live_status import read_status
 from rigctl.reports.figures.run_figures import cycle_figure, drift_line
-from rigctl.runs.live_status import read_status
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.session_record import SessionNoise
 from tests.rigctl.session.made_rig import MadeWorld
@@ -22,13 +22,13 @@ def _history(tmp_path, *, faults=None, noise=None, **take):
 
 def test_its_last_cycle_is_the_one_that_was_seen_live(tmp_path):
     last = _history(tmp_path, cycles=3, noise=_NOISE).looks[-1]
-    live = read_status(tmp_path / "run")
-    assert last.cycle == live["cycle"]["cycle"] == 2
-    assert last.regions["picture"].dolp.value == pytest.approx(live["regions"]["picture"]["dolp"]["value"])
-    assert last.regions["picture"].dolp.sigma == pytest.approx(live["regions"]["picture"]["dolp"]["sigma"])
-    assert last.sum_rule.value == pytest.approx(live["sum_rule"]["value"])
+    live = read_status(tmp_path / "run").numbers
+    assert last.cycle == live.cycle.cycle == 2
+    assert last.regions["picture"].dolp.value == pytest.approx(live.regions["picture"].dolp.value)
+    assert last.regions["picture"].dolp.sigma == pytest.approx(live.regions["picture"].dolp.sigma)
+    assert last.sum_rule.value == pytest.approx(live.sum_rule.value)
     # One is by UTC and one by the monotonic clock, which are the same here; UTC is kept to the microsecond.
-    assert last.drift.per_min == pytest.approx(live["drift"]["per_min"], rel=1e-4)
+    assert last.drift.per_min == pytest.approx(live.drift.per_min, rel=1e-4)
 
 
 @pytest.mark.parametrize("order", ["cycles", "palindrome", "grouped"])

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import Region
 from rigctl.files.session_file import SessionFile
 from rigctl.live.live_numbers import LiveNumbers
+from rigctl.live.live_status import read_status
 from rigctl.live.region_means import RegionMeans
-from rigctl.runs.live_status import read_status
 from rigctl.runs.session_record import SessionNoise
 from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import small_rig
@@ -51,11 +52,11 @@ def test_numbers_are_of_the_last_whole_cycle():
     live = _filled(cycle_of((800.0, 80.0, 0.0)))
     live.add(seen(0.0, level_dn=2000.0, cycle=1), ends_cycle=False)
     content = live.content()
-    assert content["regions"]["panel"]["dolp"]["value"] == pytest.approx(0.1)
-    assert content["cycle"] == {"round": None, "cycle": 0, "exposure_ms": 10.0}
-    assert content["angles"]["0"]["mean_dn"] == pytest.approx(2064.0)
-    assert content["dark"] == {"source": "dark frames", "mean_dn": 64.0}
-    json.dumps(content, allow_nan=False)
+    assert content.regions["panel"].dolp.value == pytest.approx(0.1)
+    assert asdict(content.cycle) == {"round": None, "cycle": 0, "exposure_ms": 10.0}
+    assert content.angles["0"].mean_dn == pytest.approx(2064.0)
+    assert asdict(content.dark) == {"source": "dark frames", "mean_dn": 64.0}
+    json.dumps(asdict(content), allow_nan=False)
 
 
 def test_frames_grouped_by_angle_are_set_against_each_other_as_they_come():
@@ -63,7 +64,7 @@ def test_frames_grouped_by_angle_are_set_against_each_other_as_they_come():
     for cycle in range(2):
         for frame in cycle_of((800.0, 80.0, 0.0), cycle=cycle):
             live.add(frame, ends_cycle=False)
-    assert live.content()["regions"]["panel"]["dolp"]["value"] == pytest.approx(0.1)
+    assert live.content().regions["panel"].dolp.value == pytest.approx(0.1)
 
 
 def test_a_saturated_bracket_is_left_to_its_shorter_exposure():
@@ -71,18 +72,18 @@ def test_a_saturated_bracket_is_left_to_its_shorter_exposure():
     long = cycle_of((800.0, 0.0, 0.0), exposure_s=0.04, saturated=0.3)
     both = [frame for pair in zip(short, long, strict=True) for frame in pair]
     content = _filled(both).content()
-    assert content["cycle"]["exposure_ms"] == 10.0
-    assert content["regions"]["panel"]["dolp"]["value"] == pytest.approx(0.1)
+    assert content.cycle.exposure_ms == 10.0
+    assert content.regions["panel"].dolp.value == pytest.approx(0.1)
 
 
 def test_drift_is_that_of_the_reference_region_and_not_over_the_pause_between_rounds():
     live = LiveNumbers(reference="panel")
-    assert _filled(cycle_of((800.0, 0, 0)), live=live).content()["drift"] is None
+    assert _filled(cycle_of((800.0, 0, 0)), live=live).content().drift is None
     _filled(cycle_of((808.0, 0, 0), start_s=4.0, cycle=1), live=live)
-    assert live.content()["drift"]["region"] == "panel"
-    assert live.content()["drift"]["change"] == pytest.approx(8 / 804)
+    assert live.content().drift.region == "panel"
+    assert live.content().drift.change == pytest.approx(8 / 804)
     _filled(cycle_of((900.0, 0, 0), start_s=604.0, round_number=1), live=live)
-    assert live.content()["drift"] is None
+    assert live.content().drift is None
 
 
 def test_a_session_tells_of_its_regions_and_their_sigma(tmp_path):
@@ -96,17 +97,17 @@ def test_a_session_tells_of_its_regions_and_their_sigma(tmp_path):
         }
     )
     take_session(small_rig(tmp_path), session, tmp_path / "run", files={}, noise=_NOISE)
-    live = read_status(tmp_path / "run")
+    live = read_status(tmp_path / "run").numbers
     for name, truth in {"left": math.hypot(3, 1) / 10, "right": math.hypot(-2, 3) / 40}.items():
-        found = live["regions"][name]["dolp"]
+        found = live.regions[name].dolp
         # Temporal noise, and the dark level: the last dark frame's mean of 1600 pixels of 2.4 DN (0.06 DN), off by
         # five times that at most against a signal of 100 DN or more.
-        assert found["value"] == pytest.approx(truth, abs=5 * found["sigma"] + truth * 5 * 0.06 / 100)
-        assert 0.0 < found["sigma"] < 0.01
-    assert live["sum_rule"]["value"] == pytest.approx(1.0, abs=5 * live["sum_rule"]["sigma"] + 1e-4)
-    drift = live["drift"]
-    assert drift["region"] == "right"
-    assert abs(drift["per_min"]) < 5 * drift["sigma_per_min"]
+        assert found.value == pytest.approx(truth, abs=5 * found.sigma + truth * 5 * 0.06 / 100)
+        assert 0.0 < found.sigma < 0.01
+    assert live.sum_rule.value == pytest.approx(1.0, abs=5 * live.sum_rule.sigma + 1e-4)
+    drift = live.drift
+    assert drift.region == "right"
+    assert abs(drift.per_min) < 5 * drift.sigma_per_min
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,9 @@
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from rigctl.runs.live_status import read_status
+from rigctl.live.live_status import LiveStatus, read_status
 from rigctl.runs.run_events import TALLY_EVENT, RunEvent, read_events
 from rigctl.runs.run_folder import read_contents
 from rigctl.runs.run_lock import writing_process
@@ -35,7 +35,7 @@ class RunState:
         How many frames are durable.
     disk_free_mb : float
         What is free on the disk of the run [MB].
-    live : dict or None
+    live : LiveStatus or None
         What the session last said of itself: frames planned, remaining time, numbers per angle.
     events : tuple of RunEvent
         The last few.
@@ -46,7 +46,7 @@ class RunState:
     process: int | None
     frames: int
     disk_free_mb: float
-    live: dict[str, Any] | None
+    live: LiveStatus | None
     events: tuple[RunEvent, ...]
 
 

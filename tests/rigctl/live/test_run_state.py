@@ -2,7 +2,7 @@
 
 import pytest
 
-from rigctl.runs.run_state import state_of
+from rigctl.live.run_state import state_of
 from rigctl.runs.run_writer import RunWriter
 
 
