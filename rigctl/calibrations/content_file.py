@@ -1,21 +1,129 @@
 """Calibration files in JSON: written whole or not at all, read once all that the program uses has been found right."""
 
 import json
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import JsonValue, TypeAdapter, ValidationError
 
+from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.config import describe
+from rigctl.files.config import describe, sha256_of
+from rigctl.numbers.utc_time import utc_text
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.storage.durable_file import write_durably
+from rigctl.version import VERSION
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 Record = TypeVar("Record")
+Body = TypeVar("Body", bound="DataclassInstance")
 
 
-def write_content(path: Path, content: Mapping[str, Any]) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A file that a calibration was made from; of a run, its folder and the hash of its manifest."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationHeader:
+    """What every calibration file says of itself, in the order in which it stands there.
+
+    Attributes
+    ----------
+    schema_version : int
+        Of this kind of file.
+    kind : str
+        "flat", "polarizer", "radiometric" or "registration".
+    created_by, created_utc : str
+        Program and time.
+    source : Source, tuple of Source, or mapping
+        What it was made from; a mapping has it by what it is.
+    made_for : MadeFor
+        Devices, settings and time.
+    """
+
+    schema_version: int
+    kind: str
+    created_by: str
+    created_utc: str
+    source: Source | tuple[Source, ...] | Mapping[str, Source]
+    made_for: MadeFor
+
+    def sources(self) -> tuple[Source, ...]:
+        """Return all that it was made from."""
+        if isinstance(self.source, Source):
+            return (self.source,)
+        return self.source if isinstance(self.source, tuple) else tuple(self.source.values())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibrationFile(Generic[Body]):
+    """A calibration as its file holds it: the header, and beside it what is measured."""
+
+    header: CalibrationHeader
+    body: Body
+
+    def as_json(self) -> dict[str, JsonValue]:
+        """Return the content of the file."""
+        return asdict(self.header) | asdict(self.body)
+
+
+def source_of(path: Path) -> Source:
+    """Return a file as a source."""
+    return Source(path=str(path), sha256=sha256_of(path))
+
+
+def source_of_run(run: Run) -> Source:
+    """Return a run as a source."""
+    return Source(path=str(run.path), sha256=sha256_of(run.path / MANIFEST_FILE))
+
+
+def header_of(
+    kind: str,
+    version: int,
+    *,
+    source: Source | tuple[Source, ...] | Mapping[str, Source],
+    run: Run,
+    records: Sequence[FrameRecord],
+    valid_days: float | None,
+    utc_ns: Callable[[], int] = time.time_ns,
+) -> CalibrationHeader:
+    """Return the header of a new file.
+
+    Parameters
+    ----------
+    kind, version
+        Of the file.
+    source
+        What it is made from.
+    run, records
+        Frames whose devices and settings it is for.
+    valid_days : float or None
+        For how long it holds; None leaves that to whoever reads it.
+    utc_ns : callable
+        The clock that dates it [ns].
+    """
+    return CalibrationHeader(
+        schema_version=version,
+        kind=kind,
+        created_by=f"rigctl {VERSION}",
+        created_utc=utc_text(utc_ns()),
+        source=source,
+        made_for=replace(made_for(run, records), valid_days=valid_days),
+    )
+
+
+def write_content(path: Path, content: Mapping[str, JsonValue]) -> None:
     """Write a calibration: whole under its name, or not at all. A file that is there is replaced.
 
     Raises

@@ -82,12 +82,12 @@ def axis(
         found = calibrate_axis(request)
     except UndecidedSenseError as error:
         if as_json:
-            print_json(error.content)
+            print_json(error.file.as_json())
         raise
     for line in found.rig_changes:
         progress().print(f"{write}: {line}", markup=False, soft_wrap=True)
     if as_json:
-        print_json(found.content)
+        print_json(found.file.as_json())
     else:
         _print(found)
 

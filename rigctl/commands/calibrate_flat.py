@@ -42,7 +42,7 @@ def flat(
 
     found = calibrate_flat(run, out, valid_days=valid_days)
     if as_json:
-        print_json(found.facts)
+        print_json(found.file.as_json())
         return
     results().print(terminal_table(Table(columns=_COLUMNS, rows=found.found.rows())))
     if found.doubt is not None:

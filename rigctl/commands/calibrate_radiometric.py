@@ -43,15 +43,17 @@ def radiometric(
     for doubt in found.doubts:
         warn(doubt)
     if as_json:
-        print_json(found.content)
+        print_json(found.file.as_json())
     else:
         _print(found)
 
 
 def _print(found: "CalibratedResponse") -> None:
     console, scale = results(), found.found.scale
-    rows = [(f"{one.polarizer_angle_deg:.2f}", *_texts(one.response_dn_per_radiance)) for one in found.channels]
-    rows.append(("all", *_texts(found.response)))
+    rows = [
+        (f"{one.polarizer_angle_deg:.2f}", *_texts(one.response_dn_per_radiance)) for one in found.file.body.channels
+    ]
+    rows.append(("all", *_texts(found.file.body.response_dn_per_radiance)))
     columns = text_columns("angle [deg]", "DN per W m-2 sr-1", "std error", left=())
     console.print(terminal_table(Table(columns=columns, rows=tuple(rows))))
     console.print(f"{scale.common:.4g} +- {scale.common_error:.2g} times what the scene file says of the sensor")

@@ -42,7 +42,7 @@ def registration(
 
     calibrated = calibrate_registration(run, cycle=cycle, out=out, valid_days=valid_days)
     if as_json:
-        print_json(calibrated.content)
+        print_json(calibrated.file.as_json())
         return
     found = calibrated.found
     results().print(terminal_table(Table(columns=_COLUMNS, rows=found.rows())))

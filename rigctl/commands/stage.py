@@ -1,5 +1,6 @@
 """``rigctl stage``: what a rotation stage does by itself."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -55,7 +56,7 @@ def characterise_command(
     )
     measured = _measured(request)
     if as_json_too:
-        print_json(measured.content)
+        print_json(asdict(measured.file))
     else:
         _print(measured.result)
 

@@ -2,15 +2,16 @@
 
 import json
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity
-from rigctl.devices.characterise import Characterisation
+from rigctl.calibrations.checked_values import Measured
+from rigctl.devices.characterise import Characterisation, Visit
 from rigctl.errors import DataError
 from rigctl.files.config import describe
 from rigctl.numbers.utc_time import utc_text
@@ -20,28 +21,44 @@ from rigctl.version import VERSION
 _KIND = "stage characterisation"
 
 
-def as_json(result: Characterisation) -> dict[str, Any]:
-    """Return all that was measured, as JSON can hold it."""
-    return {
-        "schema_version": 1,
-        "kind": _KIND,
-        "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(time.time_ns()),
-        "stage": asdict(result.identity),
-        "settle_s": result.settle_s,
-        "is_settled": result.is_settled,
-        "largest_error_deg": result.largest_error_deg,
-        "repeatability_deg": result.repeatability_deg,
-        "backlash_deg": {"value": result.backlash_deg, "std_error": result.backlash_std_error_deg},
-        "band_deg": result.band_deg,
-        "watch_s": result.watch_s,
-        "visits": [asdict(visit) for visit in result.visits],
-    }
+@dataclass(frozen=True, kw_only=True)
+class CharacterisationFile:
+    """All that was measured of a stage, in the order in which the file has it."""
+
+    schema_version: int = 1
+    kind: str = _KIND
+    created_by: str = f"rigctl {VERSION}"
+    created_utc: str
+    stage: DeviceIdentity
+    settle_s: float
+    is_settled: bool
+    largest_error_deg: float
+    repeatability_deg: float
+    backlash_deg: Measured[float]
+    band_deg: float
+    watch_s: float
+    visits: tuple[Visit, ...]
 
 
-def as_text(content: dict[str, Any]) -> bytes:
+def characterisation_file(result: Characterisation) -> CharacterisationFile:
+    """Return the file of a measurement."""
+    return CharacterisationFile(
+        created_utc=utc_text(time.time_ns()),
+        stage=result.identity,
+        settle_s=result.settle_s,
+        is_settled=result.is_settled,
+        largest_error_deg=result.largest_error_deg,
+        repeatability_deg=result.repeatability_deg,
+        backlash_deg=Measured(value=result.backlash_deg, std_error=result.backlash_std_error_deg),
+        band_deg=result.band_deg,
+        watch_s=result.watch_s,
+        visits=tuple(result.visits),
+    )
+
+
+def as_text(file: CharacterisationFile) -> bytes:
     """Return the file's bytes."""
-    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
+    return (json.dumps(asdict(file), indent=1, allow_nan=False) + "\n").encode()
 
 
 class _Stage(BaseModel):

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rigctl.calibrations.content_file import write_content, write_whole
+from rigctl.calibrations.content_file import CalibrationFile, write_content, write_whole
 from rigctl.calibrations.polarizer.generator_file import load_generator
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
 from rigctl.calibrations.polarizer.polarizer_calibration import (
@@ -15,7 +14,7 @@ from rigctl.calibrations.polarizer.polarizer_calibration import (
     from_generator,
     from_references,
 )
-from rigctl.calibrations.polarizer.polarizer_json import polarizer_json, region_json
+from rigctl.calibrations.polarizer.polarizer_json import PolarizerNumbers, polarizer_file
 from rigctl.calibrations.polarizer.rig_writing import require_writable_rig, write_into_rig
 from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_scan
 from rigctl.errors import ConfigError, DataError
@@ -76,25 +75,25 @@ class AxisRequest:
 
 
 class UndecidedSenseError(DataError):
-    """The scans leave the sense of rotation open; ``content`` is what the file would have held."""
+    """The scans leave the sense of rotation open; ``file`` is what would have been written."""
 
-    def __init__(self, message: str, content: dict[str, Any]) -> None:
+    def __init__(self, message: str, file: CalibrationFile[PolarizerNumbers]) -> None:
         super().__init__(message)
-        self.content = content
+        self.file = file
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedAxis:
-    """A polarizer calibration, and the content of its file.
+    """A polarizer calibration, and its file.
 
     Attributes
     ----------
     calibration : PolarizerCalibration
         Of the first region, or of the whole picture.
-    regions : dict
+    regions : mapping
         Name to the calibration of each region by itself.
-    content : dict
-        What the file holds.
+    file : CalibrationFile
+        What was written.
     directions_disagree : bool
         The directions lie farther apart than scans are wrong.
     is_generator_taken_as_perfect : bool
@@ -105,7 +104,7 @@ class CalibratedAxis:
 
     calibration: PolarizerCalibration
     regions: dict[str, PolarizerCalibration]
-    content: dict[str, Any]
+    file: CalibrationFile[PolarizerNumbers]
     directions_disagree: bool
     is_generator_taken_as_perfect: bool
     rig_changes: tuple[str, ...] = ()
@@ -127,13 +126,12 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
     areas = [None] if request.regions is None else list(load_regions(request.regions))
     runs = [used_run(run) for run in request.runs]
     found, *_ = each = [_calibrate(runs, request, area, known) for area in areas]
-    content = polarizer_json(found, runs, valid_days=request.valid_days)
     regions = {area.name: one for area, one in zip(areas, each, strict=True) if area}
-    content["regions"] = [region_json(name, one) for name, one in regions.items()]
+    file = polarizer_file(found, runs, regions=regions, valid_days=request.valid_days)
     if not found.axis.is_decided:
-        raise UndecidedSenseError(_undecided(found), content)
+        raise UndecidedSenseError(_undecided(found), file)
     maps = None if request.maps is None else _maps(runs[0], request, known)
-    write_content(request.out, content)
+    write_content(request.out, file.as_json())
     changes = () if request.write is None else write_into_rig(request.write, found)
     if maps is not None and request.maps is not None:
         write_whole(request.maps, maps.npz())
@@ -141,12 +139,12 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         from rigctl.reports.pages.polarizer_page import polarizer_report
         from rigctl.reports.writers.output_folder import report_file
 
-        report = polarizer_report(found, content, regions=regions, maps=maps)
+        report = polarizer_report(found, file, regions=regions, maps=maps)
         write_whole(request.report, report_file(report, request.report))
     return CalibratedAxis(
         calibration=found,
         regions=regions,
-        content=content,
+        file=file,
         rig_changes=changes,
         directions_disagree=found.axis.scatter_rad > _DISAGREEING_RAD,
         is_generator_taken_as_perfect=request.generator is not None and request.dolp is None,

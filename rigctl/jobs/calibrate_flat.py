@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from rigctl.calibrations.content_file import write_whole
-from rigctl.calibrations.flat.flat_file import flat_facts, flat_npz
+from rigctl.calibrations.content_file import CalibrationFile, write_whole
+from rigctl.calibrations.flat.flat_file import FlatNumbers, flat_file, flat_npz
 from rigctl.calibrations.flat.run_flat import RunFlat, flat_of_run
 from rigctl.runs.wholeness import used_run
 
@@ -15,10 +14,10 @@ _LEAST_PATTERN = 1e-4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedFlat:
-    """Flat fields, the facts that their file states, and a doubt about them in words where there is one."""
+    """Flat fields, what their file states beside the pictures, and a doubt about them in words where there is one."""
 
     found: RunFlat
-    facts: dict[str, Any]
+    file: CalibrationFile[FlatNumbers]
     doubt: str | None
 
 
@@ -41,9 +40,9 @@ def calibrate_flat(run: Path, out: Path, *, valid_days: float | None = None) -> 
     """
     folder = used_run(run)
     found = flat_of_run(folder)
-    facts = flat_facts(found, folder, valid_days=valid_days)
-    write_whole(out, flat_npz(found, facts))
-    return CalibratedFlat(found=found, facts=facts, doubt=_doubt(found))
+    file = flat_file(found, folder, valid_days=valid_days)
+    write_whole(out, flat_npz(found, file))
+    return CalibratedFlat(found=found, file=file, doubt=_doubt(found))
 
 
 def _doubt(found: RunFlat) -> str | None:

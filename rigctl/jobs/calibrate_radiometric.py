@@ -1,25 +1,19 @@
 """Calibrating radiometrically: a run of a panel of known reflectance in; counts per unit of radiance out."""
 
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rigctl.calibrations.content_file import write_content
-from rigctl.calibrations.made_for import made_for
+from rigctl.calibrations.checked_values import Measured
+from rigctl.calibrations.content_file import CalibrationFile, header_of, source_of, source_of_run, write_content
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.calibrations.radiometric_file import SCHEMA_VERSION, Response
 from rigctl.comparison.panel_response import PanelResponse, panel_response
-from rigctl.files.config import sha256_of
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import Measurement, measure
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.runs.wholeness import used_run
-from rigctl.version import VERSION
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +53,53 @@ class ChannelResponse:
     response_dn_per_radiance: Response
 
 
+@dataclass(frozen=True, kw_only=True)
+class PanelNumbers:
+    """The panel, in the order in which the file has it."""
+
+    name: str
+    pixels: int
+    radiance_w_per_m2_sr: Measured[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadiometricNumbers:
+    """What a panel gave, in the order in which the file has it.
+
+    Attributes
+    ----------
+    panel : PanelNumbers
+        The panel and its radiance at the aperture.
+    exposure_s, f_number : float
+        Of frames and lens.
+    response : str
+        What a response is, in words.
+    response_dn_per_radiance : Response
+        Of all angles.
+    channels : tuple of ChannelResponse
+        Of each.
+    channels_agree : bool
+        Whether they are one response within their errors.
+    over_scene_file : Measured
+        Common response over that of the scene file's sensor.
+    variance_shares : mapping
+        As in `PanelResponse.shares`.
+    remarks : tuple of str
+        What was assumed, overruled or found.
+    """
+
+    panel: PanelNumbers
+    exposure_s: float
+    f_number: float
+    response: str = "counts of a pixel and frame per W m-2 sr-1 of unpolarized light in band, dark level off"
+    response_dn_per_radiance: Response
+    channels: tuple[ChannelResponse, ...]
+    channels_agree: bool
+    over_scene_file: Measured[float]
+    variance_shares: dict[str, float]
+    remarks: tuple[str, ...]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedResponse:
     """A radiometric calibration.
@@ -67,20 +108,14 @@ class CalibratedResponse:
     ----------
     found : PanelResponse
         As the panel gave it.
-    response : Response
-        Of all angles [DN per W m-2 sr-1].
-    channels : tuple of ChannelResponse
-        Of each.
-    content : dict
-        What its file holds.
+    file : CalibrationFile
+        What was written.
     doubts : tuple of str
         What is doubtful about the noise calibration.
     """
 
     found: PanelResponse
-    response: Response
-    channels: tuple[ChannelResponse, ...]
-    content: dict[str, Any]
+    file: CalibrationFile[RadiometricNumbers]
     doubts: tuple[str, ...]
 
 
@@ -98,26 +133,15 @@ def calibrate_radiometric(request: RadiometricRequest) -> CalibratedResponse:
     measurement = measure(run, regions=list(regions), noise=noise)
     found = panel_response(measurement, scene=scene, panel=request.panel, noise=noise)
     files = {"scene": request.scene} | ({} if request.noise is None else {"noise": request.noise})
-    content = radiometric_json(found, measurement, files=files, valid_days=request.valid_days)
-    write_content(request.out, content)
-    return CalibratedResponse(
-        found=found,
-        response=_response(found, measurement),
-        channels=_channels(found, measurement),
-        content=content,
-        doubts=doubts,
-    )
+    file = radiometric_file(found, measurement, files=files, valid_days=request.valid_days)
+    write_content(request.out, file.as_json())
+    return CalibratedResponse(found=found, file=file, doubts=doubts)
 
 
-def radiometric_json(
-    found: PanelResponse,
-    measurement: Measurement,
-    *,
-    files: Mapping[str, Path],
-    valid_days: float | None = None,
-    utc_ns: Callable[[], int] = time.time_ns,
-) -> dict[str, Any]:
-    """Return the content of the file.
+def radiometric_file(
+    found: PanelResponse, measurement: Measurement, *, files: Mapping[str, Path], valid_days: float | None = None
+) -> CalibrationFile[RadiometricNumbers]:
+    """Return the file.
 
     Parameters
     ----------
@@ -129,33 +153,27 @@ def radiometric_json(
         What else it was made from, such as {"scene": path}.
     valid_days : float or None
         For how long it holds; None leaves that to whoever reads it.
-    utc_ns : callable
-        The clock that dates it [ns].
     """
     run, records = measurement.run, [record for cycle in measurement.grid.records for record in cycle]
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "kind": "radiometric",
-        "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(utc_ns()),
-        "source": {"run": {"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)}}
-        | {what: {"path": str(path), "sha256": sha256_of(path)} for what, path in files.items()},
-        "made_for": made_for(run, records).as_json() | {"valid_days": valid_days},
-        "panel": {
-            "name": found.panel,
-            "pixels": found.pixels,
-            "radiance_w_per_m2_sr": {"value": found.radiance, "std_error": found.radiance_error},
-        },
-        "exposure_s": found.exposure_s,
-        "f_number": found.f_number,
-        "response": "counts of a pixel and frame per W m-2 sr-1 of unpolarized light in band, dark level off",
-        "response_dn_per_radiance": asdict(_response(found, measurement)),
-        "channels": [asdict(channel) for channel in _channels(found, measurement)],
-        "channels_agree": found.scale.channels_agree,
-        "over_scene_file": {"value": found.scale.common, "std_error": found.scale.common_error},
-        "variance_shares": found.shares,
-        "remarks": list(found.remarks),
-    }
+    source = {"run": source_of_run(run)} | {what: source_of(path) for what, path in files.items()}
+    return CalibrationFile(
+        header=header_of("radiometric", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days),
+        body=RadiometricNumbers(
+            panel=PanelNumbers(
+                name=found.panel,
+                pixels=found.pixels,
+                radiance_w_per_m2_sr=Measured(value=found.radiance, std_error=found.radiance_error),
+            ),
+            exposure_s=found.exposure_s,
+            f_number=found.f_number,
+            response_dn_per_radiance=_response(found, measurement),
+            channels=_channels(found, measurement),
+            channels_agree=found.scale.channels_agree,
+            over_scene_file=Measured(value=found.scale.common, std_error=found.scale.common_error),
+            variance_shares=found.shares,
+            remarks=found.remarks,
+        ),
+    )
 
 
 def _response(found: PanelResponse, measurement: Measurement) -> Response:

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from rigctl.calibrations.content_file import write_content
+from rigctl.calibrations.content_file import CalibrationFile, write_content
 from rigctl.calibrations.registration.register_run import RunRegistration, register_run
-from rigctl.calibrations.registration.registration_file import registration_json
+from rigctl.calibrations.registration.registration_file import Walk, registration_file
 from rigctl.runs.wholeness import used_run
 
 
@@ -15,7 +14,7 @@ class CalibratedRegistration:
     """A registration, and the content of its file."""
 
     found: RunRegistration
-    content: dict[str, Any]
+    file: CalibrationFile[Walk]
 
 
 def calibrate_registration(
@@ -41,7 +40,7 @@ def calibrate_registration(
     """
     folder = used_run(run)
     found = register_run(folder, cycle=cycle)
-    content = registration_json(found, folder, valid_days=valid_days)
+    file = registration_file(found, folder, valid_days=valid_days)
     if out is not None:
-        write_content(out, content)
-    return CalibratedRegistration(found=found, content=content)
+        write_content(out, file.as_json())
+    return CalibratedRegistration(found=found, file=file)

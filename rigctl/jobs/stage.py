@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from rigctl.devices.characterisation_file import as_json, as_text
+from rigctl.devices.characterisation_file import CharacterisationFile, as_text, characterisation_file
 from rigctl.devices.characterise import SIDES, Characterisation, characterise
 from rigctl.devices.stages import open_stage
 from rigctl.errors import ConfigError
@@ -48,10 +47,10 @@ class CharacteriseRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class CharacterisedStage:
-    """A measured stage, and the content of its file."""
+    """A measured stage, and its file."""
 
     result: Characterisation
-    content: dict[str, Any]
+    file: CharacterisationFile
 
 
 # Told after each visit how many there will be in all.
@@ -70,16 +69,16 @@ def characterise_stage(request: CharacteriseRequest, *, progress: Progress, warn
     _require_folders(request.out, request.plot)
     rig_file = load_rig(request.rig)
     result = _measured(rig_file, _stage_angles_deg(rig_file, request.session), request, progress, warn)
-    content = as_json(result)
+    file = characterisation_file(result)
     if request.out is not None:
-        write_durably(request.out, as_text(content))
+        write_durably(request.out, as_text(file))
     if request.plot is not None:
         from rigctl.reports.figures.rig_figures import (
             characterisation_png,  # half a second, for a plot only
         )
 
         write_durably(request.plot, characterisation_png(result))
-    return CharacterisedStage(result=result, content=content)
+    return CharacterisedStage(result=result, file=file)
 
 
 def _require_folders(*files: Path | None) -> None:

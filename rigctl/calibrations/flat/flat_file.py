@@ -2,27 +2,24 @@
 
 import io
 import json
-import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
 from rigctl.calibrations.checked_values import UtcText
+from rigctl.calibrations.content_file import CalibrationFile, header_of, source_of_run
 from rigctl.calibrations.fitness import require_fit
-from rigctl.calibrations.flat.run_flat import RunFlat
+from rigctl.calibrations.flat.run_flat import FlatAngle, RunFlat
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.errors import DataError
-from rigctl.files.config import describe, sha256_of
+from rigctl.files.config import describe
 from rigctl.numbers.angles import wrapped
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.run_folder import MANIFEST_FILE, Run
+from rigctl.runs.run_folder import Run
 from rigctl.storage.array_archive import read_arrays
-from rigctl.version import VERSION
 
 FloatArray = NDArray[np.float64]
 
@@ -98,29 +95,30 @@ class FlatFields:
         return nearest
 
 
-def flat_facts(
-    found: RunFlat, run: Run, *, valid_days: float | None = None, utc_ns: Callable[[], int] = time.time_ns
-) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class FlatNumbers:
+    """Numbers of flat fields beside their pictures, in the order in which the file has them."""
+
+    exposure_s: float
+    angles: tuple[FlatAngle, ...]
+    throughput: str = "over the mean of the angles; the polarizer's own only if the light is unpolarized and steady"
+
+
+def flat_file(found: RunFlat, run: Run, *, valid_days: float | None = None) -> CalibrationFile[FlatNumbers]:
     """Return what the file says beside its pictures."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "kind": "flat",
-        "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(utc_ns()),
-        "source": {"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)},
-        "made_for": made_for(run, found.records).as_json() | {"valid_days": valid_days},
-        "exposure_s": found.exposure_s,
-        "angles": [asdict(row) for row in found.rows()],
-        "throughput": "over the mean of the angles; the polarizer's own only if the light is unpolarized and steady",
-    }
+    source, records = source_of_run(run), found.records
+    return CalibrationFile(
+        header=header_of("flat", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days),
+        body=FlatNumbers(exposure_s=found.exposure_s, angles=found.rows()),
+    )
 
 
-def flat_npz(found: RunFlat, facts: dict[str, Any]) -> bytes:
-    """Return the file."""
+def flat_npz(found: RunFlat, file: CalibrationFile[FlatNumbers]) -> bytes:
+    """Return the bytes of the file."""
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
-        facts=np.frombuffer(json.dumps(facts, allow_nan=False).encode(), dtype=np.uint8),
+        facts=np.frombuffer(json.dumps(file.as_json(), allow_nan=False).encode(), dtype=np.uint8),
         angles_deg=found.angles_deg,
         response=np.array([flat.response for flat in found.flats], dtype=np.float32),
         std_error=np.array([flat.std_error for flat in found.flats], dtype=np.float32),

@@ -1,69 +1,122 @@
 """The content of ``polarizer.json``, of a calibration and the runs that it was made from."""
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.calibrations.made_for import made_for
+from calibration.polarimeter.analyzer import Extinction
+from calibration.polarimeter.fourier_fit import Harmonic
+from rigctl.calibrations.checked_values import Measured
+from rigctl.calibrations.content_file import CalibrationFile, header_of, source_of_run
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, candidate_offset_deg
 from rigctl.calibrations.polarizer.polarizer_file import SCHEMA_VERSION
-from rigctl.files.config import sha256_of
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.run_folder import MANIFEST_FILE, Run
-from rigctl.version import VERSION
+from rigctl.runs.run_folder import Run
 
 # What a harmonic of the residual is a sign of.
 HARMONIC_MEANING = {1: "a wedge or a tilted element", 3: "a wedge or a tilted element", 4: "a detector not linear"}
 
 
-def polarizer_json(
+@dataclass(frozen=True, kw_only=True)
+class CandidateNumbers:
+    """An axis that the scans allow: sense, offset with its error [deg], and how well it fits."""
+
+    sense: int
+    value: float
+    std_error: float
+    chi2: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelNumbers:
+    """A stage angle by itself, angles in degrees."""
+
+    stage_angle_deg: float
+    axis_deg: Measured[float]
+    throughput: Measured[float]
+    diattenuation: Measured[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReductionNumbers:
+    """The data reduction matrix as `DataReduction` has it."""
+
+    matrix: list[list[float]]
+    std_error: list[list[float]]
+    singular_values: list[float]
+    condition: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HarmonicNumbers:
+    """What Malus' law leaves at one frequency, as `Harmonic` has it."""
+
+    order: int
+    amplitude: float
+    std_error: float
+    is_seen: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionNumbers:
+    """Numbers of one region, as they stand beside those of the result."""
+
+    name: str
+    sense: int | None
+    offset_deg: Measured[float]
+    diattenuation: Measured[float] | None
+    harmonics: tuple[HarmonicNumbers, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarizerNumbers:
+    """A polarizer calibration in the order in which its file has it, angles in degrees; None is what is not decided."""
+
+    frames: int
+    axis: str = "polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene"
+    sense: int | None
+    offset_deg: Measured[float] | None
+    scatter_deg: float
+    candidates: tuple[CandidateNumbers, ...]
+    diattenuation: Measured[float] | None
+    extinction_ratio: Extinction | None
+    channels: tuple[ChannelNumbers, ...] | None
+    data_reduction: ReductionNumbers | None
+    harmonics: tuple[HarmonicNumbers, ...]
+    harmonics_told_apart: bool
+    regions: tuple[RegionNumbers, ...]
+
+
+def polarizer_file(
     found: PolarizerCalibration,
     runs: Sequence[Run],
     *,
+    regions: Mapping[str, PolarizerCalibration],
     valid_days: float | None = None,
-    utc_ns: Callable[[], int] = time.time_ns,
-) -> dict[str, Any]:
-    """Return the content of the file; angles in degrees."""
-    best = found.axis.best
+) -> CalibrationFile[PolarizerNumbers]:
+    """Return the file; of several runs it is for the devices of the last."""
     frames = [record for record in runs[-1].frames if record.kind == "scene"]
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "kind": "polarizer",
-        "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(utc_ns()),
-        "source": [{"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)} for run in runs],
-        "made_for": made_for(runs[-1], frames).as_json() | {"valid_days": valid_days},
-        "frames": found.frames,
-        "axis": "polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene",
-        "sense": best.sense if found.axis.is_decided else None,
-        "offset_deg": asdict(found.offset_deg) if found.axis.is_decided else None,
-        "scatter_deg": float(np.degrees(found.axis.scatter_rad)),
-        "candidates": [
-            {"sense": one.sense, **asdict(candidate_offset_deg(one)), "chi2": one.chi2}
-            for one in (best, found.axis.other)
-        ],
-        "diattenuation": _value(found.diattenuation, found.diattenuation_error),
-        "extinction_ratio": None if found.extinction is None else asdict(found.extinction),
-        "channels": _channels(found),
-        "data_reduction": _reduction(found),
-        "harmonics": [asdict(one) | {"is_seen": one.is_seen} for one in found.harmonics],
-        "harmonics_told_apart": found.harmonics_told_apart,
-    }
-
-
-def region_json(name: str, found: PolarizerCalibration) -> dict[str, Any]:
-    """Return the numbers of one region, as they stand beside those of the result."""
-    return {
-        "name": name,
-        "sense": found.axis.best.sense if found.axis.is_decided else None,
-        "offset_deg": asdict(found.offset_deg),
-        "diattenuation": _value(found.diattenuation, found.diattenuation_error),
-        "harmonics": [asdict(one) | {"is_seen": one.is_seen} for one in found.harmonics],
-    }
+    source = tuple(source_of_run(run) for run in runs)
+    return CalibrationFile(
+        header=header_of(
+            "polarizer", SCHEMA_VERSION, source=source, run=runs[-1], records=frames, valid_days=valid_days
+        ),
+        body=PolarizerNumbers(
+            frames=found.frames,
+            sense=_sense(found),
+            offset_deg=found.offset_deg if found.axis.is_decided else None,
+            scatter_deg=float(np.degrees(found.axis.scatter_rad)),
+            candidates=_candidates(found),
+            diattenuation=_diattenuation(found),
+            extinction_ratio=found.extinction,
+            channels=_channels(found),
+            data_reduction=_reduction(found),
+            harmonics=_harmonics(found.harmonics),
+            harmonics_told_apart=found.harmonics_told_apart,
+            regions=tuple(_region(name, one) for name, one in regions.items()),
+        ),
+    )
 
 
 def rig_lines(found: PolarizerCalibration) -> str:
@@ -74,35 +127,65 @@ def rig_lines(found: PolarizerCalibration) -> str:
     return "\n".join(lines)
 
 
-def _value(value: float | None, error: float | None) -> dict[str, float] | None:
-    return None if value is None or error is None else {"value": value, "std_error": error}
+def _sense(found: PolarizerCalibration) -> int | None:
+    return found.axis.best.sense if found.axis.is_decided else None
 
 
-def _channels(found: PolarizerCalibration) -> list[dict[str, Any]] | None:
+def _candidates(found: PolarizerCalibration) -> tuple[CandidateNumbers, ...]:
+    offsets = [(one, candidate_offset_deg(one)) for one in (found.axis.best, found.axis.other)]
+    return tuple(
+        CandidateNumbers(sense=one.sense, value=offset.value, std_error=offset.std_error, chi2=one.chi2)
+        for one, offset in offsets
+    )
+
+
+def _region(name: str, found: PolarizerCalibration) -> RegionNumbers:
+    return RegionNumbers(
+        name=name,
+        sense=_sense(found),
+        offset_deg=found.offset_deg,
+        diattenuation=_diattenuation(found),
+        harmonics=_harmonics(found.harmonics),
+    )
+
+
+def _harmonics(found: Sequence[Harmonic]) -> tuple[HarmonicNumbers, ...]:
+    return tuple(
+        HarmonicNumbers(order=one.order, amplitude=one.amplitude, std_error=one.std_error, is_seen=one.is_seen)
+        for one in found
+    )
+
+
+def _diattenuation(found: PolarizerCalibration) -> Measured[float] | None:
+    value, error = found.diattenuation, found.diattenuation_error
+    return None if value is None or error is None else Measured(value=value, std_error=error)
+
+
+def _channels(found: PolarizerCalibration) -> tuple[ChannelNumbers, ...] | None:
     channels, stage_rad = found.channels, found.stage_rad
     if channels is None or stage_rad is None:
         return None
-    return [
-        {
-            "stage_angle_deg": float(np.degrees(stage_rad[index])),
-            "axis_deg": _pair(np.degrees(channels.axis_rad) % 180.0, np.degrees(channels.axis_error_rad), index),
-            "throughput": _pair(channels.throughput, channels.throughput_error, index),
-            "diattenuation": _pair(channels.diattenuation, channels.diattenuation_error, index),
-        }
+    return tuple(
+        ChannelNumbers(
+            stage_angle_deg=float(np.degrees(stage_rad[index])),
+            axis_deg=_pair(np.degrees(channels.axis_rad) % 180.0, np.degrees(channels.axis_error_rad), index),
+            throughput=_pair(channels.throughput, channels.throughput_error, index),
+            diattenuation=_pair(channels.diattenuation, channels.diattenuation_error, index),
+        )
         for index in range(len(stage_rad))
-    ]
+    )
 
 
-def _pair(values: NDArray[np.float64], errors: NDArray[np.float64], index: int) -> dict[str, float]:
-    return {"value": float(values[index]), "std_error": float(errors[index])}
+def _pair(values: NDArray[np.float64], errors: NDArray[np.float64], index: int) -> Measured[float]:
+    return Measured(value=float(values[index]), std_error=float(errors[index]))
 
 
-def _reduction(found: PolarizerCalibration) -> dict[str, Any] | None:
+def _reduction(found: PolarizerCalibration) -> ReductionNumbers | None:
     if found.reduction is None:
         return None
-    return {
-        "matrix": found.reduction.matrix.tolist(),
-        "std_error": found.reduction.std_error.tolist(),
-        "singular_values": found.reduction.singular_values.tolist(),
-        "condition": found.reduction.condition,
-    }
+    return ReductionNumbers(
+        matrix=found.reduction.matrix.tolist(),
+        std_error=found.reduction.std_error.tolist(),
+        singular_values=found.reduction.singular_values.tolist(),
+        condition=found.reduction.condition,
+    )

@@ -1,7 +1,7 @@
 """Image registration of a run: the shift of its picture at each stage angle."""
 
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,14 +65,6 @@ class RunRegistration:
                 strict=True,
             )
         )
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the numbers as JSON."""
-        return {
-            "angles": [asdict(row) for row in self.rows()],
-            "wander": None if self.wander is None else _wander_json(self.wander),
-            "finding": self.finding,
-        }
 
     @property
     def finding(self) -> str | None:
@@ -147,12 +139,3 @@ def _wander(stage_rad: FloatArray, shifts: FloatArray) -> Wander | None:
     if len(stage_rad) < 3 or np.ptp(stage_rad) == 0.0:
         return None
     return min((fit_wander(stage_rad, shifts, sense=sense) for sense in (1, -1)), key=lambda one: one.residual_pixels)
-
-
-def _wander_json(wander: Wander) -> dict[str, Any]:
-    return {
-        "turning_pixels": [wander.turning_pixels.real, wander.turning_pixels.imag],
-        "sense": wander.sense,
-        "radius_pixels": abs(wander.turning_pixels),
-        "residual_pixels": wander.residual_pixels,
-    }

@@ -1,10 +1,8 @@
 """The file that an image registration is kept in: ``registration.json``, as a record."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +10,13 @@ from pydantic import Field
 
 from calibration.polarimeter.registration import Wander
 from rigctl.calibrations.checked_values import NotNegative, UtcText, at_least
-from rigctl.calibrations.content_file import read_record
+from rigctl.calibrations.content_file import CalibrationFile, header_of, read_record, source_of_run
 from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.calibrations.registration.register_run import AngleShift, Pixels, RunRegistration
 from rigctl.errors import DataError
-from rigctl.files.config import sha256_of
 from rigctl.numbers.angles import wrapped
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.run_folder import MANIFEST_FILE, Run
-from rigctl.version import VERSION
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 
@@ -102,19 +97,47 @@ class ImageRegistration:
         return np.array(self.angles[nearest].shift_pixels)
 
 
-def registration_json(
-    found: RunRegistration, run: Run, *, valid_days: float | None = None, utc_ns: Callable[[], int] = time.time_ns
-) -> dict[str, Any]:
-    """Return the content of the file."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "kind": "registration",
-        "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(utc_ns()),
-        "source": {"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)},
-        "made_for": made_for(run, found.records).as_json() | {"valid_days": valid_days},
-        **found.as_json(),
-    }
+@dataclass(frozen=True, kw_only=True)
+class WalkCircle:
+    """The circle of a wedged polarizer, in the order in which the file has it."""
+
+    turning_pixels: tuple[float, float]
+    sense: int
+    radius_pixels: float
+    residual_pixels: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """Walk of a run's picture, in the order in which the file has it."""
+
+    angles: tuple[AngleShift, ...]
+    wander: WalkCircle | None
+    finding: str | None
+
+
+def registration_file(found: RunRegistration, run: Run, *, valid_days: float | None = None) -> CalibrationFile[Walk]:
+    """Return the file of a registration."""
+    source, records = source_of_run(run), found.records
+    return CalibrationFile(
+        header=header_of(
+            "registration", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days
+        ),
+        body=Walk(
+            angles=found.rows(),
+            wander=None if found.wander is None else _circle(found.wander),
+            finding=found.finding,
+        ),
+    )
+
+
+def _circle(wander: Wander) -> WalkCircle:
+    return WalkCircle(
+        turning_pixels=(wander.turning_pixels.real, wander.turning_pixels.imag),
+        sense=wander.sense,
+        radius_pixels=abs(wander.turning_pixels),
+        residual_pixels=wander.residual_pixels,
+    )
 
 
 def read_registration_file(path: Path) -> ImageRegistration:

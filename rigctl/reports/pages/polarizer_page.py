@@ -1,12 +1,12 @@
 """The page of a polarizer calibration: numbers, scans, harmonics, channels and maps."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from calibration.polarimeter.data_reduction import DataReduction
+from rigctl.calibrations.content_file import CalibrationFile
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
-from rigctl.calibrations.polarizer.polarizer_json import rig_lines
+from rigctl.calibrations.polarizer.polarizer_json import PolarizerNumbers, rig_lines
 from rigctl.reports.figures.rig_figures import channels_png, curves_png, harmonics_png, maps_png
 from rigctl.reports.report import Block, Paragraph, Picture, Report, Section, Verbatim
 from rigctl.reports.tables.calibration_tables import (
@@ -37,7 +37,7 @@ _CHANNELS = (
 
 def polarizer_report(
     found: PolarizerCalibration,
-    content: dict[str, Any],
+    file: CalibrationFile[PolarizerNumbers],
     *,
     regions: Mapping[str, PolarizerCalibration],
     maps: PolarimeterMaps | None,
@@ -48,8 +48,8 @@ def polarizer_report(
     ----------
     found : PolarizerCalibration
         The calibration, its sense decided.
-    content : dict
-        What ``polarizer.json`` holds of it: whence, when, and the lines for a rig file.
+    file : CalibrationFile
+        What ``polarizer.json`` holds of it: whence, and when.
     regions : mapping
         Name to the calibration of a region by itself; may be empty.
     maps : PolarimeterMaps or None
@@ -57,8 +57,8 @@ def polarizer_report(
     """
     axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(found)))
     return Report(
-        title=f"Polarizer: {', '.join(source['path'] for source in content['source'])}",
-        source=_facts(content),
+        title=f"Polarizer: {', '.join(source.path for source in file.header.sources())}",
+        source=_facts(file),
         sections=[
             Section(title="Axis and extinction", blocks=axis),
             Section(title="Scans", blocks=(Picture(png=curves_png(found), caption=_SCANS),)),
@@ -101,18 +101,17 @@ def _maps(maps: PolarimeterMaps | None) -> Iterable[Section]:
         yield Section(title="Over the picture", blocks=(picture,))
 
 
-def _facts(content: dict[str, Any]) -> str:
-    made = content["made_for"]
+def _facts(file: CalibrationFile[PolarizerNumbers]) -> str:
+    header, made = file.header, file.header.made_for
+    known = (("camera", made.camera_model, made.camera_serial), ("stage", made.stage_model, made.stage_serial))
     devices = [
-        f"{what} {made[f'{what}_model'] or ''} {made[f'{what}_serial']}".replace("  ", " ")
-        for what in ("camera", "stage")
-        if made[f"{what}_serial"] is not None
+        f"{what} {model or ''} {serial}".replace("  ", " ") for what, model, serial in known if serial is not None
     ]
     facts = [
         *devices,
-        f"{content['frames']} frames",
-        f"manifest {', '.join(source['sha256'][:16] for source in content['source'])}",
-        f"made {content['created_utc'][:19]}Z by {content['created_by']}",
+        f"{file.body.frames} frames",
+        f"manifest {', '.join(source.sha256[:16] for source in header.sources())}",
+        f"made {header.created_utc[:19]}Z by {header.created_by}",
     ]
     return f"{'; '.join(facts)}."
 

@@ -18,7 +18,7 @@ from rigctl.comparison.rows import Row
 from rigctl.comparison.scale import with_panel_scale
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
-from rigctl.jobs.calibrate_radiometric import radiometric_json
+from rigctl.jobs.calibrate_radiometric import radiometric_file
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import measure
 from rigctl.prediction.scene_prediction import ScenePredictor
@@ -38,7 +38,7 @@ def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> Ra
     run = panel_run(folder / "panel-run", seed=9, efficiency=TRUE, exposure_s=exposure_s / 4.0)
     measurement = measure(run, regions=list(told.regions))
     found = panel_response(measurement, scene=told, panel="white", noise=None)
-    content = radiometric_json(found, measurement, files={})
+    content = radiometric_file(found, measurement, files={}).as_json()
     return TypeAdapter(RadiometricResponse).validate_python(content)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from rigctl.calibrations.registration.register_run import register_run
-from rigctl.calibrations.registration.registration_file import ImageRegistration, registration_json
+from rigctl.calibrations.registration.registration_file import ImageRegistration, registration_file
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import Measurement, measure
@@ -76,7 +76,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def registration(run: Run) -> ImageRegistration:
-    return TypeAdapter(ImageRegistration).validate_python(registration_json(register_run(run), run))
+    return TypeAdapter(ImageRegistration).validate_python(registration_file(register_run(run), run).as_json())
 
 
 @pytest.fixture(scope="module")
