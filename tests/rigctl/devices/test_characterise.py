@@ -7,7 +7,7 @@ import pytest
 
 from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
-from rigctl.devices.characterisation_file import as_json
+from rigctl.devices.characterisation_file import as_text, characterisation_file
 from rigctl.devices.characterise import Characterisation, characterise
 from rigctl.reports.figures.rig_figures import characterisation_png
 from sim_devices.clock import ManualClock
@@ -72,7 +72,7 @@ def test_an_angle_is_reached_from_the_side_that_it_says() -> None:
 
 def test_the_file_holds_every_visit_and_is_json() -> None:
     result = measured("sim:zaber", repeats=2)
-    content = json.loads(json.dumps(as_json(result), allow_nan=False))
+    content = json.loads(as_text(characterisation_file(result)))
     assert len(content["visits"]) == 2 * 2 * len(ANGLES_DEG)
     assert content["stage"]["serial_number"] == "114821"
     assert content["backlash_deg"]["std_error"] > 0.0
