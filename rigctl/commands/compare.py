@@ -139,6 +139,8 @@ def _why_not(comparison: "Comparison") -> tuple[str, ...]:
 
 def show(compared: "ComparedRun", out: Path) -> None:
     """Print what the run shows of itself, the verdict, what disagrees, and where that points."""
+    from rigctl.comparison.verdict import reservations
+
     comparison, console = compared.comparison, results()
     if comparison.scale is not None:
         console.print(comparison.scale.remark)
@@ -146,14 +148,14 @@ def show(compared: "ComparedRun", out: Path) -> None:
     for weak in comparison.weak:
         console.print(f"hardly tested: {weak}", markup=False)
     tests = sum(row.agrees is not None for row in comparison.rows)
-    flags = ", ".join(check.name for check in comparison.flags)
-    reserved = f", with reservations (flagged: {flags})" if flags else ""
+    held_with = reservations(comparison.checks, comparison.regions)
+    reserved = f", with reservations ({held_with})" if held_with else ""
     if comparison.agrees is None:
         for why in _why_not(comparison):
             warn(why)
         console.print("model and measurement cannot be judged: the run is unsound", markup=False)
     elif tests == 0:
-        console.print(f"nothing was tested{reserved}: " + "; ".join(comparison.not_tested), markup=False)
+        console.print(f"nothing was tested{reserved}", markup=False)
     elif comparison.agrees:
         text = f"model and measurement agree{reserved}: {tests} numbers tested at alpha = {comparison.alpha:g}"
         console.print(text, markup=False)
@@ -163,19 +165,20 @@ def show(compared: "ComparedRun", out: Path) -> None:
 
 
 def _show_run(comparison: "Comparison") -> None:
+    from rigctl.comparison.verdict import said_of, unjudged_lines
     from rigctl.measurement.run_diagnosis import term_text
 
     console = results()
     if comparison.run_diagnosis is not None:
         for term in comparison.run_diagnosis.named:
             console.print(f"the run shows {term_text(term)}", markup=False)
-    for check in comparison.flags:
-        console.print(f"flagged, {check.name}: {check.text}", markup=False)
+    shown = ("flagged",) if comparison.agrees is None else ("flagged", "refused")
+    for title, text in said_of(comparison.checks, *shown):
+        console.print(f"{title}: {text}", markup=False)
     if comparison.agrees is None:
         return
-    for name, found in comparison.regions.items():
-        if found.verdict == "cannot_be_judged":
-            console.print(f"{name} cannot be judged: {found.reason}", markup=False)
+    for line in unjudged_lines(comparison.regions, comparison.checks):
+        console.print(line, markup=False)
 
 
 def _show_disagreements(comparison: "Comparison", tests: int) -> None:

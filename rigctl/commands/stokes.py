@@ -73,6 +73,7 @@ def _print(found: "StokesOfRun", out: Path) -> None:
 
 def _print_faults(found: "StokesOfRun") -> None:
     """Print what is wrong with the run, before its numbers."""
+    from rigctl.comparison.verdict import said_of
     from rigctl.measurement.run_diagnosis import term_text
 
     console, measurement = results(), found.measurement
@@ -80,9 +81,8 @@ def _print_faults(found: "StokesOfRun") -> None:
         console.print("UNSOUND: the numbers below are not those of the light", markup=False)
     for term in found.diagnosis.named:
         console.print(f"the run shows {term_text(term)}", markup=False)
-    for check in found.checks:
-        if check.verdict in ("flagged", "refused"):
-            console.print(f"{check.verdict}, {check.name}: {check.text}", markup=False)
+    for title, text in said_of(found.checks, "flagged", "refused"):
+        console.print(f"{title}: {text}", markup=False)
     for name, why in measurement.unmeasured.items():
         console.print(f"{name} cannot be measured: {why}", markup=False)
     left_out = int(measurement.saturated.sum()), int(measurement.missing.sum())

@@ -1,6 +1,6 @@
 """Checks of a run by itself, before any model: pair sums, linear response, registration, drift, residual of the fit."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +18,7 @@ from model.processing.diagnosis.rounding import rounding_offsets
 from model.processing.redundancy import pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
+from rigctl.comparison.rows import Row
 from rigctl.comparison.run_prediction import frame_order
 from rigctl.measurement.measurement import Measurement, signal_of_cycle
 from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
@@ -34,6 +35,11 @@ _CLIPPED_FLAGGED = 0.05
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
+_PAIRS_DIFFER = "pairs of orthogonal angles, each of which holds all of the light, differ"
+_PAIRS_RULE = (
+    f"flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above {_PAIRS_REFUSED:.0%}: light that "
+    "changed, unequal exposures or throughput, a dark level or a response that is wrong, or an angle that is"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,12 +56,21 @@ class Check:
         What was found, and what is allowed.
     region : str or None
         That it is of; None where it is of the whole run.
+    size, rule : str
+        Of a check that every region has: what was found in a few words, and what holds for all of them.
     """
 
     name: str
     verdict: Verdict
     text: str
     region: str | None = None
+    size: str = ""
+    rule: str = ""
+
+    @property
+    def kind(self) -> str:
+        """Its name without the region."""
+        return self.name.removesuffix(f" of {self.region}")
 
 
 def registration_of(measurement: Measurement) -> Registration | str:
@@ -80,6 +95,13 @@ def run_checks(
     )
 
 
+def nothing_tested(rows: Sequence[Row], why: Sequence[str]) -> tuple[Check, ...]:
+    """Return the flag of a comparison in which no number was tested; none where one was, or where there are none."""
+    if not rows or any(row.agrees is not None for row in rows):
+        return ()
+    return (Check(name="nothing tested", verdict="flagged", text="; ".join(why)),)
+
+
 def _pair_sums(measurement: Measurement) -> Iterable[Check]:
     if measurement.plan.redundancy == 0:
         text = "three angles fit any frames: there is nothing to hold them against"
@@ -93,15 +115,15 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
         verdict: Verdict = "sound"
         if excess > max(_PAIRS_FLAGGED, _SIGMAS * error):
             verdict = "refused" if excess > _PAIRS_REFUSED else "flagged"
+        size = f"{excess:.2%} +- {error:.2%}"
         yield Check(
             name=f"pair sums of {name}",
             verdict=verdict,
             region=name,
-            text=f"pairs of orthogonal angles, each of which holds all of the light, differ by {excess:.2%} +- "
-            f"{error:.2%}; flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above "
-            f"{_PAIRS_REFUSED:.0%}: light that changed, unequal exposures or throughput, a dark level or a response "
-            "that is wrong, or an angle that is"
+            text=f"{_PAIRS_DIFFER} by {size}; {_PAIRS_RULE}"
             + _residual(measurement, Moments(mean=found.means, cov=found.cov + _rounding(measurement))),
+            size=size,
+            rule=f"{_PAIRS_DIFFER}; {_PAIRS_RULE}",
         )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,10 @@ NOT_TESTED = (
     "the scene: no radiance was predicted",
 )
 
+# Both sides come from the same pixels: where their difference is known so much better than either, they are one number.
+_BESIDE_ITSELF = 0.1
+_ONE_NUMBER = "pixels so far above their noise that the law gives back what it was made from: each number would stand beside itself"
+
 
 def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | None, alpha: float) -> Comparison:
     """Return what each region's own channel means and texture predict beside what its pixels show.
@@ -51,6 +56,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
     remarks: list[str] = [] if calibrated is None else list(calibrated.remarks)
     predictions: dict[str, RegionPrediction] = {}
     unjudged: dict[str, str] = {}
+    same: dict[str, list[str]] = {}
     for name, region in measurement.regions.items():
         try:
             loop = _RegionLoop(name, region, measurement, calibrated)
@@ -61,12 +67,13 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         predictions[name] = loop.prediction
         rows += own
         remarks += said
+        same.setdefault(loop.beside_themselves(), []).append(name)
     decided, light = decide(tuple(rows), alpha=alpha), measurement.run.session.simulated_light
     return Comparison(
         kind="closed loop",
         alpha=alpha,
         rows=decided,
-        diagnosis=diagnose(decided),
+        diagnosis=diagnose(decided, is_of_law=True),
         predictions=predictions,
         unjudged=unjudged,
         budgets=run_budget(
@@ -75,6 +82,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         remarks=tuple(remarks),
         not_tested=(
             *NOT_TESTED,
+            *(f"{', '.join(regions)}: {numbers}: {_ONE_NUMBER}" for numbers, regions in same.items() if numbers),
             *(("temporal noise: no noise calibration was given",) if calibrated is None else ()),
             *(() if light is None else light.caution),
         ),
@@ -105,7 +113,7 @@ class _RegionLoop:
     def rows(self) -> list[Row]:
         """Return the region's rows: tests with scores, the rest without."""
         paired = list(pair(self._name, self.prediction.quantities, measured_with_ratios(self._region)))
-        tests = [*self._temporal_rows(paired), *self._half_rows(), *self._law_rows()]
+        tests = [*self._temporal_rows(paired), *self._half_rows(), *self._law_rows]
         tested = {(row.quantity, row.statistic) for row in tests}
         fitted = [row for row in paired if (row.quantity, row.statistic) not in tested]
         return [*tests, *(replace(row, std_error_inputs=None) for row in fitted)]
@@ -115,6 +123,10 @@ class _RegionLoop:
         if "dolp_pixels" not in self._region.quantities:
             return [f"{self._name}: some pixels have no light, so their DoLP was not compared"]
         return [f"{self._name}: {warning}" for warning in self.prediction.warnings]
+
+    def beside_themselves(self) -> str:
+        """Return which numbers of the law stand beside themselves; empty where none does."""
+        return ", ".join(f"{row.quantity} {row.statistic}" for row in self._law_rows if row.z is None)
 
     def _temporal(self, values: FloatArray) -> FloatArray:
         return temporal_variance(self._measurement, self._region, values)
@@ -153,23 +165,27 @@ class _RegionLoop:
         deviations |= dict(zip(("s0", "s1", "s2"), stokes, strict=True))
         return np.array([deviations[row.quantity] for row in rows])
 
-    def _law_rows(self) -> Iterable[Row]:
-        if not self._law_rows_exist():
-            return
+    @cached_property
+    def _law_rows(self) -> tuple[Row, ...]:
+        return tuple(self._rows_of_law()) if self._law_rows_exist() else ()
+
+    def _rows_of_law(self) -> Iterable[Row]:
         inflation = self._region.pixels / self._region.independent_pixels
         checks = check_dolp_distribution(self._region.stokes_pixels, self._texture_pixels, self._added)
         places = {"mean": ("dolp_pixels", "mean"), "std": ("dolp_pixels", "std"), "snr": ("dolp_snr", "mean")}
         for name, check in checks.items():
             quantity, statistic = places[name]
+            error = check.std_error * float(np.sqrt(inflation))
             row = Row(
                 region=self._name,
                 quantity=quantity,
                 statistic=statistic,
                 predicted=check.predicted,
                 measured=check.measured,
-                std_error=check.std_error * float(np.sqrt(inflation)),
+                std_error=error,
             )
-            yield scored(row, 0.0)
+            own = self._region.quantities[quantity][statistic].std_error
+            yield row if error < _BESIDE_ITSELF * own else scored(row, 0.0)
 
     def _law_rows_exist(self) -> bool:
         return "dolp_pixels" in self._region.quantities and "dolp_pixels" in self.prediction.quantities

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from model.prediction.quantity_table import is_counts
 from rigctl.comparison.rows import Row
 
-Cause = Literal["scale", "axis-offset", "axis-sense", "polarization", "noise"]
+Cause = Literal["scale", "axis-offset", "axis-sense", "polarization", "noise", "not-normal"]
 
 ADVICE: dict[Cause, str] = {
     "scale": "Counts and S0 are off by a common factor while DoLP and AoLP agree: look at the gain, the exposure, "
@@ -22,7 +22,13 @@ ADVICE: dict[Cause, str] = {
     "polarization": "The degree of polarization is off: look at the extinction ratio, at dark level that was not "
     "taken off, at drift of the light, or at the polarization of the scene.",
     "noise": "Means agree and deviations do not: look at the noise calibration, or at the texture of the scene.",
+    "not-normal": "The pixels of a region do not scatter as one normal cloud, which the law of DoLP takes them for: "
+    "look for an edge, shading or parts of different polarization in the region, or for counts of few steps.",
 }
+
+
+# Numbers that the law of DoLP gives.
+_OF_LAW = ("dolp_pixels", "dolp_snr")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +47,18 @@ class Diagnosis:
     advice: tuple[str, ...]
 
 
-def diagnose(rows: Sequence[Row]) -> Diagnosis:
+def diagnose(rows: Sequence[Row], *, is_of_law: bool = False) -> Diagnosis:
     """Return where the disagreeing rows point.
 
+    Parameters
+    ----------
+    rows : sequence of Row
+        With their decisions.
+    is_of_law : bool
+        DoLP of pixels was predicted from these very pixels, by a law alone.
+
+    Notes
+    -----
     What a cause cannot touch tells it apart: a scale leaves s1, s2, DoLP and AoLP alone, a turned axis leaves S0 and
     DoLP alone, and only noise leaves every mean alone.
     """
@@ -58,7 +73,7 @@ def diagnose(rows: Sequence[Row]) -> Diagnosis:
         if "s0" in means or (not causes and _any_count(means)):
             causes.append("scale")
     if off and not causes:
-        causes.append("noise")
+        causes.append("not-normal" if is_of_law and all(name in _OF_LAW for name, _ in off) else "noise")
     return Diagnosis(points_to=tuple(causes), advice=tuple(ADVICE[cause] for cause in causes))
 
 

@@ -76,8 +76,57 @@ def refused_regions(checks: Sequence[Check]) -> dict[str, str]:
 
 
 def refusals(checks: Sequence[Check]) -> tuple[str, ...]:
-    """Return why a run is unsound, once each."""
-    return tuple(dict.fromkeys(f"{check.name}: {check.text}" for check in checks if check.verdict == "refused"))
+    """Return why a run or some of its regions are unsound, what they have in common once."""
+    return tuple(f"{title.removeprefix('refused, ')}: {text}" for title, text in said_of(checks, "refused"))
+
+
+def reservations(checks: Sequence[Check], regions: Mapping[str, RegionVerdict]) -> str:
+    """Return what an agreement is held with: flags, and regions that cannot be judged; empty where there is nothing."""
+    flags = titles(checks, "flagged")
+    unjudged = [name for name, found in regions.items() if found.verdict == "cannot_be_judged"]
+    parts = [f"flagged: {flags}"] if flags else []
+    return "; ".join([*parts, f"cannot be judged: {', '.join(unjudged)}"] if unjudged else parts)
+
+
+def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence[Check]) -> list[str]:
+    """Return why regions cannot be judged, those of one reason together; those that a check refused are said there."""
+    refused = refused_regions(checks)
+    by_reason: dict[str, list[str]] = {}
+    for name, found in regions.items():
+        if found.verdict == "cannot_be_judged" and name not in refused:
+            by_reason.setdefault(found.reason, []).append(name)
+    return [f"{', '.join(names)} cannot be judged: {reason}" for reason, names in by_reason.items()]
+
+
+def said_of(checks: Sequence[Check], *verdicts: str) -> list[tuple[str, str]]:
+    """Return checks of some verdicts as a heading and a text; what many regions have in common is said once."""
+    groups: dict[tuple[str, str], list[Check]] = {}
+    for check in checks:
+        if check.verdict in verdicts:
+            groups.setdefault((check.verdict, check.kind), []).append(check)
+    return [(f"{verdict}, {_title(group)}", _text(group)) for (verdict, _), group in groups.items()]
+
+
+def titles(checks: Sequence[Check], *verdicts: str) -> str:
+    """Return the names of checks of some verdicts, those of one kind together."""
+    groups: dict[str, list[Check]] = {}
+    for check in checks:
+        if check.verdict in verdicts:
+            groups.setdefault(check.kind, []).append(check)
+    return ", ".join(_title(group) for group in groups.values())
+
+
+def _title(group: Sequence[Check]) -> str:
+    regions = [check.region for check in group if check.region is not None]
+    return f"{group[0].kind} of {', '.join(regions)}" if len(regions) > 1 else group[0].name
+
+
+def _text(group: Sequence[Check]) -> str:
+    if len(group) == 1:
+        return group[0].text
+    if all(check.size for check in group):
+        return f"{'; '.join(f'{check.region} {check.size}' for check in group)}: {group[0].rule}"
+    return "; ".join(dict.fromkeys(check.text for check in group))
 
 
 def without_decisions(rows: Iterable[Row], unjudged: Mapping[str, str]) -> tuple[Row, ...]:
@@ -100,4 +149,6 @@ def _of_region(name: str, rows: Sequence[Row], checks: Sequence[Check], unjudged
     flags = [check.name for check in checks if check.verdict == "flagged" and check.region in (None, name)]
     if flags:
         return RegionVerdict(verdict="agrees_with_reservations", reason="flagged: " + ", ".join(flags))
+    if not any(row.agrees is not None for row in rows if row.region == name):
+        return RegionVerdict(verdict="agrees_with_reservations", reason="nothing of it was tested")
     return RegionVerdict(verdict="agrees", reason="")

@@ -78,7 +78,9 @@ def find_scale(
     shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
     saturation_dn, saturation_remarks = _saturation(request, levels, full_scale_dn)
-    missing_dn, missing_remarks = _missing(request, levels, black_level_dn, borders)
+    # A sky that is clipped up to the edge is no border.
+    dark = [border for border in borders if border.value_dn < saturation_dn]
+    missing_dn, missing_remarks = _missing(request, levels, black_level_dn, dark)
     unit = 2**shift
     return Scale(
         bit_depth=depth,

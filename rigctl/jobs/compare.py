@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rigctl.comparison.checks import registration_of, run_checks
+from rigctl.comparison.checks import nothing_tested, registration_of, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
 from rigctl.comparison.comparison import Comparison, compare_with_scene
@@ -126,7 +126,7 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
     """Return a comparison with what the run says of itself: its checks, its faults, and what cannot be judged."""
     measurement, diagnosis = seen.measurement, seen.diagnosis
     registered = registration_of(measurement)
-    checks = run_checks(measurement, registered, diagnosis)
+    checks = (*run_checks(measurement, registered, diagnosis), *nothing_tested(comparison.rows, comparison.not_tested))
     means = {name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()}
     budgets = with_registration(comparison.budgets, measurement, regions=regions, found=registered, means=means)
     unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)

@@ -8,7 +8,7 @@ from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.input_attribution import InputAttribution
-from rigctl.comparison.verdict import VERDICT_WORDS, refusals
+from rigctl.comparison.verdict import VERDICT_WORDS, refusals, reservations, said_of, unjudged_lines
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import UNSEEN
@@ -63,8 +63,8 @@ def comparison_report(found: ComparedRun) -> Report:
 def verdict(comparison: Comparison) -> str:
     """Return the verdict in a sentence, with what it is held with."""
     found = comparison.verdict
-    flags = ", ".join(check.name for check in comparison.flags)
-    flagged = f" Flagged: {flags}." if flags else ""
+    held_with = reservations(comparison.checks, comparison.regions)
+    flagged = f" {held_with[:1].upper()}{held_with[1:]}." if held_with else ""
     if found == "cannot_be_judged":
         return f"Model and measurement cannot be judged: the run is unsound.{flagged}"
     if not any(row.agrees is not None for row in comparison.rows):
@@ -75,9 +75,8 @@ def verdict(comparison: Comparison) -> str:
 def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
     for refusal in refusals(comparison.checks):
         yield "Refused:", refusal
-    for name, found in comparison.regions.items():
-        if found.verdict == "cannot_be_judged":
-            yield f"{name} cannot be judged:", found.reason
+    for line in unjudged_lines(comparison.regions, comparison.checks):
+        yield "", line
     for weak in comparison.weak:
         yield "Hardly tested:", weak
     tests = sum(row.agrees is not None for row in comparison.rows)
@@ -91,8 +90,8 @@ def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
         yield f"Points to {cause}:", advice
     if comparison.attribution is not None and comparison.disagreements:
         yield "What would explain it:", comparison.attribution.remark + "."
-    for check in comparison.flags:
-        yield f"Flagged: {check.name}:", check.text
+    for title, text in said_of(comparison.checks, "flagged"):
+        yield f"{title[:1].upper()}{title[1:]}:", text
 
 
 def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:

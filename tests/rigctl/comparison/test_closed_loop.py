@@ -63,12 +63,19 @@ def test_means_are_no_test_of_themselves(tmp_path):
 
 
 def test_one_cycle_without_calibration_tests_the_law_alone(tmp_path):
-    found = _compared(_run(tmp_path, cycles=1), None)
+    found = _compared(_run(tmp_path, cycles=1, dolp=0.05, level_e=800.0), None)
     assert {(row.quantity, row.statistic) for row in found.rows if row.agrees is not None} == {
         ("dolp_pixels", "mean"), ("dolp_pixels", "std"), ("dolp_snr", "mean"),
     }  # fmt: skip
     assert found.agrees
     assert any("no noise calibration" in text for text in found.not_tested)
+
+
+def test_numbers_that_stand_beside_themselves_are_said_and_not_counted(tmp_path):
+    # DoLP 0.3 at a signal-to-noise of 16: its mean over pixels is that of their mean, and so is its deviation.
+    found = _compared(_run(tmp_path, cycles=1), None)
+    assert not [row for row in found.rows if row.agrees is not None]
+    assert any("a: dolp_pixels mean" in text and "beside itself" in text for text in found.not_tested)
 
 
 def test_pixels_that_are_not_gaussian_are_found(tmp_path):
@@ -83,6 +90,8 @@ def test_pixels_that_are_not_gaussian_are_found(tmp_path):
         frames.append((at(record.polarizer_angle_deg, black_level_dn=BLACK_DN), counts))
     found = _compared(make_run(tmp_path / "mixed", frames), None)
     assert not found.agrees
+    # Nobody gave a noise calibration: nothing points there.
+    assert found.diagnosis.points_to == ("not-normal",)
 
 
 def test_texture_of_one_half_predicts_the_other_with_standard_normal_scores(tmp_path):
