@@ -30,7 +30,7 @@ NOT_TESTED = (
 
 # Both sides come from the same pixels: where their difference is known so much better than either, they are one number.
 _BESIDE_ITSELF = 0.1
-_ONE_NUMBER = "pixels so far above their noise that the law gives back what it was made from: each number would stand beside itself"
+_ONE_NUMBER = "so far above the noise that the law gives back what it was made from: a number would stand beside itself"
 
 
 def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | None, alpha: float) -> Comparison:
