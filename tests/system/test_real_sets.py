@@ -199,8 +199,8 @@ def test_a_tone_mapped_picture_has_its_response_named_first_and_every_disc_repor
     for name, (_, _, aolp_deg) in DISCS.items():
         numbers = found.measurement.regions[name].quantities
         assert abs(wrapped_deg(numbers["aolp_deg"]["mean"].value - aolp_deg)) < 0.5
-        # By the source 0.43 to 0.52, over less of each disc.
-        assert 0.40 < numbers["dolp"]["mean"].value < 0.54
+        # By the source 0.43 to 0.52 instead of near 1, over another part of each disc.
+        assert 0.35 < numbers["dolp"]["mean"].value < 0.6
         assert found.comparison.regions[name].verdict == "cannot_be_judged"
         assert "response" in found.comparison.regions[name].reason
     # Of weakly polarised light alone nothing says "agree" either.
