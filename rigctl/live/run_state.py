@@ -63,7 +63,7 @@ def state_of(path: Path) -> RunState:
     events = read_events(path)
     return RunState(
         run=str(path),
-        state=_state(process, [event.event for event in events]),
+        state=session_state(process, [event.event for event in events]),
         process=process,
         frames=len(contents.frames),
         disk_free_mb=shutil.disk_usage(path).free / _BYTES_PER_MB,
@@ -72,7 +72,8 @@ def state_of(path: Path) -> RunState:
     )
 
 
-def _state(process: int | None, events: list[str]) -> State:
+def session_state(process: int | None, events: list[str]) -> State:
+    """Return how a session stands by the process that writes into its run, if any, and the names of its events."""
     last = next((name for name in reversed(events) if name not in _ASIDE), "")
     if process is not None:
         return _STATES.get(last, "running")

@@ -1,0 +1,205 @@
+// The page asks; the server answers one question at a time. A slow link gets fewer pictures, never late ones.
+"use strict";
+const $ = (id) => document.getElementById(id);
+const STATE_MS = 1000, IDLE_MS = 250, STALL_MS = 10000, LIST_MS = 5000;
+const MAPS = ["s0", "dolp", "aolp"];
+const INKS = ["#0b6fd6", "#d1495b", "#2e933c", "#8d5fd3", "#d98200", "#00838f", "#7a5200", "#5f6b73"];
+let socket = null, run = new URLSearchParams(location.search).get("run") || "", selected = null, known = {}, lastHeard = 0, newest = null, plots = {}, waiting = null, tries = 0;
+
+// The look: as the device wants it, until a person chooses.
+const wanted = () => localStorage.getItem("look") || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+const dress = () => { document.documentElement.dataset.look = wanted(); };
+dress();
+$("look").onclick = () => { localStorage.setItem("look", wanted() === "dark" ? "light" : "dark"); dress(); plots = {}; if (newest) show(newest); };
+
+const utc = (text) => (text ? text.slice(0, 19).replace("T", " ") + " UTC" : "");
+const span = (s) => { const h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60; return h ? `${h} h ${m} min` : m ? `${m} min ${Math.round(s % 60)} s` : `${Math.round(s)} s`; };
+const put = (parent, tag, text, attributes = {}) => { const node = document.createElement(tag); if (text !== undefined && text !== null) node.textContent = text; for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value); parent.append(node); return node; };
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  socket = new WebSocket(`${scheme}://${location.host}/ws`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => { tries = 0; lastHeard = Date.now(); $("lost").hidden = true; known = {}; work(socket); };
+  socket.onmessage = (event) => { lastHeard = Date.now(); if (waiting) { const tell = waiting; waiting = null; tell(event.data); } };
+  socket.onclose = lost;
+}
+function lost() {
+  const since = lastHeard ? `nothing heard since ${new Date(lastHeard).toLocaleTimeString()}` : "no connection";
+  $("lost").textContent = `${since}; trying again. What is shown is old.`;
+  $("lost").hidden = false;
+  document.body.dataset.link = "lost";
+  waiting = null;
+  setTimeout(connect, Math.min(1000 * 2 ** tries++, 5000));
+}
+const ask = (question) => new Promise((resolve, reject) => {
+  waiting = resolve;
+  const own = socket;
+  own.send(JSON.stringify({ run, ...question }));
+  setTimeout(() => { if (waiting === resolve) { own.close(); reject(new Error("stalled")); } }, STALL_MS);
+});
+const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+async function work(own) {
+  document.body.dataset.link = "up";
+  let told = 0;
+  try {
+    while (own === socket && own.readyState === WebSocket.OPEN) {
+      if (document.hidden) { await pause(IDLE_MS); continue; }
+      const each = newest && newest.runs ? LIST_MS : STATE_MS;
+      if (Date.now() - told > each) { told = Date.now(); newest = JSON.parse(await ask({ want: "state" })); show(newest); }
+      const isNew = newest.runs ? false : await pictures();
+      if (!isNew) await pause(IDLE_MS);
+    }
+  } catch (error) { if (own.readyState === WebSocket.OPEN) own.close(); }
+}
+
+async function pictures() {
+  let isNew = false;
+  const names = [selected, ...(newest.maps_of ? MAPS : [])].filter(Boolean);
+  for (const name of names) {
+    const top = Number($("dolp-top").value), key = MAPS.includes(name) ? `${name} ${top}` : name;
+    const canvas = $(MAPS.includes(name) ? name : "frame");
+    const answer = await ask({ want: "picture", name, after: canvas.dataset.key === key ? known[key] : null, dolp_top: top });
+    const length = new DataView(answer).getUint32(0), head = JSON.parse(new TextDecoder().decode(new Uint8Array(answer, 4, length)));
+    if (head.error) { $("frame-text").textContent = head.error; continue; }
+    if (answer.byteLength === 4 + length) continue;
+    const bitmap = await createImageBitmap(new Blob([new Uint8Array(answer, 4 + length)], { type: "image/jpeg" }));
+    canvas.width = bitmap.width; canvas.height = bitmap.height;
+    canvas.getContext("2d").drawImage(bitmap, 0, 0);
+    known[key] = head.sequence; canvas.dataset.key = key; canvas.dataset.sequence = head.sequence;
+    if (head.histogram && head.histogram.length) histogram(head);
+    isNew = true;
+  }
+  return isNew;
+}
+
+function show(state) {
+  $("version").textContent = state.rigctl || "";
+  if (state.error) { $("advice").textContent = state.error; $("advice").hidden = false; return; }
+  $("list").hidden = !state.runs; $("one").hidden = Boolean(state.runs);
+  $("back").hidden = !run;
+  if (state.runs) return list(state.runs);
+  document.title = `${state.run}: ${state.state}`;
+  $("run").textContent = state.session ? `${state.run} (${state.session})` : state.run;
+  const since = ["stale", "interrupted", "finished", "stopped", "holding", "waiting"].includes(state.state) && state.since_utc ? ` since ${utc(state.since_utc)}` : "";
+  $("state").textContent = state.state + since; $("state").className = `pill ${state.state}`;
+  $("simulated").hidden = !state.is_simulated;
+  $("advice").textContent = state.advice; $("advice").hidden = !state.advice;
+  facts(state); angles(state.newest); hands(state); curves(state.curves);
+  $("maps-of").textContent = state.maps_of ? `(${state.maps_of})` : "(none yet)";
+  $("events").replaceChildren(); for (const one of state.events) put($("events"), "li", `${utc(one.utc)}  ${one.event}  ${one.facts}`);
+  $("problems").replaceChildren(); for (const one of state.problems) put($("problems"), "li", one);
+}
+
+function facts(state) {
+  const number = (value, digits, unit) => (value === null || value === undefined ? null : `${value.toFixed(digits)} ${unit}`);
+  const told = [
+    ["frames", state.frames_planned ? `${state.frames} of ${state.frames_planned}` : `${state.frames}`], ["last frame", state.step],
+    ["time left", state.remaining_s === null ? null : span(Math.max(0, state.remaining_s))], ["ends", state.end_utc && utc(state.end_utc)],
+    ["sun zenith", number(state.sun_zenith_deg, 1, "deg")], ["sun azimuth", number(state.sun_azimuth_deg, 1, "deg")],
+    ["camera", number(state.camera_temperature_c, 1, "\u00b0C")], ["free disk", number(state.disk_free_mb / 1000, 1, "GB")],
+    ["sum rule", last(state.curves && state.curves.sum_rule, 4, "")], ["drift", last(state.curves && state.curves.drift_percent_per_min, 2, "%/min")],
+  ];
+  $("facts").replaceChildren();
+  for (const [name, value] of told) if (value) { const box = put($("facts"), "div"); put(box, "dt", name); put(box, "dd", value); }
+}
+const last = (values, digits, unit) => { const found = (values || []).filter((v) => v !== null); return found.length ? `${found[found.length - 1].toFixed(digits)} ${unit}` : null; };
+
+function angles(frames) {
+  const names = frames.map((one) => one.name);
+  if (!names.includes(selected)) selected = names[0] || null;
+  if ($("angles").dataset.names !== names.join()) {
+    $("angles").dataset.names = names.join();
+    $("angles").replaceChildren();
+    for (const name of names) put($("angles"), "button", /^-?[\d.]+$/.test(name) ? `${name}\u00b0` : name, { type: "button", role: "tab", "data-name": name }).onclick = () => { selected = name; angles(frames); };
+  }
+  for (const button of $("angles").children) button.setAttribute("aria-selected", button.dataset.name === selected);
+  const one = frames.find((frame) => frame.name === selected);
+  $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : one.exposure_ms.toPrecision(4) + " ms"}, ${(100 * one.clipped).toPrecision(2)} % saturated (striped red); stretched for the eye` : "no frame yet";
+}
+
+function hands(state) {
+  $("hands").hidden = state.right !== "act" || !state.hands;
+  const going = ["live", "holding", "waiting", "stale"].includes(state.state);
+  $("hold").disabled = !going || state.state === "holding"; $("stop").disabled = !going;
+  $("resume").disabled = !["holding", "stopped", "interrupted"].includes(state.state);
+}
+for (const [name, question] of [["hold", "Hold the session after this frame?"], ["resume", "Go on with the session?"], ["stop", "Stop the session after this frame?"]]) {
+  $(name).onclick = async () => {
+    $("question").textContent = question; $("ask").showModal();
+    await new Promise((resolve) => $("ask").addEventListener("close", resolve, { once: true }));
+    if ($("ask").returnValue !== "yes") return;
+    const response = await fetch(`/api/${name}?run=${encodeURIComponent(run)}`, { method: "POST" });
+    $("done").textContent = response.ok ? `${name}: asked` : `${name}: ${(await response.text()).slice(0, 200)}`;
+  };
+}
+
+const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const clock = (_, splits) => splits.map((t) => new Date(t * 1e3).toISOString().slice(11, 19));
+const digits = (_, splits) => { const step = splits.length > 1 ? Math.abs(splits[1] - splits[0]) : 1, n = Math.min(8, Math.max(0, 1 - Math.floor(Math.log10(step || 1)))); return splits.map((v) => v.toFixed(n)); };
+const axes = (x, y, isTime) => [x, y].map((label, i) => ({ label, values: isTime && !i ? clock : digits, space: i ? 30 : 80, stroke: style("--ink"), grid: { stroke: style("--line"), width: 0.5 }, ticks: { stroke: style("--line") }, size: i ? 78 : 46 }));
+function draw(id, title, xLabel, yLabel, series, data, bands = [], isTime = false, scales = {}) {
+  const box = $(id), width = Math.max(280, Math.min(box.clientWidth || 700, 1200)), key = JSON.stringify([title, xLabel, width, series.map((s) => s.label)]);
+  if (plots[id] && plots[id].key === key) { plots[id].plot.setData(data); return; }
+  box.replaceChildren();
+  if (!data[0].length) return;
+  const plot = new uPlot({ title, width, height: 240, scales: { x: { time: isTime }, ...scales }, axes: axes(xLabel, yLabel, isTime), series: [{ label: xLabel }, ...series], legend: { live: false }, cursor: { show: false }, bands, tzDate: (ts) => uPlot.tzDate(new Date(ts * 1e3), "Etc/UTC") }, data, box);
+  plots[id] = { key, plot };
+}
+function histogram(head) {
+  const counts = head.histogram.map((n) => Math.log10(n + 1));
+  draw("histogram", "", "counts [share of the range]", "log10(pixels + 1)", [{ label: "pixels", stroke: style("--ink"), fill: style("--line"), points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) }], [counts.map((_, i) => i / counts.length), counts]);
+}
+function curves(found) {
+  if (!found) return;
+  $("read").textContent = found.frames_read < found.frames_there ? `(${found.frames_read} of ${found.frames_there} frames read)` : "";
+  const bySun = $("against").value === "sun" && found.sun_zenith_deg.some((z) => z !== null);
+  const x = bySun ? found.sun_zenith_deg : found.time_s, xLabel = bySun ? "zenith angle of the sun [deg]" : "time (UTC)";
+  const order = x.map((_, i) => i).filter((i) => x[i] !== null).sort((a, b) => x[a] - x[b]);
+  const at = (values) => order.map((i) => values[i]), xs = at(x);
+  const points = () => ({ show: true, size: 6 }); // the library changes what it is given
+  const lines = (pick) => found.regions.map((r, i) => ({ label: r.name, stroke: INKS[i % INKS.length], width: 2, points: points(), data: at(pick(r)) }));
+  const plain = (id, title, y, pick, scales) => { const s = lines(pick); draw(id, title, xLabel, y, s, [xs, ...s.map((one) => one.data)], [], !bySun, scales); };
+  const series = [], data = [xs], bands = [];
+  found.regions.forEach((r, i) => {
+    const ink = INKS[i % INKS.length], add = (sign) => at(r.dolp).map((v, k) => { const s = at(r.dolp_std)[k]; return v === null || s === null ? null : v + sign * s; });
+    series.push({ label: r.name, stroke: ink, width: 2, points: points() }); data.push(at(r.dolp));
+    if (r.dolp_std.some((s) => s !== null)) {
+      series.push({ label: "+1 sigma", stroke: ink + "55", width: 1, points: { show: false } }, { label: "-1 sigma", stroke: ink + "55", width: 1, points: { show: false } });
+      data.push(add(1), add(-1)); bands.push({ series: [series.length - 1, series.length], fill: ink + "33" });
+    }
+  });
+  draw("plot-dolp", "DoLP of the regions' means", xLabel, "DoLP", series, data, bands, !bySun);
+  plain("plot-aolp", "AoLP of the regions' means", "AoLP [deg]", (r) => r.aolp_deg, { y: { range: [0, 180] } });
+  plain("plot-light", "S0 of the regions' means", "S0 [DN/s]", (r) => r.light_dn_per_s);
+  draw("plot-sum", "Sum rule of the picture", xLabel, "(I0 + I90) / (I45 + I135)", [{ label: "sum rule", stroke: style("--ink"), width: 2, points: points() }], [xs, at(found.sum_rule)], [], !bySun);
+}
+$("against").onchange = () => { plots = {}; if (newest && newest.curves) curves(newest.curves); };
+$("dolp-top").onchange = () => { $("top").textContent = $("dolp-top").value; };
+$("back").onclick = (event) => { event.preventDefault(); go(""); };
+window.onpopstate = () => location.reload();
+window.onresize = () => { plots = {}; if (newest && newest.curves) curves(newest.curves); };
+function go(name) { history.pushState(null, "", name ? `?run=${encodeURIComponent(name)}` : "?"); location.reload(); }
+
+function list(rows) {
+  $("run").textContent = "runs"; $("state").textContent = `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
+  document.title = "rigctl: runs";
+  const body = document.createDocumentFragment();
+  for (const row of rows) {
+    const line = put(body, "tr");
+    const thumb = put(put(line, "td"), "img", null, { alt: "", loading: "lazy", src: `/api/frame/thumb?run=${encodeURIComponent(row.run)}` });
+    thumb.onerror = () => thumb.remove();
+    const link = put(put(line, "td"), "a", row.run, { href: `?run=${encodeURIComponent(row.run)}` });
+    link.onclick = (event) => { event.preventDefault(); go(row.run); };
+    put(line, "td", row.state, { class: row.state, "data-of": "state" });
+    put(line, "td", utc(row.begun_utc), { "data-of": "begun" });
+    put(line, "td", row.frames, { class: "number", "data-of": "frames" });
+    put(line, "td", row.sun_zenith_deg === null ? "" : row.sun_zenith_deg.toFixed(1), { class: "number", "data-of": "sun zenith [deg]" });
+    put(line, "td", row.verdict, { "data-of": "verdict" });
+    const pages = put(line, "td", null, { "data-of": "pages" });
+    for (const name of row.pages) { put(pages, "a", name, { href: `/api/document/${encodeURIComponent(row.run)}/${encodeURIComponent(name)}`, target: "_blank", rel: "noopener" }); pages.append(" "); }
+  }
+  $("rows").replaceChildren(body);
+}
+connect();

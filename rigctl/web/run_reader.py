@@ -1,0 +1,337 @@
+"""A run as it stands now, for a page that asks each second: only what is new is read, and nothing is written."""
+
+import shutil
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from rigctl.errors import DataError
+from rigctl.numbers.utc_time import NS_PER_S, utc_text
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.live_status import STATUS_FILE, read_status
+from rigctl.runs.run_events import EVENTS_FILE, RunEvent, event_facts, read_events
+from rigctl.runs.run_folder import MANIFEST_FILE, Run
+from rigctl.runs.run_lock import writing_process
+from rigctl.runs.run_state import State, session_state
+from rigctl.web.history_reader import HistoryReader
+from rigctl.web.pictures import CyclePictures, Picture, map_pictures, picture_of, smaller
+from rigctl.web.run_look import Curves, Happening, Liveliness, NewestFrame, RunLook, RunRow
+from rigctl.web.run_tail import RunTail
+
+T = TypeVar("T")
+MAPS = ("s0", "dolp", "aolp")
+THUMB = "thumb"
+MOST_WIDTH = 800
+_THUMB_WIDTH = 160
+_EVENTS = 30
+# A frame of an angle that is not among so many of the last is of an earlier take.
+_RECENT = 64
+_BYTES_PER_MB = 1e6
+_MS_PER_S = 1e3
+_STALE_S = 30.0
+_KEPT = 24
+_LEAST_ANGLES = 3
+_LIVELINESS: dict[State, Liveliness] = {
+    "running": "live",
+    "holding": "holding",
+    "waiting": "waiting",
+    "finished": "finished",
+    "stopped": "stopped",
+    "interrupted": "interrupted",
+}
+_ADVICE: dict[Liveliness, str] = {
+    "holding": "it holds between two frames: rigctl resume {run}",
+    "stale": "a process holds the run and has written nothing since: look at its terminal",
+    "stopped": "go on with: rigctl resume {run}",
+    "interrupted": "go on with: rigctl resume {run}",
+}
+
+
+class RunReader:
+    """Reads one run for all who look at it. May be asked from several threads.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder; it may come later.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._reading, self._drawing = threading.Lock(), threading.Lock()
+        self._tail, self._history = RunTail(path), HistoryReader()
+        self._made: OrderedDict[tuple[object, ...], dict[str, Picture]] = OrderedDict()
+
+    def look(self) -> RunLook:
+        """Return how the run stands; what cannot be read of it stands among its problems."""
+        if not self._path.is_dir():
+            return RunLook(run=self._path.name, state="waiting", advice="there is no such folder yet")
+        problems: list[str] = []
+        run = _or_problem(self._run, problems)
+        events = _or_problem(lambda: read_events(self._path), problems) or []
+        process = _or_problem(lambda: writing_process(self._path), problems)
+        state = session_state(process, [event.event for event in events])
+        liveliness = _LIVELINESS[state] if run is not None else "waiting"
+        look = RunLook(
+            run=self._path.name,
+            state=self._stale_or(liveliness),
+            disk_free_mb=shutil.disk_usage(self._path).free / _BYTES_PER_MB,
+            events=tuple(map(_happening, reversed(events[-_EVENTS:]))),
+        )
+        look = replace(look, since_utc=self._since(look.state, events), advice=self._advice(look.state))
+        look = look if run is None else _with_frames(look, run)
+        look = self._with_plan(look, problems)
+        return replace(look, problems=(*problems, *self._tail.problems, *filter(None, [self._history.problem])))
+
+    def curves(self) -> Curves:
+        """Return the numbers of its cycles, as far as its frames have been read.
+
+        Raises
+        ------
+        DataError
+            The run cannot be read.
+        """
+        run = self._run()
+        return Curves() if run is None else self._history.curves(run)
+
+    def newest_sequence(self, name: str) -> int | None:
+        """Return by which number a picture is told from a later one of that name; None where there is none.
+
+        Raises
+        ------
+        DataError
+            The run cannot be read.
+        """
+        run = self._run()
+        if run is None:
+            return None
+        if name in MAPS:
+            cycle = last_cycle(run.frames)
+            return cycle[-1].sequence if cycle else None
+        found = _named(run.frames, name)
+        return None if found is None else found.sequence
+
+    def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
+        """Return the newest picture of an angle or a map; None where there is none.
+
+        Parameters
+        ----------
+        name : str
+            "45" and so on, "dark", "flat", "s0", "dolp" or "aolp"; "thumb" is a small one of any angle.
+        zebra : bool
+            Whether saturated pixels are striped.
+        dolp_top : float
+            DoLP at the upper end of its colours, above 0.
+
+        Raises
+        ------
+        DataError
+            A frame is damaged.
+        """
+        run = self._run()
+        if run is None:
+            return None
+        if name in MAPS:
+            cycle = last_cycle(run.frames)
+            newest = cycle[-1].sequence if cycle else None
+            return self._kept(("maps", newest, dolp_top), lambda: _maps(run, cycle, dolp_top=dolp_top)).get(name)
+        record = _named(run.frames, name)
+        if record is None:
+            return None
+        width = _THUMB_WIDTH if name == THUMB else MOST_WIDTH
+        key = ("frame", record.sequence, zebra, width)
+        return self._kept(key, lambda: {"": _frame(run, record, zebra=zebra, most_width=width)})[""]
+
+    def begun_utc(self) -> str:
+        """Return when its folder was made; empty where it does not say."""
+        run = _or_problem(self._run, [])
+        return "" if run is None else run.created_utc
+
+    def first_frame(self) -> FrameRecord | None:
+        """Return its first frame; None where there is none."""
+        run = _or_problem(self._run, [])
+        return run.frames[0] if run is not None and run.frames else None
+
+    def _run(self) -> Run | None:
+        with self._reading:
+            return self._tail.run(self._tail.read())
+
+    def _kept(self, key: tuple[object, ...], make: Callable[[], dict[str, Picture]]) -> dict[str, Picture]:
+        with self._drawing:
+            if key not in self._made:
+                self._made[key] = make()
+            self._made.move_to_end(key)
+            while len(self._made) > _KEPT:
+                self._made.popitem(last=False)
+            return self._made[key]
+
+    def _stale_or(self, state: Liveliness) -> Liveliness:
+        return "stale" if state == "live" and time.time() - self._written_s() > _STALE_S else state
+
+    def _written_s(self) -> float:
+        """Return when the session last wrote anything, by this machine's clock."""
+        files = (self._path / name for name in (MANIFEST_FILE, EVENTS_FILE, STATUS_FILE))
+        return max((file.stat().st_mtime for file in files if file.exists()), default=0.0)
+
+    def _since(self, state: Liveliness, events: Sequence[RunEvent]) -> str:
+        if state in ("stale", "interrupted"):
+            return utc_text(int(self._written_s() * NS_PER_S)) if self._written_s() else ""
+        ends = [event.utc for event in events if event.event in ("hold", "waiting", "finished", "stopped")]
+        begins = [event.utc for event in events[:1]]
+        return (ends if ends and state != "live" else [*begins, ""])[-1 if state != "live" else 0]
+
+    def _advice(self, state: Liveliness) -> str:
+        return _ADVICE.get(state, "").format(run=self._path)
+
+    def _with_plan(self, look: RunLook, problems: list[str]) -> RunLook:
+        status = _or_problem(lambda: read_status(self._path), problems)
+        if status is None:
+            return look
+        is_going = look.state in ("live", "holding", "waiting", "stale")
+        return replace(
+            look,
+            session=status.get("session", ""),
+            frames_planned=status.get("frames_planned"),
+            remaining_s=status.get("remaining_s") if is_going else None,
+            end_utc=status.get("end_utc", "") if is_going else "",
+        )
+
+
+def run_row(path: Path) -> RunRow:
+    """Return a run as a row of a list, without what lies beside it."""
+    reader = RunReader(path)
+    look, begun_utc, first = reader.look(), reader.begun_utc(), reader.first_frame()
+    elevation_deg = None if first is None else first.sun_elevation_deg
+    return RunRow(
+        run=path.name,
+        state=look.state,
+        begun_utc=begun_utc,
+        frames=look.frames,
+        sun_zenith_deg=None if elevation_deg is None else 90.0 - elevation_deg,
+    )
+
+
+def last_cycle(frames: Sequence[FrameRecord]) -> tuple[FrameRecord, ...]:
+    """Return the frames of the newest whole cycle, one for each angle; empty where there is none.
+
+    Notes
+    -----
+    A cycle is whole once the next one has begun, or once it has as many angles as the one before. Where frames are
+    grouped by angle, it is the newest frame of each.
+    """
+    scenes = [frame for frame in frames if frame.kind == "scene" and frame.polarizer_angle_deg is not None]
+    cycles: dict[tuple[int | None, int | None], dict[str, FrameRecord]] = {}
+    for frame in scenes:
+        cycles.setdefault((frame.round, frame.cycle), {})[_angle_name(frame)] = frame
+    most = max(map(len, cycles.values()), default=0)
+    whole = [cycle for cycle in cycles.values() if len(cycle) == most]
+    if most < _LEAST_ANGLES:
+        return ()
+    newest = max(whole, key=lambda cycle: max(frame.sequence for frame in cycle.values()))
+    return tuple(sorted(newest.values(), key=lambda frame: frame.sequence))
+
+
+def _or_problem(read: Callable[[], T], problems: list[str]) -> T | None:
+    try:
+        return read()
+    except (DataError, OSError) as error:
+        problems.append(str(error))
+        return None
+
+
+def _with_frames(look: RunLook, run: Run) -> RunLook:
+    frames = run.frames
+    last = frames[-1] if frames else None
+    cycle = last_cycle(frames)
+    return replace(
+        look,
+        is_simulated=run.session.origin == "simulated",
+        frames=len(frames),
+        step="" if last is None else _step(last),
+        sun_zenith_deg=None if last is None or last.sun_elevation_deg is None else 90.0 - last.sun_elevation_deg,
+        sun_azimuth_deg=None if last is None else last.sun_azimuth_deg,
+        camera_temperature_c=None if last is None else last.camera_temperature_c,
+        newest=tuple(_newest_frame(name, frame) for name, frame in sorted(_newest(frames).items(), key=_place)),
+        maps_of=_step(cycle[-1]) if cycle else "",
+    )
+
+
+def _newest(frames: Sequence[FrameRecord]) -> dict[str, FrameRecord]:
+    """Return the newest frame of each angle, and the newest dark and flat, by name."""
+    found = {frame.kind: frame for frame in frames if frame.kind != "scene"}
+    scenes = [frame for frame in frames if frame.kind == "scene"][-_RECENT:]
+    return found | {_angle_name(frame): frame for frame in scenes}
+
+
+def _named(frames: Sequence[FrameRecord], name: str) -> FrameRecord | None:
+    newest = _newest(frames)
+    return next(iter(reversed(newest.values())), None) if name == THUMB else newest.get(name)
+
+
+def _angle_name(frame: FrameRecord) -> str:
+    angle_deg = frame.polarizer_angle_target_deg
+    angle_deg = frame.polarizer_angle_deg if angle_deg is None else angle_deg
+    return "scene" if angle_deg is None else f"{angle_deg:g}"
+
+
+def _place(named: tuple[str, FrameRecord]) -> tuple[int, float, str]:
+    name, frame = named
+    angle_deg = frame.polarizer_angle_target_deg
+    return (0 if frame.kind == "scene" else 1, 0.0 if angle_deg is None else angle_deg, name)
+
+
+def _newest_frame(name: str, frame: FrameRecord) -> NewestFrame:
+    return NewestFrame(
+        name=name,
+        sequence=frame.sequence,
+        utc=frame.start_utc or "",
+        exposure_ms=None if frame.exposure_s is None else frame.exposure_s * _MS_PER_S,
+        clipped=frame.saturated_fraction,
+    )
+
+
+def _step(frame: FrameRecord) -> str:
+    words: list[str] = [frame.kind]
+    words += [] if frame.round is None else [f"round {frame.round + 1}"]
+    words += [] if frame.cycle is None else [f"cycle {frame.cycle + 1}"]
+    words += [] if frame.polarizer_angle_deg is None else [f"{frame.polarizer_angle_deg:.2f} deg"]
+    return ", ".join(words)
+
+
+def _happening(event: RunEvent) -> Happening:
+    return Happening(utc=event.utc, event=event.event, facts=event_facts(event))
+
+
+def _frame(run: Run, record: FrameRecord, *, zebra: bool, most_width: int) -> Picture:
+    return picture_of(run.counts(record), saturation_dn=record.saturation_dn, most_width=most_width, zebra=zebra)
+
+
+def _maps(run: Run, cycle: Sequence[FrameRecord], *, dolp_top: float) -> dict[str, Picture]:
+    if not cycle:
+        return {}
+    frames = np.stack([smaller(run.counts(record), most_width=MOST_WIDTH) for record in cycle])
+    ratio = run.session.polarizer.extinction_ratio
+    pictures = CyclePictures(
+        frames=frames,
+        angles_rad=np.deg2rad([record.polarizer_angle_deg or 0.0 for record in cycle]),
+        dark_dn=np.array([_dark_dn(run, record) for record in cycle]),
+        extinction_ratio=np.inf if ratio is None else ratio,
+    )
+    try:
+        return map_pictures(pictures, dolp_top=dolp_top)
+    except ValueError as error:
+        raise DataError(f"{run.path}: no maps: {error}") from error
+
+
+def _dark_dn(run: Run, record: FrameRecord) -> float:
+    """Return the level without light: of the newest dark frame of that exposure, else of the camera's black level."""
+    darks = [frame for frame in run.frames if frame.kind == "dark" and frame.exposure_s == record.exposure_s]
+    if darks:
+        return float(run.counts(darks[-1]).mean())
+    return record.black_level_dn or 0.0
