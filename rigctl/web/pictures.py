@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 _DARKEST, _BRIGHTEST = 0.005, 0.995
 _QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 80)
 _STRIPE_PIXELS = 6
-_ZEBRA_BGR = (40, 40, 255)
+_ZEBRA_BGR = ((60, 60, 255), (0, 0, 130))
 _GREY = 128.0
 _BINS = 64
 # AoLP fades out where it is known to less than this.
@@ -91,7 +91,8 @@ def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: 
         striped = smaller(clipped.astype(np.uint8), most_width=most_width) > 0.0
         rows, columns = np.ogrid[: len(striped), : len(striped[0])]
         shown = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-        shown[striped & ((rows + columns) // _STRIPE_PIXELS % 2 == 0)] = _ZEBRA_BGR
+        bright = (rows + columns) // _STRIPE_PIXELS % 2 == 0
+        shown[striped & bright], shown[striped & ~bright] = _ZEBRA_BGR
     return Picture(
         jpeg=_jpeg(shown),
         histogram=_histogram(counts, saturation_dn=saturation_dn),

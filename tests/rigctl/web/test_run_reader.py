@@ -1,0 +1,123 @@
+"""What a page reads of a run, against the run itself."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rigctl.session.take_session import take_session
+from rigctl.web.pictures import picture_of
+from rigctl.web.run_reader import RunReader, last_cycle
+from rigctl.web.sources import RunsOfFolder, source_at
+from tests.rigctl.example_files import small_rig, small_session
+from tests.rigctl.made_runs import at, make_run
+
+RNG = np.random.default_rng(4)
+
+
+def frames(*, angles: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0), cycles: int = 2) -> list:
+    """Return frames of light of S = (1000, 300, 400)."""
+    found = []
+    for cycle in range(cycles):
+        for angle in angles:
+            twice = 2.0 * np.deg2rad(angle)
+            mean = 0.5 * (1000.0 + 300.0 * np.cos(twice) + 400.0 * np.sin(twice))
+            found.append((at(angle, cycle=cycle, exposure_s=0.01), RNG.normal(mean, 3.0, (32, 40)).round()))
+    return found
+
+
+def test_a_run_that_is_yet_to_come_is_waited_for(tmp_path: Path) -> None:
+    reader = RunReader(tmp_path / "run")
+    assert reader.look().state == "waiting"
+    assert reader.picture("0") is None
+    make_run(tmp_path / "run", frames())
+    assert reader.look().state == "finished"
+    assert reader.look().frames == 8
+    assert reader.picture("0") is not None
+
+
+def test_frames_that_come_are_read_once_and_shown(tmp_path: Path) -> None:
+    make_run(tmp_path / "run", frames(cycles=1))
+    manifest = tmp_path / "run" / "manifest.jsonl"
+    lines = manifest.read_bytes().splitlines(keepends=True)
+    manifest.write_bytes(b"".join(lines[:2]) + lines[2][:40])
+    reader = RunReader(tmp_path / "run")
+    assert [one.name for one in reader.look().newest] == ["0", "45"]
+    manifest.write_bytes(b"".join(lines))
+    look = reader.look()
+    assert [one.name for one in look.newest] == ["0", "45", "90", "135"]
+    assert look.problems == ()
+
+
+def test_a_damaged_line_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:
+    make_run(tmp_path / "run", frames(cycles=1))
+    manifest = tmp_path / "run" / "manifest.jsonl"
+    manifest.write_bytes(manifest.read_bytes().replace(b'"cycle": 0', b'"cycle": 7', 1))
+    look = RunReader(tmp_path / "run").look()
+    assert look.frames == 3
+    assert any("manifest" in problem for problem in look.problems)
+
+
+def test_maps_are_of_the_last_whole_cycle(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", frames(cycles=2)[:-1])
+    assert {frame.cycle for frame in last_cycle(run.frames)} == {0}
+    reader = RunReader(tmp_path / "run")
+    picture = reader.picture("dolp")
+    assert picture is not None
+    shown = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    # DoLP is 0.5 all over: the colour half-way up viridis, to what JPEG leaves.
+    middle = cv2.applyColorMap(np.full((1, 1), 127, np.uint8), cv2.COLORMAP_VIRIDIS)[0, 0]
+    assert np.abs(shown.reshape(-1, 3).mean(axis=0) - middle).max() < 6
+    assert reader.picture("dolp", dolp_top=0.5).jpeg != picture.jpeg
+
+
+def test_a_single_saturated_pixel_is_striped_in_a_picture_made_smaller() -> None:
+    counts = np.full((400, 4000), 100, np.uint16)
+    counts[200:232, 2000:2032] = 4095
+    picture = picture_of(counts, saturation_dn=4095, most_width=400, zebra=True)
+    shown = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    assert shown.shape == (40, 400, 3)
+    assert (shown[..., 2] - shown[..., 0]).max() > 60
+    assert picture.clipped == 32 * 32 / counts.size
+    assert sum(picture.histogram) == counts.size
+
+
+@pytest.mark.parametrize("name", ["../session", "s0/../..", "", "nan", "45; rm", "thumb\x00"])
+def test_a_name_that_is_not_known_gives_nothing(tmp_path: Path, name: str) -> None:
+    make_run(tmp_path / "run", frames())
+    assert RunReader(tmp_path / "run").picture(name) is None
+    assert RunsOfFolder(tmp_path).reader(name) is None
+    assert RunsOfFolder(tmp_path).document("run", name) is None
+
+
+def test_a_session_has_curves_of_its_cycles(tmp_path: Path) -> None:
+    take_session(small_rig(tmp_path), small_session(cycles=2), tmp_path / "run", files={})
+    reader = RunReader(tmp_path / "run")
+    curves = reader.curves()
+    for _ in range(200):
+        curves = reader.curves()
+        if curves.frames_read == curves.frames_there:
+            break
+    assert [region.name for region in curves.regions] == ["picture"]
+    assert len(curves.time_s) == 2
+    assert all(0.0 < value < 1.0 for value in curves.regions[0].dolp)
+    assert reader.look().is_simulated
+
+
+def test_a_folder_lists_its_runs_with_what_lies_beside_them(tmp_path: Path) -> None:
+    make_run(tmp_path / "run", frames())
+    make_run(tmp_path / "other", frames(cycles=1))
+    (tmp_path / "compared").mkdir()
+    content = {"verdict": "agrees_with_reservations", "provenance": {"run": {"path": "runs/run"}}}
+    (tmp_path / "compared" / "comparison.json").write_text(json.dumps(content))
+    (tmp_path / "compared" / "report.html").write_text("<p>report</p>")
+    (tmp_path / "run-summary.html").write_text("<p>summary</p>")
+    source = source_at(tmp_path)
+    rows = {row.run: row for row in source.rows()}
+    assert rows["run"].verdict == "agrees with reservations"
+    assert rows["run"].pages == ("summary", "compared")
+    assert (rows["other"].verdict, rows["other"].pages, rows["other"].frames) == ("", (), 4)
+    assert source.document("run", "compared") == b"<p>report</p>"
+    assert source.document("run", "summary") == b"<p>summary</p>"

@@ -1,0 +1,138 @@
+"""A run watched over the network, as programs and people do it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from http.client import HTTPConnection
+from pathlib import Path
+from socket import create_connection
+from urllib.parse import urlsplit
+
+import pytest
+from websockets.sync.client import connect
+
+from rigctl.cli import main
+from rigctl.session.take_session import take_session
+from tests.rigctl.example_files import small_rig, small_session
+
+CHROMIUM = shutil.which("chromium")
+
+
+@contextmanager
+def watched(*words: str) -> Iterator[str]:
+    """Serve a page by the command, and give its address."""
+    command = [sys.executable, "-m", "rigctl", "watch", *words, "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            told = json.loads(process.stdout.readline())
+            assert told["act_url"] is None
+            yield told["look_url"]
+        finally:
+            process.terminate()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    take_session(small_rig(folder), small_session(cycles=2), folder / "run", files={})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Iterator[str]:
+    with watched(str(folder / "run")) as address:
+        yield address
+
+
+def asked(page: str, path: str, *, method: str = "GET", **headers: str) -> tuple[int, bytes]:
+    place = urlsplit(page)
+    token = place.query.removeprefix("token=")
+    with closing(HTTPConnection(place.hostname, place.port, timeout=20)) as connection:
+        connection.request(method, path, headers={"Authorization": f"Bearer {token}"} | headers)
+        with connection.getresponse() as response:
+            return response.status, response.read()
+
+
+def test_state_and_frames_are_answered_by_their_contract_names(page: str) -> None:
+    status, content = asked(page, "/api/state")
+    state = json.loads(content)
+    assert (status, state["state"], state["frames"], state["right"]) == (200, "finished", 10, "look")
+    assert [one["name"] for one in state["newest"]] == ["0", "45", "90", "135", "dark"]
+    assert asked(page, "/api/frame/45")[1].startswith(b"\xff\xd8")
+    assert asked(page, "/api/frame/46")[0] == 404
+    assert asked(page, "/api/frame/%2e%2e%2fsession.json")[0] == 404
+    assert asked(page, "/api/hold", method="POST")[0] == 403
+
+
+def test_nobody_gets_in_without_the_token(page: str) -> None:
+    for path in ("/", "/api/state", "/watch.js", "/api/frame/45"):
+        assert asked(page, path, Authorization="Bearer guessed")[0] == 401
+    assert asked(page, "/api/state", Host="evil.example")[0] == 421
+
+
+def test_the_socket_answers_pictures_only_where_they_are_new(page: str) -> None:
+    place = urlsplit(page)
+    headers = {"Authorization": "Bearer " + place.query.removeprefix("token=")}
+    with connect(f"ws://{place.netloc}/ws", additional_headers=headers, open_timeout=20) as socket:
+        socket.send(json.dumps({"want": "picture", "name": "90"}))
+        answer = socket.recv(timeout=20)
+        length = int.from_bytes(answer[:4], "big")
+        head = json.loads(answer[4 : 4 + length])
+        assert answer[4 + length :].startswith(b"\xff\xd8")
+        assert sum(head["histogram"]) == 96 * 48
+        socket.send(json.dumps({"want": "picture", "name": "90", "after": head["sequence"]}))
+        answer = socket.recv(timeout=20)
+        assert len(answer) == 4 + int.from_bytes(answer[:4], "big")
+        socket.send("[" * 900)
+        with pytest.raises(Exception, match="1008"):
+            socket.recv(timeout=20)
+
+
+def test_the_page_goes_on_beside_two_hundred_idle_connections_and_a_huge_body(page: str) -> None:
+    place = urlsplit(page)
+    idle = [create_connection((place.hostname, place.port), timeout=20) for _ in range(200)]
+    try:
+        assert asked(page, "/api/state")[0] == 200
+        assert asked(page, "/api/hold", method="POST", **{"Content-Length": "100000000"})[0] in (403, 413)
+        assert asked(page, "/api/state")[0] == 200
+    finally:
+        for one in idle:
+            one.close()
+
+
+def test_a_place_where_nothing_can_be_is_refused(tmp_path: Path) -> None:
+    for words in ([str(tmp_path / "no" / "run")], [str(tmp_path), "--listen", "nowhere"], [__file__]):
+        assert main(["watch", *words]) == 2
+
+
+@pytest.mark.skipif(
+    CHROMIUM is None and not os.environ.get("RIGCTL_REQUIRE_BROWSER"),
+    reason="needs Debian's chromium and rigctl[browser]",
+)
+@pytest.mark.parametrize(("width", "height"), [(1280, 900), (360, 740)])
+def test_a_browser_shows_the_run_and_loads_nothing_from_elsewhere(page: str, width: int, height: int) -> None:
+    sync_api = pytest.importorskip("playwright.sync_api", exc_type=ImportError)
+    problems: list[str] = []
+    asked_for: list[str] = []
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        tab = browser.new_page(viewport={"width": width, "height": height})
+        tab.on("console", lambda message: problems.append(message.text))
+        tab.on("pageerror", lambda error: problems.append(str(error)))
+        tab.on("request", lambda request: asked_for.append(urlsplit(request.url).netloc))
+        tab.goto(page)
+        tab.wait_for_selector("#aolp[data-sequence]", timeout=30_000)
+        tab.wait_for_selector("#plot-dolp canvas", timeout=30_000)
+        assert tab.inner_text("#state").startswith("finished")
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        assert "token" not in tab.url
+        tab.click("#angles button[data-name='90']")
+        assert tab.get_attribute("#angles button[data-name='90']", "aria-selected") == "true"
+        browser.close()
+    assert problems == []
+    assert set(asked_for) == {urlsplit(page).netloc}
