@@ -12,13 +12,13 @@ from typing import TypeVar
 import numpy as np
 
 from rigctl.errors import DataError
+from rigctl.live.live_status import STATUS_FILE, read_status
+from rigctl.live.run_state import State, session_state
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.live_status import STATUS_FILE, read_status
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, event_facts, read_events
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.runs.run_lock import writing_process
-from rigctl.runs.run_state import State, session_state
 from rigctl.web.history_reader import HistoryReader
 from rigctl.web.pictures import CyclePictures, Picture, map_pictures, picture_of, smaller
 from rigctl.web.run_look import Curves, Happening, Liveliness, NewestFrame, RunLook, RunRow
@@ -196,10 +196,10 @@ class RunReader:
         is_going = look.state in ("live", "holding", "waiting", "stale")
         return replace(
             look,
-            session=status.get("session", ""),
-            frames_planned=status.get("frames_planned"),
-            remaining_s=status.get("remaining_s") if is_going else None,
-            end_utc=status.get("end_utc", "") if is_going else "",
+            session=status.session,
+            frames_planned=status.frames_planned,
+            remaining_s=status.progress.remaining_s if status.progress is not None and is_going else None,
+            end_utc=status.progress.end_utc if status.progress is not None and is_going else "",
         )
 
 
