@@ -7,23 +7,43 @@ nothing of a frame, a label or the set of frames, such as an empty line behind a
 """
 
 import argparse
+import contextlib
+import io
 import random
 import shutil
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from rigctl.errors import DataError
+import rigctl
+from rigctl import cli
+from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.verify import verify
-from rigctl.runs.run_folder import read_contents, read_run
-from rigctl.runs.wholeness import wholeness
+from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import small_rig, small_session
 
 _LOOSE = ("status.json", "writer.lock")
+# One reader a case, in turn; the quick ones more often.
+_READERS: tuple[tuple[str, ...] | None, ...] = (
+    ("export", "RUN", "--to", "tiff", "--out", "OUT"),
+    None,
+    ("info", "RUN", "--json"),
+    ("calibrate", "radiometric", "RUN", "--panel", "left", "--scene", "scene.toml", "--out", "OUT.json"),
+    ("calibrate", "axis", "RUN", "--reference-deg", "0", "--reference-deg", "0", "--out", "OUT.json"),
+    ("export", "RUN", "--to", "hdf5", "--out", "OUT.h5"),
+    None,
+    ("detect", "RUN", "--background", "left", "--target", "right", "--scene", "scene.toml", "--out", "OUT"),
+    ("stokes", "RUN", "--out", "OUT", "--json"),
+    ("summary", "RUN", "--out", "OUT.html"),
+    ("compare", "RUN", "scene.toml", "--out", "OUT"),
+)
+_SAYING = ("unfinished", "damaged", "not to be trusted", "missing", "cannot be read")
+_HEAVY, _HEAVY_SHARE = ("compare",), 0.2
 Damage = Callable[[Path, random.Random], str]
 
 
@@ -42,26 +62,63 @@ def damaged_copy(run: Path, out: Path, case: random.Random) -> str:
     return case.choice(_DAMAGES)(out, case)
 
 
-def fault(run: Path, whole: Path) -> str | None:
-    """Return what was let pass in a damaged run, or None."""
-    if verify(run).state == "whole" and not _is_same(run, whole):
+def fault(run: Path, whole: Path, reader: tuple[str, ...] | None) -> str | None:
+    """Return what was let pass in a damaged run by `verify` and one reader (None: the Python interface), or None."""
+    is_same = _is_same(run, whole)
+    if not is_same and verify(run).state == "whole":
         return "verify calls it whole"
-    try:
-        read = read_run(run)
-        for record in read.frames:
-            read.counts(record)
-    except DataError:
+    said = _said_by_python(run) if reader is None else _said_by(reader, run)
+    if reader is not None and reader[0] == "info":
+        is_same = is_same or _has_same_labels(run, whole)  # it looks into no frame
+    if said is None or is_same or any(word in said for word in _SAYING):
         return None
-    if wholeness(run, read_contents(run)).state == "whole" and not _is_same(run, whole):
-        return "a reader says nothing"
-    return None
+    return f"{'open_run' if reader is None else ' '.join(reader)} gives numbers and says nothing"
+
+
+def _said_by(reader: tuple[str, ...], run: Path) -> str | None:
+    """Return what a command says beside its numbers; None where it gives none."""
+    err = io.StringIO()
+    words = [
+        str(run) if word == "RUN" else str(run.parent / word) if word.startswith("OUT") else word for word in reader
+    ]
+    words = [str(run.parent / word) if word.endswith(".toml") and "/" not in word else word for word in words]
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(err):
+        code = cli.main([*words])
+    for left in run.parent.glob("OUT*"):
+        shutil.rmtree(left) if left.is_dir() else left.unlink()
+    if code not in (0, 2, 3, 4, 5):
+        return f"exit {code}"
+    return err.getvalue() if code in (0, 5) else None
+
+
+def _said_by_python(run: Path) -> str | None:
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            rigctl.open_run(run).frames()
+        except (DataError, ConfigError):
+            return None
+    return " ".join(str(one.message) for one in said)
 
 
 def _is_same(run: Path, whole: Path) -> bool:
     """Return whether frames, labels and the set of frames are what they were."""
-    now, before = read_run(run), read_run(whole)
-    same_words = (now.frames, now.session_json) == (before.frames, before.session_json)
-    return same_words and all(np.array_equal(now.counts(one), before.counts(one)) for one in now.frames)
+    before = read_run(whole)
+    try:
+        now = read_run(run)
+        if not _has_same_labels(run, whole):
+            return False
+        return all(np.array_equal(now.counts(one), before.counts(one)) for one in now.frames)
+    except DataError:
+        return False
+
+
+def _has_same_labels(run: Path, whole: Path) -> bool:
+    try:
+        now, before = read_run(run), read_run(whole)
+    except DataError:
+        return False
+    return (now.frames, now.session_json) == (before.frames, before.session_json)
 
 
 def _files(run: Path) -> list[Path]:
@@ -160,11 +217,15 @@ _DAMAGES: tuple[Damage, ...] = (
 
 def faults(cases: int, *, seed: int, folder: Path) -> list[str]:
     """Return what was let pass in so many damaged runs."""
-    whole, found = make_run(folder / "whole"), []
+    whole, found = make_run(folder), []
     for number in range(cases):
         out = folder / f"case-{number}"
-        done = damaged_copy(whole, out, random.Random(f"{seed}-{number}"))
-        problem = fault(out, whole)
+        case = random.Random(f"{seed}-{number}")
+        done = damaged_copy(whole, out, case)
+        reader = _READERS[number % len(_READERS)]
+        if reader is not None and reader[0] in _HEAVY and case.random() > _HEAVY_SHARE:
+            reader = None
+        problem = fault(out, whole, reader)
         if problem is not None:
             found.append(f"case {number} of seed {seed}: {done}: {problem}")
         shutil.rmtree(out)

@@ -107,8 +107,6 @@ def command(
         raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
     if tolerance is not None and uncertainty:
         raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
-    if write_truth is not None:
-        _write_truth(scene, write_truth, parse_changes(changes or ()))
     request = PredictRequest(
         scene=scene,
         noise=noise,
@@ -127,6 +125,8 @@ def command(
         _predict_to(request, tolerance, shown, estimated_only=estimated_only)
     else:
         _predict(request, shown, uncertainty=uncertainty)
+    if write_truth is not None:
+        _write_truth(scene, write_truth, parse_changes(changes or ()))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,6 @@
 """A run folder in Python: its frames as arrays, its Stokes parameters, the numbers of its regions."""
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +22,8 @@ from rigctl.live.run_state import state_of
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run as RunRecord
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_folder import read_contents, read_run
+from rigctl.runs.wholeness import wholeness, wholeness_remark
 
 FilePath = str | Path
 
@@ -112,11 +114,17 @@ class Run:
         """The state of its session: "finished", "stopped", "interrupted", "running", "holding" or "waiting"."""
         return state_of(self.path).state
 
+    @property
+    def wholeness(self) -> str:
+        """What `rigctl verify` says of it without looking into its frames: "whole", "unfinished" or "damaged"."""
+        return wholeness(self.path, read_contents(self.path)).state
+
     @cached_property
     def _summary(self) -> str:
         kinds = [record.kind for record in self.record.frames]
         counted = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-        return f"{len(kinds)} frames ({counted}), made {self.record.created_utc} by {self.record.created_by}"
+        not_whole = "" if self.wholeness == "whole" else f"{self.wholeness}: "
+        return f"{not_whole}{len(kinds)} frames ({counted}), made {self.record.created_utc} by {self.record.created_by}"
 
     def frames(self, kind: FrameKind | None = None) -> Frames:
         """Return the frames of a kind as one array; every checksum is tested on the way.
@@ -254,9 +262,18 @@ def open_run(path: FilePath) -> Run:
     RunFolderError
         It is no run folder, or is damaged.
 
+    Warns
+    -----
+    UserWarning
+        Its session has not finished, or something beside its frames is damaged.
+
     Examples
     --------
     >>> run = rigctl.open_run("runs/panels")  # doctest: +SKIP
     >>> run.frames(kind="scene").counts.mean(axis=(1, 2))  # doctest: +SKIP
     """
-    return Run(path=Path(path), record=read_run(Path(path)))
+    record = read_run(Path(path))
+    remark = wholeness_remark(record)
+    if remark is not None:
+        warnings.warn(remark, stacklevel=2)
+    return Run(path=Path(path), record=record)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.errors import ConfigError
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
 COLUMNS = ("figure", "panel", "label", "x", "y")
 
@@ -30,7 +31,7 @@ def read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
         It cannot be read, lacks a column, or a row is no point.
     """
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+        rows = list(csv.DictReader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     if not rows or not set(COLUMNS) <= set(rows[0]):

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigctl.runs.sealed_lines import read_lines, sealed
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 
 class Journal:
@@ -32,7 +33,7 @@ class Journal:
     """
 
     def __init__(self, path: Path, *, first_link: str | None) -> None:
-        present = path.read_bytes() if path.exists() else b""
+        present = read_bounded(path, MOST_RECORD_BYTES) if path.exists() else b""
         whole = present[: present.rfind(b"\n") + 1]
         self.lines = whole.count(b"\n")
         self.link = first_link if first_link is None else read_lines(whole, first_link).links[-1]

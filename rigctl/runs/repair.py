@@ -16,7 +16,7 @@ from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_
 from rigctl.runs.run_lock import RunLock
 from rigctl.runs.sealed_lines import sealed_all
 from rigctl.runs.verification import Finding, frame_problems
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, read_bounded
 from rigctl.storage.durable_file import PART_SUFFIX, flush_folder, write_durably
 
 DAMAGED_FOLDER = "damaged"
@@ -128,7 +128,7 @@ class _Repairer:
         name = file.relative_to(self._path).as_posix()
         final = name.removesuffix(PART_SUFFIX)
         try:
-            data = read_bounded(file, MOST_RECORD_BYTES)
+            data = read_bounded(file, MOST_OWN_FRAME_BYTES)
             record = record_from_header(decode_frame(data), file=final, checksum=file_checksum(data))
         except (DataError, OSError) as error:
             self._move_aside(name, str(error))

@@ -27,8 +27,10 @@ from rigctl.runs.frame_record import FRAME_RECORD, FrameRecord
 from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, first_link, read_description
 from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
 from rigctl.runs.session_record import SessionRecord, session_record
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, MOST_RECORD_BYTES, read_bounded
 
+# A card has 80 bytes; a header of thousands of cards is none of ours.
+_SAMPLE_BYTES, _MOST_HEADER_BYTES = 2, 1_000_000
 MANIFEST_FILE = "manifest.jsonl"
 FRAMES_FOLDER = "frames"
 
@@ -101,7 +103,7 @@ def read_frame_file(path: Path, record: FrameRecord) -> bytes:
         The file cannot be read, or its checksum differs.
     """
     try:
-        data = read_bounded(path / record.file, MOST_RECORD_BYTES)
+        data = read_bounded(path / record.file, _largest_bytes(record))
     except OSError as error:
         raise RunFolderError(f"{path / record.file}: cannot be read: {error.strerror}") from error
     found = file_checksum(data)
@@ -110,6 +112,11 @@ def read_frame_file(path: Path, record: FrameRecord) -> bytes:
             f"{path / record.file}: damaged or replaced: the manifest says {record.checksum}, the file has {found}"
         )
     return data
+
+
+def _largest_bytes(record: FrameRecord) -> int:
+    """Return what the file of a frame can have, by the size of the picture that its line in the manifest states."""
+    return min(_SAMPLE_BYTES * record.height * record.width + _MOST_HEADER_BYTES, MOST_OWN_FRAME_BYTES)
 
 
 def file_checksum(data: bytes) -> str:

@@ -11,6 +11,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import INPUTS_FOLDER
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.storage.durable_file import flush_folder, write_durably
 
 
@@ -24,7 +25,7 @@ def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
     """
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     try:
-        return {what: path.read_bytes() for what, path in (files | scene).items()}
+        return {what: read_bounded(path, MOST_TEXT_BYTES) for what, path in (files | scene).items()}
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot be read: {error.strerror}") from error
 

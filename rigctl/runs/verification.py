@@ -10,6 +10,7 @@ from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_checksum, read_contents, read_frame
 from rigctl.runs.wholeness import State, is_of_session, wholeness
+from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, read_bounded
 from rigctl.storage.durable_file import PART_SUFFIX
 
 _WHOLE = "a whole frame that the manifest does not name: not acknowledged"
@@ -135,11 +136,12 @@ def _unnamed_files(path: Path, frames: Iterable[FrameRecord]) -> list[str]:
 def _unnamed_problem(path: Path, file: str) -> str | None:
     if file.endswith(PART_SUFFIX):
         return None
-    data = (path / file).read_bytes()
     try:
+        data = read_bounded(path / file, MOST_OWN_FRAME_BYTES)
         record_from_header(decode_frame(data), file=file, checksum=file_checksum(data))
-    except DataError as error:
-        return f"not in the manifest, and no whole frame: {error}"
+    except (DataError, OSError) as error:
+        text = error.strerror if isinstance(error, OSError) else error
+        return f"not in the manifest, and no whole frame: {text}"
     return None
 
 

@@ -47,13 +47,21 @@ def used_run(path: Path) -> Run:
         As `read_run`: a line, a frame or the session file is damaged or gone.
     """
     run = read_run(path)
-    found = wholeness(path, read_contents(path))
+    remark = wholeness_remark(run)
+    if remark is not None:
+        _LOG.warning("%s", remark)
+    return run
+
+
+def wholeness_remark(run: Run) -> str | None:
+    """Return in words what is not whole about a run; None where nothing is. Its frames are not looked into."""
+    found = wholeness(run.path, read_contents(run.path))
     if found.state == "unfinished":
-        _LOG.warning("%s is unfinished: %d frames so far; `rigctl resume` goes on", path, len(run.frames))
+        return f"{run.path} is unfinished: {len(run.frames)} frames so far; `rigctl resume` goes on"
     if found.state == "damaged":
         text = "; ".join(f"{file}: {problem}" for file, problem in found.problems)
-        _LOG.warning("%s is damaged, and its numbers are not to be trusted: %s; see `rigctl verify`", path, text)
-    return run
+        return f"{run.path} is damaged, and its numbers are not to be trusted: {text}; see `rigctl verify`"
+    return None
 
 
 def wholeness(path: Path, contents: Contents) -> Wholeness:

@@ -12,6 +12,8 @@ MOST_RECORD_BYTES = 512 * _BYTES_PER_MB
 # Samples of one picture, unless --max-frame-mb says more: 134 million pixels of 16 bits.
 MOST_FRAME_MB = 268
 MOST_FRAME_BYTES = MOST_FRAME_MB * _BYTES_PER_MB
+# Of a run's own frames, which no option is needed for: 20 000 x 20 000 pixels of 16 bits and a header.
+MOST_OWN_FRAME_BYTES = 801 * _BYTES_PER_MB
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:

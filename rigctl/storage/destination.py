@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from rigctl.errors import ConfigError
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES
 
 Kind = Literal["file", "folder", "new", "edited", "run", "absent"]
 _RUN_FILES = ("session.json", "manifest.jsonl")
@@ -125,6 +126,9 @@ def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path
     for path in inputs:
         for file in sorted(_files_of_input(path)):
             with suppress(OSError), file.open("rb") as content:
+                if file.stat().st_size > MOST_RECORD_BYTES:  # nothing reads it whole, and to hash it takes long
+                    found.update(repr(file.stat()).encode())
+                    continue
                 found.update(hashlib.file_digest(content, "sha256").digest())
     return Origin(command=command, digest=found.hexdigest())
 

@@ -7,40 +7,106 @@ from pathlib import Path
 
 from tests.monkey.mutations import WILD, damage_run, damaged_bytes, damaged_json, damaged_text
 
-_IMPORT = ["--angles", "0,45,90,135", "--same-exposure", "--black-level-dn", "64", "--bit-depth", "12"]
-_IMAGES = [f"images/{k}.png" for k in range(4)]
-# What is tried, with the files that it reads. OUT is a name that is not there.
-_READERS: dict[str, tuple[list[str], ...]] = {
-    "scene.toml": (["predict", "scene.toml", "--json"], ["predict", "scene.toml"], ["surface", "scene.toml"]),
-    "session.toml": (["plan", "rig.toml", "session.toml", "--at", "2026-05-04T10:00Z", "--json"],),
-    "rig.toml": (["plan", "rig.toml", "session.toml", "--at", "2026-05-04T10:00Z", "--all"],),
-    "regions.toml": (["stokes", "run", "--out", "OUT", "--regions", "regions.toml", "--json"],),
-    "material.toml": (["surface", "material.toml", "--json"],),
-    "data.txt": (["calibrate", "noise", "--emva", "data.txt", "--out", "OUT.json"],),
-    "noise.json": (["predict", "scene.toml", "--noise", "noise.json", "--json"],),
-    "polarizer.json": (["predict", "scene.toml", "--polarizer", "polarizer.json", "--json"],),
-}
-_OF_RUNS: tuple[list[str], ...] = (
-    ["verify", "run", "--json"],
-    ["verify", "run"],
-    ["info", "run", "--json"],
-    ["status", "run"],
-    ["status", "run", "--json"],
-    ["log", "run"],
-    ["log", "run", "--json"],
-    ["stokes", "run", "--out", "OUT", "--json"],
-    ["stop", "run"],
-)
-_PLAIN: tuple[list[str], ...] = (
-    *(line for lines in _READERS.values() for line in lines),
-    *_OF_RUNS,
-    ["dolp", "--json"],
-    ["predict", "scene.toml", "--sweep", "acquisition.exposure_ms=0.01:1:3", "--json"],
-    ["import", "OUT", *_IMAGES, *_IMPORT, "--json"],
-    ["calibrate", "axis", "run", "--reference-deg", "0", "--out", "OUT.json"],
-    ["plan", "rig.toml", "session.toml", "--at", "2026-05-04T10:00Z", "--until", "2026-05-04T10:05Z"],
-)
+# Every command, with all the files that it can read. OUT is a name that is not there. The first ones take milliseconds.
+_QUICK = """
+predict scene.toml --json
+predict scene.toml
+predict scene.toml --noise noise.json --json
+predict scene.toml --uncertainty --noise noise.json --set noise.prnu=0.01
+predict scene.toml --sweep acquisition.exposure_ms=0.01:1:3 --json
+predict scene.toml --sweep acquisition.exposure_ms=0.01:1:2 --sweep sensor.f_number=2:4:2 --json
+predict scene.toml --radiometric radiometric.json --snr first-order --json
+predict scene.toml --write-truth OUT.toml
+surface scene.toml
+surface material.toml --json
+surface --list --json
+surface black-paint --sun-zenith-deg 50 --wavelength-nm 550 --shadowing smith --json
+effects scene.toml --noise noise.json --tolerance 0.01 --json
+plan rig.toml session.toml --at 2026-05-04T10:00Z --json
+plan rig.toml session.toml --at 2026-05-04T10:00Z --until 2026-05-04T10:05Z --all
+plan rig.toml session.toml --scene scene.toml --noise noise.json --frame 96x48
+acquire rig.toml session.toml --out OUT --dry-run
+acquire rig.toml session.toml --out OUT --dry-run --scene scene.toml --noise noise.json --target-dolp-sigma 0.05
+dolp estimators --json
+dolp fig5 --draws 100 --seed 3 --json
+new OUT --simulated --no-input --json
+new OUT --stage zaber:/dev/none --camera gige:192.0.2.1 --latitude-deg 43 --longitude-deg -77 --elevation-m 100
+verify run
+verify run --json
+info run
+info run --json
+status run
+status run --json
+log run --last 5
+log run --only frame --json
+hold run
+stop run
+resume run --json
+export run --to tiff --out OUT
+export run --to hdf5 --out OUT.h5
+export run --to zarr --out OUT.zarr
+calibrate noise --emva data.txt --out OUT.json
+calibrate noise --table table.csv --bit-depth 12 --out OUT.json --json
+calibrate noise --folder levels --bit-depth 12 --exposure-unit us --out OUT.json --json
+calibrate noise --run run --out OUT.json --json
+calibrate axis run --reference-deg 0 --out OUT.json
+calibrate axis scan --generator generator.csv --dolp 0.98 --out OUT.json --json
+calibrate axis scan --reference-deg 20 --expect-offset-deg 31.7 --out OUT.json --write rig.toml
+calibrate flat run --out OUT.npz --json
+calibrate radiometric run --panel left --scene scene.toml --noise noise.json --out OUT.json --json
+calibrate registration run --out OUT.json --json
+calibrate doubling noise.json radiometric.json --json
+regions mark run regions.toml --out OUT.toml
+regions find run regions.toml --out OUT.toml --json
+fit surface fit.toml --profile --out OUT.toml --json
+stage characterise rig.toml session.toml --repeats 1
+sim stage nothing --link OUT
+import OUT images/0.png images/1.png images/2.png images/3.png --angles 0,45,90,135 --same-exposure --black-level-dn 64
+import OUT images/0.png --mosaic 90,45,135,0 --exposure-s 0.01 --black-level-dn 64 --bit-depth 12 --max-frame-mb 1
+import OUT images/ours.fits --angle-key POLANG --exposure-key EXPTIME --black-level-dn 64 --bit-depth 12
+preview rig.toml --frames 1 --picture OUT.jpg --exposure-ms 0.03
+devices --json
+"""
+# They draw, or compute for a second.
+_SLOW = """
+stokes run --out OUT --regions regions.toml --noise noise.json --json
+stokes run --out OUT --polarizer polarizer.json --correct throughput,dark-level
+detect run --background left --target right --regions regions.toml --out OUT --json
+detect run --background left --target right --scene scene.toml --noise noise.json --out OUT
+acquire rig.toml session.toml --out OUT --clock 2026-05-04T10:00Z --noise noise.json
+summary run --out OUT.html --json
+predict scene.toml --roc right,left --out OUT
+predict roof.toml --json
+sky roof.toml --json
+effects roof.toml --json
+tradeoff scene.toml --noise noise.json --tolerances 0.1,0.01 --json
+tradeoff scene.toml --acquisition --target-dolp-sigma 0.01 --drift-percent-per-min 1 --settling-time-ms 10 --json
+doctor rig.toml session.toml --json --frames 2
+"""
+# They take several seconds.
+_HEAVY = """
+compare run --scene scene.toml --noise noise.json --out OUT --json
+compare run --scene scene.toml --radiometric radiometric.json --alpha 0.01 --anonymous --out OUT
+compare run --regions regions.toml --out OUT --json
+paper --figure 9 --materials rough --digitised digitised.csv --json
+demo --out OUT --seed -1
+"""
+_IMAGES = ("images/0.png", "images/picture.tif", "images/ours.fits", "levels/dark_20us_0.png")
+_PEOPLE = (
+    "scene.toml", "session.toml", "rig.toml", "regions.toml", "material.toml", "data.txt", "fit.toml", "roof.toml",
+    "table.csv", "generator.csv", "digitised.csv",
+)  # fmt: skip
+_CALIBRATIONS = ("noise.json", "polarizer.json", "radiometric.json")
+_RUNS = ("run", "run", "run", "scan")
 _OPTIONS = ("--json", "--out", "--at", "--region", "--noise", "--sweep", "--tolerance", "--uncertainty", "--help", "--")
+
+
+def _words(lines: str) -> tuple[list[str], ...]:
+    return tuple(line.split() for line in lines.strip().splitlines())
+
+
+QUICK, SLOW, HEAVY = _words(_QUICK), _words(_SLOW), _words(_HEAVY)
+_SLOW_EVERY, _HEAVY_EVERY = 12, 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,9 +124,21 @@ def make_case(seed: int, folder: Path) -> Case:
     return kinds[seed % len(kinds)](draws, folder)
 
 
+def _drawn(draws: random.Random, reads: tuple[str, ...] = ()) -> list[str]:
+    """Return a command line that reads one of these; mostly a quick one."""
+    chance = draws.random()
+    order = (HEAVY, SLOW, QUICK) if chance < 1 / _HEAVY_EVERY else (SLOW, QUICK, HEAVY)
+    order = (QUICK, SLOW, HEAVY) if chance > 1 / _SLOW_EVERY else order
+    for lines in order:
+        fit = [line for line in lines if not reads or any(word in reads for word in line)]
+        if fit:
+            return list(draws.choice(fit))
+    raise ValueError(f"no command reads {', '.join(reads)}")
+
+
 def _line(draws: random.Random, folder: Path) -> Case:
     """A command line with one word changed, lost, doubled or added."""
-    words = list(draws.choice(_PLAIN))
+    words = _drawn(draws)
     place, kind = draws.randrange(1, len(words) + 1), draws.randrange(4)
     if kind == 0 or place == len(words):
         words[place:place] = [draws.choice(_OPTIONS), draws.choice(WILD)]
@@ -74,28 +152,30 @@ def _line(draws: random.Random, folder: Path) -> Case:
 
 
 def _people(draws: random.Random, folder: Path) -> Case:
-    name = draws.choice(("scene.toml", "session.toml", "rig.toml", "regions.toml", "material.toml", "data.txt"))
-    return _with_file(draws, folder, name, damaged_text)
+    return _with_file(draws, folder, draws.choice(_PEOPLE), damaged_text)
 
 
 def _calibration(draws: random.Random, folder: Path) -> Case:
-    return _with_file(draws, folder, draws.choice(("noise.json", "polarizer.json")), damaged_json)
+    return _with_file(draws, folder, draws.choice(_CALIBRATIONS), damaged_json)
 
 
 def _with_file(draws: random.Random, folder: Path, name: str, damage: Callable[[bytes, random.Random], bytes]) -> Case:
     path = folder / name
     path.write_bytes(damage(path.read_bytes(), draws))
-    return Case(arguments=list(draws.choice(_READERS[name])), done=f"{name} damaged")
+    return Case(arguments=_drawn(draws, (name,)), done=f"{name} damaged")
 
 
 def _run(draws: random.Random, folder: Path) -> Case:
-    done = damage_run(folder / "run", draws)
-    return Case(arguments=list(draws.choice(_OF_RUNS)), done=done)
+    name = draws.choice(_RUNS)
+    done = damage_run(folder / name, draws)
+    return Case(arguments=_drawn(draws, (name,)), done=done)
 
 
 def _image(draws: random.Random, folder: Path) -> Case:
-    name = draws.choice(("0.png", "picture.tif", "ours.fits"))
-    path = folder / "images" / name
+    name = draws.choice(_IMAGES)
+    path = folder / name
     path.write_bytes(damaged_bytes(path.read_bytes(), draws))
-    words = ["import", "OUT", f"images/{name}", "--angles", "0", "--same-exposure", "--black-level-dn", "64"]
+    if name.startswith("levels"):
+        return Case(arguments=_drawn(draws, ("levels", "table.csv")), done=f"{name} damaged")
+    words = ["import", "OUT", name, "--angles", "0", "--same-exposure", "--black-level-dn", "64"]
     return Case(arguments=[*words, "--bit-depth", "12"], done=f"{name} damaged")

@@ -7,6 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rigctl.files.rig_file import load_rig
+from rigctl.files.session_file import load_session
+from rigctl.jobs.calibrate_radiometric import RadiometricRequest, calibrate_radiometric
+from rigctl.session.session_clock import SessionClock
+from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.made_runs import at, make_run
 
@@ -42,6 +47,29 @@ exposure_ms = 0.03
 angles_deg = [0, 90, 45, 135]
 cycles = 2
 """
+_FIT = """
+name = "left"
+regions = "regions.toml"
+material = "black-paint"
+wavelength_nm = 550
+free = ["n", "dhr"]
+[bounds]
+n = [1.3, 1.8]
+[[observation]]
+run = "run"
+region = "left"
+sun_zenith_deg = 55.0
+sun_azimuth_deg = 120.0
+camera_zenith_deg = 50.0
+camera_azimuth_deg = 300.0
+[[observation]]
+run = "run"
+region = "right"
+sun_zenith_deg = 30.0
+sun_azimuth_deg = 180.0
+camera_zenith_deg = 50.0
+camera_azimuth_deg = 300.0
+"""
 DESCRIPTOR = "v 3.0\nn 12 96 48\nb 1000 100\ni images/0.png\ni images/1.png\nd 1000\ni images/2.png\ni images/3.png\n"
 
 
@@ -58,8 +86,14 @@ def make_workspace(folder: Path) -> Path:
         rig = rig.replace(old, new)
     (folder / "rig.toml").write_text(rig)
     shutil.copy(EXAMPLES / "material-mine.toml", folder / "material.toml")
+    (folder / "fit.toml").write_text(_FIT)
+    shutil.copy(EXAMPLES / "scene-rooftop-noon.toml", folder / "roof.toml")
+    (folder / "digitised.csv").write_text("figure,panel,label,x,y\n9,a,25,40,12\n")
     _write_calibrations(folder)
     _write_pictures(folder)
+    _write_levels(folder)
+    _write_scan(folder)
+    _write_run(folder)
     return folder
 
 
@@ -71,6 +105,46 @@ def _write_calibrations(folder: Path) -> None:
     (folder / "noise.json").write_text(json.dumps(dated | noise | {"covariance": joint, "flags": []}, indent=1))
     axis = {"sense": -1, "offset_deg": {"value": 31.7, "std_error": 0.01}}
     (folder / "polarizer.json").write_text(json.dumps(dated | axis, indent=1))
+
+
+def _write_run(folder: Path) -> None:
+    """Take the session of the workspace, and a radiometric calibration of it: a run with seals, inputs and events."""
+    rig, session = load_rig(folder / "rig.toml"), load_session(folder / "session.toml")
+    files = {"rig": folder / "rig.toml", "session": folder / "session.toml"}
+    take_session(rig, session, folder / "run", files=files, clock=SessionClock(sleep=lambda _seconds: None))
+    request = RadiometricRequest(
+        run=folder / "run", panel="left", scene=folder / "scene.toml", out=folder / "radiometric.json"
+    )
+    calibrate_radiometric(request)
+
+
+def _write_levels(folder: Path) -> None:
+    """Write dark and flat frames of a few exposures, and a table of them."""
+    draws = np.random.default_rng(2)
+    (folder / "levels").mkdir()
+    rows = ["file,kind,exposure_ms,photons,level"]
+    for kind, exposures_us in {"dark": (20, 400), "flat": (20, 100, 200, 300, 400)}.items():
+        for exposure_us in exposures_us:
+            for number in range(2):
+                light = 20.0 * exposure_us if kind == "flat" else 0.0
+                counts = draws.normal(64 + 0.24 * light, 0.24 * np.sqrt(light + 100.0), (24, 32)).round()
+                name = f"{kind}_{exposure_us}us_{number}.png"
+                cv2.imwrite(str(folder / "levels" / name), counts.clip(0, 4095).astype(np.uint16))
+                rows.append(f"levels/{name},{kind},{exposure_us / 1e3},{light / 0.45},")
+    (folder / "table.csv").write_text("\n".join(rows) + "\n")
+
+
+def _write_scan(folder: Path) -> None:
+    """Make a scan of a polarizer: two turns of a generator behind twelve angles each."""
+    draws = np.random.default_rng(3)
+    frames = []
+    for cycle, generator_deg in enumerate((0.0, 30.0, 60.0, 90.0)):
+        for angle_deg in range(0, 180, 15):
+            light = 500.0 * (1.0 + 0.98 * np.cos(np.deg2rad(2 * (angle_deg - generator_deg))))
+            facts = at(angle_deg, stage_angle_deg=-angle_deg, exposure_s=3e-5, gain_db=0.0, cycle=cycle)
+            frames.append((facts, draws.poisson(light, (8, 12)).astype(np.uint16)))
+    make_run(folder / "scan", frames)
+    (folder / "generator.csv").write_text("cycle,angle_deg\n0,0\n1,30\n2,60\n3,90\n")
 
 
 def _write_pictures(folder: Path) -> None:
@@ -85,5 +159,6 @@ def _write_pictures(folder: Path) -> None:
         facts = at(angle_deg, black_level_dn=64.0, exposure_s=3e-5, gain_db=0.0, cycle=0)
         frames.append((facts | {"start_utc": "2026-05-04T10:00:00.000000000Z"}, counts))
     cv2.imwrite(str(folder / "images" / "picture.tif"), frames[0][1])
-    run = make_run(folder / "run", frames)
+    run = make_run(folder / "images" / "made", frames)
     shutil.copy(run.path / run.frames[0].file, folder / "images" / "ours.fits")
+    shutil.rmtree(run.path)

@@ -1,5 +1,7 @@
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -63,6 +65,19 @@ def test_frames_come_as_one_array_with_their_measured_angles(run_path):
     assert frames.polarizer_angle_deg.tolist() == [0.0, 45.0, 90.0, 135.0] * 2
     assert np.asarray(frames).dtype == np.uint16
     assert len(frames) == len(list(frames)) == 8
+
+
+def test_a_run_that_is_not_whole_says_so(run_path, tmp_path):
+    unfinished = Path(shutil.copytree(run_path, tmp_path / "unfinished"))
+    (unfinished / "events.jsonl").write_bytes(b"")
+    with pytest.warns(UserWarning, match="is unfinished: 8 frames so far"):
+        run = rigctl.open_run(unfinished)
+    assert run.wholeness == "unfinished"
+    assert "unfinished: 8 frames" in repr(run)
+    damaged = Path(shutil.copytree(run_path, tmp_path / "damaged"))
+    (damaged / "events.jsonl").write_bytes(b"{}\n")
+    with pytest.warns(UserWarning, match="is damaged, and its numbers are not to be trusted"):
+        assert rigctl.open_run(damaged).wholeness == "damaged"
 
 
 def test_frames_of_a_kind_that_there_is_not_say_what_there_is(run_path):
