@@ -1,11 +1,12 @@
 """Look of the figures: colours, sizes, and their way into PNG bytes."""
 
-import io
 from typing import Any
 
+import cv2
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -17,6 +18,8 @@ MEASURED, PREDICTED = "#d55e00", "#0072b2"
 LINE_STYLES = ("-", "--", "-.", ":")
 COLOURS = cycler(color=["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"])
 _DPI = 110
+# Twice as fast as the usual 6, and hardly larger.
+_PNG_LEVEL = 3
 _PICTURE_WIDTH_INCH = 5.4
 _KNOWN, _ROOM = 10.0, 1.3
 
@@ -79,9 +82,22 @@ def finish_picture(figure: Any, ax: Axes, shown: Any, *, title: str, label: str)
     figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
 
 
-def png(figure: Figure) -> bytes:
-    """Return a figure as the bytes of a PNG file."""
-    buffer = io.BytesIO()
-    # No date and no version in the file: the same numbers give the same bytes.
-    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": "rigctl"})
-    return buffer.getvalue()
+def png(figure: Figure, *, dpi: float = _DPI) -> bytes:
+    """Return a figure as the bytes of a PNG file, without a date: the same numbers give the same bytes.
+
+    Drawn once: `Figure.savefig` draws twice, the first time for the layout, which `draw` finds itself.
+    """
+    figure.set_dpi(dpi)
+    for ax in figure.axes:
+        _keep_title(ax)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = cv2.cvtColor(np.asarray(canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
+    encoded = cv2.imencode(".png", pixels, (cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL))[1]
+    return encoded.tobytes()
+
+
+def _keep_title(ax: Axes) -> None:
+    """Set a title where it belongs, which matplotlib would otherwise look for among all labels at every drawing."""
+    if ax.get_title() and ax.name == "rectilinear":
+        ax.set_title(ax.get_title(), fontsize=ax.title.get_fontsize(), y=1.0)

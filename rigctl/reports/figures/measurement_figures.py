@@ -39,7 +39,7 @@ def aolp_picture(images: PolarizationImages) -> bytes:
     known = np.clip(_WELL_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2
     axes[0].set_facecolor("0.85")
     shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest", alpha=known)
-    finish_picture(figure, axes[0], shown, title="AoLP, counter-clockwise from horizontal", label="AoLP [deg]")
+    finish_picture(figure, axes[0], shown, title="AoLP", label="counter-clockwise from horizontal [deg]")
     return png(figure)
 
 
@@ -50,8 +50,8 @@ def residual_picture(residual: FloatArray) -> bytes:
     good = np.abs(found[np.isfinite(found)])
     most = max(float(np.percentile(good, _SHOWN_PERCENTILES[1])), 1e-6) if good.size else 1.0
     shown = axes[0].imshow(found, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="nearest")
-    title = "What no light gives: twice the residual of the fit over the light"
-    finish_picture(figure, axes[0], shown, title=title, label="residual [%]")
+    title = "What no light gives"
+    finish_picture(figure, axes[0], shown, title=title, label="twice the residual over the light [%]")
     return png(figure)
 
 

@@ -1,6 +1,5 @@
 """Figures of the rig: scans of the polarizer, and how a stage turns."""
 
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -166,9 +165,7 @@ def characterisation_png(result: Characterisation) -> bytes:
     for axes in (above, below):
         axes.grid(alpha=0.3, lw=0.4)
         axes.legend(fontsize="small")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
-    return buffer.getvalue()
+    return png(figure, dpi=_DOTS_PER_INCH)
 
 
 def _draw_errors(axes: "Axes", result: Characterisation, side: Side) -> None:
