@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 FloatArray = NDArray[np.float64]
 
@@ -70,6 +69,8 @@ def fit_with_scatter(
 
     scatter_variance = 0.0
     if dof > 0 and excess(0.0) > 0.0:
+        from scipy.optimize import brentq  # wanted where there is scatter only
+
         scatter_variance = brentq(excess, 0.0, _scatter_bound(excess, sampling_covariance, scatter_shape))
     parameters, response, _ = _solve(design, values, sampling_covariance + scatter_variance * shape_variance)
     covariance = response @ (sampling_covariance + scatter_variance * shape_variance) @ response.T

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, eigh
 
 from model.effects.sun_light import SunLight
 from model.processing.reconstruction import design
@@ -165,6 +164,8 @@ def share_of(part: FloatArray, whole: FloatArray) -> float:
         return 0.0
     if not np.all(np.isfinite(part)) or not np.all(np.isfinite(whole)):
         return np.inf
+    from scipy.linalg import LinAlgError, eigh  # wanted for plans only
+
     try:
         return float(max(eigh(part, whole, eigvals_only=True)[-1], 0.0))
     except LinAlgError:

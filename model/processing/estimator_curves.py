@@ -8,13 +8,16 @@ one table serves up to any length. With 512 intervals the error of v is below 1e
 
 from collections.abc import Callable
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.special import i0e, i1e
 
 from model.processing.quadratic_forms.quadratic_form import tail_probabilities
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +27,7 @@ _NEWTON_STEPS = 8
 
 
 @cache
-def share_curve(estimator: str) -> CubicSpline:
+def share_curve(estimator: str) -> "CubicSpline":
     """Return (v/r)^2 as a spline in 1/r^2, from 0 to 1/r^2 of the shortest length that gives more than 0.
 
     Parameters
@@ -32,6 +35,8 @@ def share_curve(estimator: str) -> CubicSpline:
     estimator
         "wardle_kronberg", "maximum_likelihood", "mean" or "median".
     """
+    from scipy.interpolate import CubicSpline  # a quarter of a second, wanted for two estimators only
+
     square = _SQUARES[estimator]
     inverse = np.linspace(0.0, 1.0 / zero_threshold(estimator) ** 2, _INTERVALS + 1)
     share = np.ones_like(inverse)

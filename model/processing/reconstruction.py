@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_triangular
 
 from model.moments import Moments, propagate_linear
 from model.stokes import analyzer_row
@@ -250,7 +249,7 @@ def _inverted(rows: FloatArray, angles: FloatArray, variances: ArrayLike | None)
     _require_condition(condition, angles)
     weights = _inverse_deviations(variances, rows.shape[0])
     q, r = np.linalg.qr(weights[:, None] * rows, mode="complete")
-    inverse = solve_triangular(r[:3], q[:, :3].T) * weights
+    inverse = np.linalg.solve(r[:3], q[:, :3].T) * weights
     null_basis = np.linalg.qr(rows, mode="complete")[0][:, 3:]
     return Design(
         angles_rad=angles,

@@ -1,13 +1,15 @@
 """The bright ring around the sun, as a function of the angle from it."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.optimize import nnls
 
 from model.scene.sky import Sky
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +40,7 @@ class Aureole:
     sun_zenith_rad: float
     asymmetries: FloatArray
     weights: FloatArray
-    correction: CubicSpline | None = None
+    correction: "CubicSpline | None" = None
 
     def __call__(self, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
         """Return the radiance of the sum in directions [W m-2 sr-1]."""
@@ -79,6 +81,9 @@ def aureole_of(sky: Sky, sun_zenith_rad: float) -> Aureole:
         radiance = sky(zenith_rad=np.abs(zenith), phi_rad=np.where(zenith < 0.0, np.pi, 0.0))[:, 0]
     if not np.all(radiance > 0.0):
         return NO_AUREOLE
+    from scipy.interpolate import CubicSpline  # a quarter of a second, wanted for a sky only
+    from scipy.optimize import nnls
+
     columns = _henyey_greenstein(_ASYMMETRIES, np.cos(from_sun)) / radiance[:, np.newaxis]
     scale = np.max(columns, axis=0)
     weights = nnls(columns / scale, np.ones(_AUREOLE_SAMPLES), maxiter=_FIT_STEPS)[0] / scale

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import dct, dst
 
 from model.scene.aureole import NO_AUREOLE, Aureole, aureole_of
 from model.scene.sky import Sky
@@ -164,6 +163,8 @@ def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
 def _series(samples: FloatArray) -> FloatArray:
     """Coefficients of samples (Z, A, 3) on the grid, as `SampledSky` has them."""
     steps = samples.shape[1] - 1
+    from scipy.fft import dst  # wanted for a sky only
+
     sines = dst(samples[:, 1:-1, 2], type=1, axis=1) / steps
     # sin(m phi) over sin(phi) is twice the sum of cos(j phi) for the j below m that are odd where m is even.
     degree = np.arange(steps + 1)[:, np.newaxis]
@@ -175,6 +176,8 @@ def _series(samples: FloatArray) -> FloatArray:
 
 def _cosines(samples: FloatArray, *, axis: int) -> FloatArray:
     """Coefficients of cos(m t), t from 0 to pi, of samples along an axis, both ends among them."""
+    from scipy.fft import dct  # wanted for a sky only
+
     modes = np.moveaxis(dct(samples, type=1, axis=axis), axis, 0) / (samples.shape[axis] - 1)
     modes[[0, -1]] *= 0.5
     return np.moveaxis(modes, 0, axis)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.special import chdtrc
 
 from model.surface.fit_observation import Observation
@@ -169,6 +168,8 @@ def solved(
     Branch, Coleman and Li (1999), doi:10.1137/S1064827595289108.
     """
     margin = 1e-9 * (problem.upper - problem.lower)
+    from scipy.optimize import least_squares  # a quarter of a second, wanted for a fit only
+
     solution = least_squares(
         function,
         np.clip(start, problem.lower + margin, problem.upper - margin),

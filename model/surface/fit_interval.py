@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from model.surface.fit import SurfaceFit, solved
@@ -110,6 +109,8 @@ def _profile_end(fit: SurfaceFit, index: int, quantile: float, *, direction: flo
         if outer >= room:
             return limit
         outer = min(2.0 * outer, room)
+    from scipy.optimize import brentq  # a quarter of a second, wanted for an interval only
+
     return best + direction * float(brentq(shortfall, 0.0, outer, xtol=2e-3 * outer, rtol=1e-6))
 
 

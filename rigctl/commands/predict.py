@@ -147,8 +147,8 @@ def _write_truth(scene: Path, file: Path, changes: Mapping[str, float]) -> None:
 
 def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -> None:
     from rigctl.jobs.predict import predict_scene
-    from rigctl.reports.tables.comparison_json import prediction_json
     from rigctl.reports.tables.light_tables import geometry_lines, light_json, light_tables
+    from rigctl.reports.tables.numbers_json import prediction_json
     from rigctl.reports.tables.prediction_tables import (
         input_effect_tables,
         input_effects_json,
@@ -220,8 +220,8 @@ def _of_uncertainty(predicted: "PredictedScene") -> Iterable[str]:
 def _predict_to(request: "PredictRequest", tolerance: float, shown: "_Shown", *, estimated_only: bool) -> None:
     from rigctl.jobs.predict import predict_scene_to, said_of
     from rigctl.reports.tables.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
-    from rigctl.reports.tables.comparison_json import prediction_json
     from rigctl.reports.tables.effects_tables import effects_json, left_out_line
+    from rigctl.reports.tables.numbers_json import prediction_json
     from rigctl.reports.tables.prediction_tables import quantity_tables
 
     predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only)

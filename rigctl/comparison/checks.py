@@ -19,8 +19,7 @@ from model.processing.redundancy import pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
 from rigctl.comparison.rows import Row
-from rigctl.comparison.run_prediction import frame_order
-from rigctl.measurement.measurement import Measurement, signal_of_cycle
+from rigctl.measurement.measurement import Measurement, frame_order, signal_of_cycle
 from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
 
 FloatArray = NDArray[np.float64]

@@ -15,7 +15,7 @@ from rigctl.comparison.rows import with_ratios
 from rigctl.comparison.run_geometry import scene_of_run, sun_used
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
-from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.measurement import Measurement, frame_order
 from rigctl.scene.model_scene import build_scenario
 from rigctl.scene.rig_inputs import TakenCycle, exposure_std, rig_errors, with_rig
 from rigctl.scene.scene_inputs import Inputs, gather
@@ -139,9 +139,3 @@ def cycle_of_run(measurement: Measurement, scene: SceneFile) -> TakenCycle:
         offset_std_deg=measurement.run.session.polarizer.offset_std_deg,
         exposure_std=exposure_std(scene),
     )
-
-
-def frame_order(measurement: Measurement) -> NDArray[np.intp]:
-    """Return the place of each angle's frame in the first cycle, from 0."""
-    sequence = [record.sequence for record in measurement.grid.records[0]]
-    return np.argsort(np.argsort(sequence))

@@ -28,7 +28,6 @@ from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
 from rigctl.prediction.sweep import Axis, Sweep, parse_sweeps, sweep_over
 from rigctl.prediction.sweep_to_tolerance import sweep_to_tolerance
-from rigctl.reports.outputs.prediction_files import write_sweep
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight
@@ -250,6 +249,8 @@ def _swept(
         found, accuracy = sweep_to_tolerance(predictor, axes[0], tolerance, roc=pair, estimated_only=estimated_only)
     remarks = predictor.remarks
     if out is not None:
+        from rigctl.reports.outputs.prediction_files import write_sweep  # half a second, wanted for plots only
+
         write_sweep(found, out, remarks=(*doubts, *remarks), snr=snr)
     return SweptScene(found=found, remarks=remarks, doubts=doubts, accuracy=accuracy)
 

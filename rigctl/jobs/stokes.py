@@ -16,7 +16,7 @@ from rigctl.measurement.run_calibrations import CalibrationPaths, correction_rem
 from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
 from rigctl.reports.outputs.measurement_files import write_stokes
-from rigctl.reports.tables.comparison_json import diagnosis_json, measurement_json
+from rigctl.reports.tables.numbers_json import diagnosis_json, measurement_json
 from rigctl.runs.wholeness import used_run
 
 

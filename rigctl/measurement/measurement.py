@@ -243,3 +243,9 @@ def _extinction_ratio(run: Run) -> float:
     """Return what the rig file of the session says; infinite where there is none, as for imported images."""
     stated = run.session.polarizer.extinction_ratio
     return np.inf if stated is None else stated
+
+
+def frame_order(measurement: Measurement) -> NDArray[np.intp]:
+    """Return the place of each angle's frame in the first cycle, from 0."""
+    sequence = [record.sequence for record in measurement.grid.records[0]]
+    return np.argsort(np.argsort(sequence))

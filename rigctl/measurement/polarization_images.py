@@ -2,16 +2,16 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from model.processing.reconstruction import Design, reconstruct
 from model.stokes import aolp_rad, dolp
 
 FloatArray = NDArray[np.float64]
 
-_NEIGHBOURHOOD_PIXELS = 7
+_NEIGHBOURHOOD = (7, 7)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +79,7 @@ def _scatter_squares(image: FloatArray) -> FloatArray:
     bent = np.zeros_like(image)
     bent[:, 1:-1] = np.square(image[:, 2:] - 2.0 * image[:, 1:-1] + image[:, :-2]) / 6.0
     # Running sums go below 0 by rounding.
-    return np.maximum(uniform_filter(bent, _NEIGHBOURHOOD_PIXELS, mode="nearest"), 0.0)
+    return np.maximum(cv2.blur(bent, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE), 0.0)
 
 
 def _residual(plan: Design, channels: FloatArray, dark: NDArray[np.bool_]) -> FloatArray | None:

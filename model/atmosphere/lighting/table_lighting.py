@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 _TURN = 2.0 * np.pi
 _ROUNDING_RAD = 1e-9
@@ -125,7 +124,7 @@ class TableLighting:
             )
         if self.height_m.size == 1:
             return np.asarray(table[0])
-        return np.asarray(RegularGridInterpolator((self.height_m,), table)([height_m])[0])
+        return np.asarray(_between((self.height_m,), table, np.array([[height_m]]))[0])
 
 
 def _check_azimuths(phi_rad: NDArray[np.float64]) -> None:
@@ -182,5 +181,13 @@ def _interpolate(
             f"the table holds {axis[0]:.6g} to {axis[-1]:.6g} rad"
         )
     # The last azimuth may be short of a whole turn by rounding.
-    read = RegularGridInterpolator(axes, table, bounds_error=False, fill_value=None)(points)
-    return np.asarray(read).reshape((*zenith.shape, *table.shape[len(axes) :]))
+    return _between(axes, table, points).reshape((*zenith.shape, *table.shape[len(axes) :]))
+
+
+def _between(
+    axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return a table linearly between its nodes, and beyond its last ones along the same lines."""
+    from scipy.interpolate import RegularGridInterpolator  # a quarter of a second, wanted for light from a table only
+
+    return np.asarray(RegularGridInterpolator(axes, table, bounds_error=False, fill_value=None)(points))

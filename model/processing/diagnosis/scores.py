@@ -1,10 +1,10 @@
 """Normal equations of the joint fit of all faults, and how much their right side scatters from tile to tile."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from model.processing.diagnosis.causes import PER_FRAME, SHARED
 from model.processing.diagnosis.samples import Samples
@@ -125,11 +125,27 @@ def _variance_of_a_pixel(samples: Samples) -> FloatArray:
     for _ in range(3):
         # Blocks far off what is expected (things that moved) do not make the noise.
         kept = np.minimum(squares, 9.0 * expected)
-        found = nnls(parts / sizes / expected[:, None], kept / expected)[0]
+        found = _nonnegative_fit(parts / sizes / expected[:, None], kept / expected)
         expected = np.maximum(parts / sizes @ found, 0.05 * level)
     variance = np.full(samples.pixels.shape, np.inf)
     variance[held] = expected
     return variance
+
+
+def _nonnegative_fit(system: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the least-squares solution without negative parts; of so few parts every choice can be tried."""
+    count = system.shape[1]
+    gram, right = system.T @ system, system.T @ values
+    best, least = np.zeros(count), 0.0
+    for size in range(1, count + 1):
+        for chosen in map(list, combinations(range(count), size)):
+            part = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], right[chosen])[0]
+            # Less the square of the values, which all choices share.
+            square = float(part @ gram[np.ix_(chosen, chosen)] @ part - 2.0 * part @ right[chosen])
+            if square < least and np.all(part >= 0.0):
+                best, least = np.zeros(count), square
+                best[chosen] = part
+    return best
 
 
 def _gathered(frames: int) -> FloatArray:

@@ -5,7 +5,8 @@ from pathlib import Path
 from rigctl.comparison.compared_run import ComparedRun, ComparedSeries
 from rigctl.reports.pages.comparison_page import comparison_report
 from rigctl.reports.pages.series_page import series_report
-from rigctl.reports.tables.comparison_json import compared_json, measurement_json, prediction_json
+from rigctl.reports.tables.comparison_json import compared_json
+from rigctl.reports.tables.numbers_json import measurement_json, prediction_json
 from rigctl.reports.tables.row_table import row_table
 from rigctl.reports.tables.series_tables import series_json, series_rows
 from rigctl.reports.writers.data_files import csv_rows, json_file

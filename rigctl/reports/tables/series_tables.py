@@ -10,7 +10,7 @@ from rigctl.comparison.rows import Row
 from rigctl.comparison.series import SeriesDrift, SeriesPoint, mean_row
 from rigctl.reports.number_text import signed
 from rigctl.reports.table import NOTHING, Column, Table
-from rigctl.reports.tables.comparison_json import SCHEMA_VERSION
+from rigctl.reports.tables.numbers_json import SCHEMA_VERSION
 from rigctl.reports.tables.provenance import provenance_json
 from rigctl.reports.tables.row_table import ROW_COLUMNS, error_of, measured_text, predicted_text, row_table
 from rigctl.reports.writers.data_files import json_rows

@@ -1,0 +1,151 @@
+"""Numbers of a prediction and of a measurement as JSON holds them, of one shape.
+
+``regions.NAME.QUANTITY.STATISTIC`` is a number in a prediction; in a measurement there is ``STATISTIC_std_error``
+beside it.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+from model.prediction.prediction import RegionPrediction
+from model.prediction.region_performance import PairDetection, PolarizationStrength
+from model.processing.texture import Texture
+from rigctl.comparison.rows import measured_with_ratios
+from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.region_numbers import MeasuredRegion
+from rigctl.measurement.run_diagnosis import UNSEEN, FaultTerm, RunDiagnosis
+from rigctl.prediction.performance import Performance
+from rigctl.reports.writers.data_files import finite
+
+SCHEMA_VERSION = 1
+
+STATISTICS = {
+    "mean": "mean over the region's pixels (of dolp, s1n, s2n and aolp_deg: of the region's mean Stokes vector)",
+    "std": "standard deviation over pixels, spatial, of one frame or cycle (s1n, s2n, dolp, aolp_deg: first order)",
+    "std_temporal": "standard deviation of a pixel from repeat to repeat",
+    "std_spatial_mean": "standard deviation over pixels, spatial, of the mean of all repeats",
+    "first_order": "the same to first order, as [MK14] has it; shown, not compared",
+}
+
+
+def prediction_json(
+    predictions: dict[str, RegionPrediction], performance: Performance, *, remarks: Iterable[str]
+) -> dict[str, Any]:
+    """Return predictions, and what they are worth, as JSON holds them."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "statistics": STATISTICS,
+        "regions": {name: prediction.quantities for name, prediction in predictions.items()},
+        "methods": {
+            name: {"dolp": prediction.dolp_method, "dolp_error": finite(prediction.dolp_error)}
+            for name, prediction in predictions.items()
+        },
+        "dolp_law": {name: _strength(strength) for name, strength in performance.strengths.items()},
+        "detection": [_pair(pair) for pair in performance.detections],
+        "warnings": {name: list(prediction.warnings) for name, prediction in predictions.items()},
+        "remarks": list(remarks),
+    }
+
+
+def _strength(found: PolarizationStrength | None) -> dict[str, Any] | None:
+    """Return the law of a region's DoLP in a few numbers; nothing where there is no light."""
+    if found is None:
+        return None
+    quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
+    return {"quantiles": quantiles, "nedolp": found.nedolp, "unpolarised_mean": finite(found.unpolarised_mean)}
+
+
+def _pair(pair: PairDetection) -> dict[str, Any]:
+    rates = zip(pair.p_false_alarm, pair.p_detection, strict=True)
+    return {
+        "target": pair.target,
+        "background": pair.background,
+        "p_detection": {f"{rate:g}": finite(float(found)) for rate, found in rates},
+        "auc": finite(pair.auc),
+        "warnings": list(pair.warnings),
+    }
+
+
+def measurement_json(measurement: Measurement, textures: dict[str, Texture] | None = None) -> dict[str, Any]:
+    """Return what a run measured as JSON holds it, with the textures of its regions where they are known."""
+    grid = measurement.grid
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "unit": grid.unit,
+        "statistics": STATISTICS,
+        "cycles": grid.cycles,
+        "polarizer_angles_rad": dict(zip(grid.channel_names, grid.polarizer_angles_rad.tolist(), strict=True)),
+        "extinction_ratio": finite(measurement.extinction_ratio),
+        "dark_level_dn": dict(zip(grid.channel_names, measurement.dark_level.level_dn.tolist(), strict=True)),
+        "dark_level_source": measurement.dark_level.source,
+        "saturated_pixels": int(measurement.saturated.sum()),
+        "missing_pixels": int(measurement.missing.sum()),
+        "left_out": list(grid.left_out),
+        "warnings": list(measurement.plan.warnings),
+        "pixels": {name: pixels_json(region) for name, region in measurement.regions.items()},
+        "regions": {name: _measured(region) for name, region in measurement.regions.items()},
+    }
+    if textures is not None:
+        content["texture"] = {name: texture_json(texture) for name, texture in textures.items()}
+    return content
+
+
+def texture_json(texture: Texture) -> dict[str, Any]:
+    """Return the texture of a region as JSON holds it: of (S0, S1, S2), in the square of the measurement's unit."""
+    return {
+        "cov": texture.cov.tolist(),
+        "std_error": texture.std_error.tolist(),
+        "rank_one_share": finite(texture.rank_one_share),
+        "common_factor_rms": texture.common_factor_rms,
+        "remark": texture.remark,
+    }
+
+
+def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Any]:
+    """Return what a run says of its own faults as JSON holds it."""
+    if found is None:
+        return {"terms": [], "first": None, "named": [], "reason": "not asked"}
+    first = found.first
+    return {
+        "terms": [_fault(term) for term in found.terms],
+        "first": None if first is None else first.name,
+        "named": [term.title for term in found.named],
+        "reason": found.reason,
+        "unseen": UNSEEN,
+    }
+
+
+def _fault(term: FaultTerm) -> dict[str, Any]:
+    return {
+        "name": term.name,
+        "angle_deg": term.angle_deg,
+        "value": term.value,
+        "std_error": term.std_error,
+        "unit": term.unit,
+        "testable": term.testable,
+        "reason": term.reason,
+        "confused_with": list(term.confused_with),
+        "dolp_shift": term.dolp_shift,
+        "aolp_shift_deg": term.aolp_shift_deg,
+        "named": term.named,
+    }
+
+
+def pixels_json(region: MeasuredRegion) -> dict[str, float]:
+    """Return how many pixels of a region were used, and how many not."""
+    return {
+        "used": region.pixels,
+        "excluded": region.excluded,
+        "edge": region.edge,
+        "worth_independent": region.independent_pixels,
+    }
+
+
+def _measured(region: MeasuredRegion) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for quantity, statistics in measured_with_ratios(region).items():
+        found[quantity] = {}
+        for statistic, sample in statistics.items():
+            found[quantity][statistic] = sample.value
+            found[quantity][f"{statistic}_std_error"] = sample.std_error
+    return found
