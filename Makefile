@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DOCS_STAMP := $(VENV)/.docs-installed
 
-.PHONY: demo test check bench trials monkey clean
+.PHONY: demo test check docs bench trials monkey clean
 
 demo: $(STAMP)
 	rm -rf demo-out
@@ -19,6 +20,10 @@ check: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# The site, in docs/_build/html; warnings are errors. Once installed it needs no network.
+docs: $(DOCS_STAMP)
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+
 bench: $(STAMP)
 	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
@@ -30,8 +35,12 @@ monkey: $(STAMP)
 	$(BIN)/python -m tests.monkey --cases $(or $(CASES),5000) --first-seed $(or $(SEED),0)
 
 clean:
-	rm -rf $(VENV) demo-out
+	rm -rf $(VENV) demo-out docs/_build docs/made
 
 $(STAMP): pyproject.toml constraints.txt .ci/make-venv
 	PYTHON="$(PYTHON)" .ci/make-venv "$(VENV)"
+	touch $@
+
+$(DOCS_STAMP): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	touch $@

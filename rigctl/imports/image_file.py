@@ -164,6 +164,7 @@ def _read_tiff(data: bytes, most_bytes: int) -> ImageFile:
 
 def _decoded(data: bytes) -> Sequence[NDArray[Any] | None]:
     """Return the pictures of a PNG or TIFF file; one that is None where it cannot be read."""
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # not on each odd tag of a TIFF file
     try:
         _, pages = cv2.imdecodemulti(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:

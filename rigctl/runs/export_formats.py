@@ -69,8 +69,10 @@ def export_tiff(run: Run, out: Path) -> None:
     for record in run.frames:
         name = Path(record.file).with_suffix(".tif").name
         # ASCII, as the format wants it: JSON escapes the rest.
+        # One description: the tags of a file stand in order, each once.
+        description = json.dumps(asdict(record))
         tifffile.imwrite(
-            out / name, run.counts(record), photometric="minisblack", description=json.dumps(asdict(record))
+            out / name, run.counts(record), photometric="minisblack", description=description, metadata=None
         )
     (out / "session.json").write_text(json.dumps(run.session_json, indent=2), encoding="ascii")
 

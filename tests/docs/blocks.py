@@ -1,4 +1,9 @@
-"""Code blocks of the pages: what stands in them, and whether commands and their options are those of the program."""
+"""Code blocks of the pages: what stands in them, and whether commands and their options are those of the program.
+
+A comment before a block says why it does not run, or how: ``<!-- hardware -->`` (it needs a device), ``<!-- browser -->`` (a
+person at a browser), ``<!-- shown: WHY -->`` (it is not for running), ``<!-- elsewhere: WHERE -->`` (another part of CI runs it),
+``<!-- file: NAME -->`` (what the reader writes into that file), ``<!-- exit N -->`` (its last command ends with that code).
+"""
 
 import re
 import shlex
@@ -13,10 +18,9 @@ from markdown_it import MarkdownIt
 from rigctl import cli
 
 ROOT = Path(__file__).parents[2]
-# `<!-- hardware -->` before a block: not run, since it needs a device; `browser`: a person at a browser; `shown`: it is
-# not for running; `elsewhere: WHERE`: another part of CI runs it; `exit N`: the last command ends with this code.
-_MARK = re.compile(r"<!-- (hardware|browser|shown|elsewhere|exit \d+)(?:: [^>]*)? -->")
+NOT_RUN = ("hardware", "browser", "shown", "elsewhere")
 LANGUAGES = ("sh", "toml", "python", "text", "mermaid")
+_MARK = re.compile(r"<!-- (hardware|browser|shown|elsewhere|file|exit \d+)(?:: ([^>]*))? -->")
 _GROUP = typer.main.get_command(cli.app)
 
 
@@ -28,12 +32,13 @@ class Block:
     line: int
     language: str
     text: str
-    mark: str
+    mark: str = ""
+    note: str = ""
 
     @property
     def place(self) -> str:
         """File and line, as an editor takes them."""
-        return f"{self.page.relative_to(ROOT)}:{self.line}"
+        return f"{self.page.relative_to(ROOT) if self.page.is_relative_to(ROOT) else self.page}:{self.line}"
 
     @property
     def commands(self) -> list[list[str]]:
@@ -45,27 +50,27 @@ class Block:
 def pages() -> list[Path]:
     """Return all pages that people read, those that the build of the site makes left out."""
     found = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
-    return sorted(page for page in found if "made" not in page.parts and page.name != "CHANGELOG.md")
+    return sorted(page for page in found if not {"made", "_build"} & set(page.parts) and page.name != "CHANGELOG.md")
 
 
 def blocks_of(page: Path) -> Iterator[Block]:
     """Yield the blocks of a page, from top to bottom."""
-    mark = ""
+    mark, note = "", ""
     for token in MarkdownIt("commonmark").parse(page.read_text(encoding="utf-8")):
         if token.type in ("fence", "code_block"):
-            language = token.info.strip()
+            language, line = token.info.strip(), (token.map or [0])[0] + 1
             if not language.startswith("{"):  # a directive of the site
-                yield Block(page=page, line=(token.map or [0])[0] + 1, language=language, text=token.content, mark=mark)
+                yield Block(page=page, line=line, language=language, text=token.content, mark=mark, note=note)
         found = _MARK.fullmatch(token.content.strip()) if token.type == "html_block" else None
-        mark = found[1] if found else ""
+        mark, note = (found[1], found[2] or "") if found else ("", "")
 
 
 def problem_of(block: Block) -> str | None:
     """Return what is wrong with a block; None where nothing is."""
-    if block.language not in LANGUAGES and (
-        block.language or re.search(r"^(rigctl|import) ", block.text, re.MULTILINE)
-    ):
+    if block.language not in LANGUAGES and (block.language or re.search(r"^(rigctl|import) ", block.text, re.MULTILINE)):
         return f"is {block.language or 'indented'!r}; a block is fenced, and one of {', '.join(LANGUAGES)}"
+    if block.mark in ("shown", "elsewhere") and not block.note:
+        return f"the mark {block.mark} says why: <!-- {block.mark}: ... -->"
     try:
         if block.language == "toml":
             tomllib.loads(block.text)
@@ -74,7 +79,7 @@ def problem_of(block: Block) -> str | None:
         elif block.language == "sh":
             for words in block.commands:
                 _check_command(words)
-    except (ValueError, SyntaxError, typer.BadParameter) as error:
+    except (ValueError, SyntaxError) as error:
         return str(error)
     except Exception as error:
         if not hasattr(error, "format_message"):
@@ -87,19 +92,20 @@ def _check_command(words: list[str]) -> None:
     """Raise an error where a command of ours, or a target of make, is not as it stands there."""
     program = Path(words[0]).name
     if program == "rigctl":
-        command = _GROUP
-        given = words[1:]
-        while hasattr(command, "get_command"):
-            if given[0].startswith("-"):
-                return
-            found = command.get_command(None, given[0])
-            if found is None:
-                raise ValueError(f"there is no command {given[0]}")
-            command, given = found, given[1:]
-        if "--help" not in given:
-            command.make_context(program, list(given))
+        _check_ours(words[1:])
     elif program == "make":
         targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
         unknown = [word for word in words[1:] if "=" not in word and word not in targets]
         if unknown:
             raise ValueError(f"there is no target {unknown[0]}")
+
+
+def _check_ours(given: list[str]) -> None:
+    command = _GROUP
+    while hasattr(command, "get_command") and given and not given[0].startswith("-"):
+        found = command.get_command(None, given[0])
+        if found is None:
+            raise ValueError(f"there is no command {given[0]}")
+        command, given = found, given[1:]
+    if not hasattr(command, "get_command") and "--help" not in given:
+        command.make_context("rigctl", list(given))

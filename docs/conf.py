@@ -1,0 +1,65 @@
+"""The site of the docs: `make docs` builds it, with warnings as errors."""
+
+import os
+import sys
+from importlib.metadata import version as installed_version
+from pathlib import Path
+
+from pygments.lexers.special import TextLexer
+from sphinx.highlighting import lexers
+
+DOCS = Path(__file__).parent
+sys.path.insert(0, str(DOCS.parent))
+os.environ["MPLBACKEND"] = "agg"
+
+project = "rigctl"
+author = "The rigctl developers"
+project_copyright = "2026, The rigctl developers"
+release = installed_version("rigctl")
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "gallery/GALLERY_HEADER.rst"]
+html_theme = "pydata_sphinx_theme"
+html_title = "rigctl"
+html_static_path = ["pictures"]
+html_show_sourcelink = False
+html_theme_options = {
+    "navbar_align": "left",
+    "header_links_before_dropdown": 6,
+    "show_toc_level": 2,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "navigation_with_keys": False,
+}
+templates_path: list[str] = []
+
+myst_heading_anchors = 4
+
+autodoc_typehints = "none"  # the docstrings have the types
+autodoc_member_order = "bysource"
+numpydoc_show_class_members = False
+default_role = "code"  # what stands between single backticks in a docstring
+
+# The examples run in a folder of their own and see the files of examples/.
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "made/gallery",
+    "filename_pattern": r"\.py",
+    "within_subsection_order": "FileNameSortKey",
+    "show_memory": False,
+    "show_signature": False,
+    "remove_config_comments": True,
+    "abort_on_example_error": True,
+    "min_reported_time": 1e6,
+    "write_computation_times": False,
+    "thumbnail_size": (320, 200),
+}
+
+# GitHub draws it; here its text stands, so that no script has to come from elsewhere.
+lexers["mermaid"] = TextLexer()

@@ -1,0 +1,121 @@
+"""Runs the code blocks of pages, each page from top to bottom in a folder of a rig that has been set up.
+
+Usage: python -m tests.docs.run_pages [PAGE ...]; without a page all that have a block to run.
+"""
+
+import contextlib
+import glob
+import io
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from functools import partial
+from multiprocessing import Pool
+from pathlib import Path
+
+from rigctl import cli
+from tests.docs.blocks import NOT_RUN, ROOT, Block, blocks_of, pages
+
+
+def run_pages(chosen: list[Path]) -> bool:
+    """Run pages, print how long each took and every failure, and return whether there is none."""
+    failures = 0
+    with tempfile.TemporaryDirectory() as scratch, Pool(2) as pool:
+        start = make_start(Path(scratch) / "start")
+        for text, problems in pool.imap(partial(run_page, start=start), chosen):
+            failures += len(problems)
+            print(text, *problems, sep="\n", end="\n" if text else "", flush=True)
+    print(f"{failures} failures")
+    return not failures
+
+
+def run_page(page: Path, *, start: Path) -> tuple[str, list[str]]:
+    """Run a page in a copy of the start; return a line on it, empty where it has nothing to run, and what failed."""
+    blocks = [block for block in blocks_of(page) if runs(block)]
+    if not blocks:
+        return "", []
+    folder, begin_s = copy_of(start, start.parent / f"{page.stem}-{os.getpid()}"), time.monotonic()
+    problems = run_blocks(blocks, folder)
+    shutil.rmtree(folder)
+    return f"{page.relative_to(ROOT)}: {len(blocks)} blocks, {time.monotonic() - begin_s:.1f} s", problems
+
+
+def runs(block: Block) -> bool:
+    """Return whether there is something to run, or to write into a file."""
+    return block.mark not in NOT_RUN and (block.language in ("sh", "python") or block.mark == "file")
+
+
+def make_start(folder: Path) -> Path:
+    """Return the folder of `rigctl new --simulated` once its README has been followed, with the examples beside it."""
+    with _in(folder.parent):
+        _ours(["new", str(folder), "--simulated"])
+    problems = run_blocks([block for block in blocks_of(folder / "README.md") if runs(block)], folder)
+    if problems:
+        raise RuntimeError("\n".join(problems))
+    shutil.copytree(ROOT / "examples", folder / "examples")
+    return folder
+
+
+def copy_of(start: Path, folder: Path) -> Path:
+    """Return a copy of the start; frames, which nothing changes, are links."""
+    shutil.copytree(start, folder, copy_function=lambda a, b: os.link(a, b) if a.endswith(".fits") else shutil.copy2(a, b))
+    return folder
+
+
+def run_blocks(blocks: list[Block], folder: Path) -> list[str]:
+    """Run blocks in a folder, up to the first that fails; return what is wrong."""
+    names: dict[str, object] = {}
+    with _in(folder):
+        for block in blocks:
+            try:
+                _run(block, names)
+            except Exception:
+                return [f"{block.place}: {traceback.format_exc(limit=-3)}"]
+    return []
+
+
+def _run(block: Block, names: dict[str, object]) -> None:
+    if block.mark == "file":
+        Path(block.note).write_text(block.text, encoding="utf-8")
+    elif block.language == "python":
+        with contextlib.redirect_stdout(io.StringIO()):
+            exec(compile(block.text, block.place, "exec"), names)
+    else:
+        wanted = int(block.mark.removeprefix("exit ")) if block.mark.startswith("exit") else 0
+        for words in block.commands:
+            words = [name for word in words for name in (sorted(glob.glob(word)) or [word])]
+            last = words if words == block.commands[-1] else None
+            code, said = _ours(words[1:]) if words[0] == "rigctl" else _other(words)
+            if code != (wanted if last else 0):
+                raise RuntimeError(f"{' '.join(words)}\nends with {code}:\n{said}")
+
+
+def _ours(words: list[str]) -> tuple[int, str]:
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = cli.main(words)
+    return code, said.getvalue()
+
+
+def _other(words: list[str]) -> tuple[int, str]:
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+@contextlib.contextmanager
+def _in(folder: Path):
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+if __name__ == "__main__":
+    os.environ["MPLBACKEND"] = "agg"
+    sys.exit(not run_pages([Path(name).resolve() for name in sys.argv[1:]] or pages()))
