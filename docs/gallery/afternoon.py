@@ -2,9 +2,9 @@
 An afternoon of runs against the model
 ======================================
 
-A session at four times of one afternoon on the simulated roof of ``examples/rig-roof.toml``, each run set beside what the model
-says for its own sun. On a real rig only the loop over ``rigctl.acquire`` differs: there, ``rigctl acquire`` with a ``[schedule]``
-takes the runs while you are elsewhere.
+A session at four times of one afternoon on the simulated roof of ``examples/rig-roof.toml``, each run set beside what
+the model says for its own sun. On a real rig only the loop over ``rigctl.acquire`` differs: there, ``rigctl acquire``
+with a ``[schedule]`` takes the runs while you are elsewhere.
 """
 
 import tempfile
@@ -30,7 +30,7 @@ for hour in (16, 18, 20, 22):
 runs[16]
 
 # %%
-# Each run beside the model. The scene file has the aerosol and the surfaces; sun, angles and exposure are the run's own.
+# Each run beside the model. The scene file has aerosol and surfaces; sun, angles and exposure are the run's own.
 
 compared = {hour: rigctl.compare(run, examples / "scene-roof.toml") for hour, run in runs.items()}
 compared[16]
@@ -42,7 +42,13 @@ for region in ("black_panel", "white_panel", "asphalt"):
     rows = [found.table().query("region == @region and quantity == 'dolp' and statistic == 'mean'").iloc[0]
             for found in compared.values()]  # fmt: skip
     (line,) = plt.plot(list(compared), [row.predicted for row in rows], label=region)
-    plt.errorbar(list(compared), [row.measured for row in rows], [2 * row.std_error for row in rows], fmt=".", color=line.get_color())
+    plt.errorbar(
+        list(compared),
+        [row.measured for row in rows],
+        [2 * row.std_error for row in rows],
+        fmt=".",
+        color=line.get_color(),
+    )
 plt.xlabel("UTC [h]")
 plt.ylabel("DoLP")
 plt.legend()

@@ -2,8 +2,8 @@
 DoLP of panels against the view angle
 =====================================
 
-What a camera that goes down over a runway sees of paint and asphalt: the model over a range of one number of a scene file, in
-ten lines.
+What a camera sees of paint and asphalt as it goes down towards the horizon: the model over a range of one number of a
+scene file, in ten lines.
 """
 
 from importlib.resources import files

@@ -1,8 +1,9 @@
 """Code blocks of the pages: what stands in them, and whether commands and their options are those of the program.
 
-A comment before a block says why it does not run, or how: ``<!-- hardware -->`` (it needs a device), ``<!-- browser -->`` (a
-person at a browser), ``<!-- shown: WHY -->`` (it is not for running), ``<!-- elsewhere: WHERE -->`` (another part of CI runs it),
-``<!-- file: NAME -->`` (what the reader writes into that file), ``<!-- exit N -->`` (its last command ends with that code).
+A comment before a block says why it does not run, or how: ``<!-- hardware -->`` (it needs a device),
+``<!-- browser -->`` (a person at a browser), ``<!-- shown: WHY -->`` (it is not for running), ``<!-- elsewhere: WHERE -->``
+(another part of CI runs it), ``<!-- file: NAME -->`` (what the reader writes into that file), ``<!-- exit N -->`` (with what
+its last command ends).
 """
 
 import re
@@ -67,7 +68,9 @@ def blocks_of(page: Path) -> Iterator[Block]:
 
 def problem_of(block: Block) -> str | None:
     """Return what is wrong with a block; None where nothing is."""
-    if block.language not in LANGUAGES and (block.language or re.search(r"^(rigctl|import) ", block.text, re.MULTILINE)):
+    if block.language not in LANGUAGES and (
+        block.language or re.search(r"^(rigctl|import) ", block.text, re.MULTILINE)
+    ):
         return f"is {block.language or 'indented'!r}; a block is fenced, and one of {', '.join(LANGUAGES)}"
     if block.mark in ("shown", "elsewhere") and not block.note:
         return f"the mark {block.mark} says why: <!-- {block.mark}: ... -->"

@@ -4,7 +4,6 @@ Usage: python -m tests.docs.run_pages [PAGE ...]; without a page all that have a
 """
 
 import contextlib
-import glob
 import io
 import os
 import shutil
@@ -62,7 +61,9 @@ def make_start(folder: Path) -> Path:
 
 def copy_of(start: Path, folder: Path) -> Path:
     """Return a copy of the start; frames, which nothing changes, are links."""
-    shutil.copytree(start, folder, copy_function=lambda a, b: os.link(a, b) if a.endswith(".fits") else shutil.copy2(a, b))
+    shutil.copytree(
+        start, folder, copy_function=lambda a, b: os.link(a, b) if a.endswith(".fits") else shutil.copy2(a, b)
+    )
     return folder
 
 
@@ -87,7 +88,9 @@ def _run(block: Block, names: dict[str, object]) -> None:
     else:
         wanted = int(block.mark.removeprefix("exit ")) if block.mark.startswith("exit") else 0
         for words in block.commands:
-            words = [name for word in words for name in (sorted(glob.glob(word)) or [word])]
+            words = [
+                name for word in words for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])
+            ]
             last = words if words == block.commands[-1] else None
             code, said = _ours(words[1:]) if words[0] == "rigctl" else _other(words)
             if code != (wanted if last else 0):

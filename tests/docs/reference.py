@@ -1,0 +1,314 @@
+"""Pages of the reference that are made from the code.
+
+``python -m tests.docs.reference`` writes them; a test holds each against the code.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import typer
+
+from model.atmosphere.aerosol import models as aerosol_models
+from model.atmosphere.transfer import phase
+from model.effects.effect_models import EFFECT_MODELS
+from model.surface.material_library import MATERIALS
+from model.surface.materials import Property
+from rigctl import cli
+from rigctl.comparison.verdict import AGREES, VERDICT_WORDS, VerdictName
+from rigctl.console.failure_json import failure_content
+from rigctl.files.interlock_section import InterlockSection
+from rigctl.session.interlocks import Name
+from tests.docs.blocks import ROOT
+
+DOCS = ROOT / "docs"
+_MADE = "Made from the code by `python -m tests.docs.reference`.\n"
+
+
+def commands_page() -> str:
+    """Return the page of all commands, with their arguments and options."""
+    parts = [f"# Commands\n\n{_MADE}Every command has `--help`; options may stand before or after arguments.\n"]
+    group = typer.main.get_command(cli.app)
+    for verb in cli.VERBS:
+        parts += _command(f"rigctl {verb}", group.get_command(None, verb), "##")
+    return "".join(parts)
+
+
+def _command(name: str, command: Any, level: str) -> Iterator[str]:
+    yield f"\n{level} `{name}`\n\n{_paragraphs(command.help or '')}\n"
+    if hasattr(command, "commands"):
+        for inner, one in command.commands.items():
+            yield from _command(f"{name} {inner}", one, level + "#")
+        return
+    rows = [_parameter(one) for one in command.params if one.name != "help"]
+    if rows:
+        yield "\n| argument or option | takes | default | |\n|---|---|---|---|\n"
+        yield "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
+
+
+_KINDS = {Path: "path", str: "text", float: "number", int: "whole number"}
+
+
+def _parameter(one: Any) -> tuple[str, str, str, str]:
+    is_option = one.param_type_name == "option"
+    name = ", ".join(f"`{text}`" for text in one.opts) if is_option else f"`{one.metavar or one.name.upper()}`"
+    annotation = one.type_descriptor.annotation if hasattr(one, "type_descriptor") else bool
+    choices = _choices(annotation)
+    takes = " or ".join(f"`{choice}`" for choice in choices) or (
+        "" if one.metavar is None or not is_option else _cell(one.metavar)
+    )
+    takes = takes or next((text for kind, text in _KINDS.items() if kind is annotation), "")
+    limits = (one.min, one.max) if hasattr(one, "min") else (None, None)
+    if limits != (None, None):
+        least, most = ("" if limit is None else f"{limit:g}" for limit in limits)
+        takes += f", {least} to {most}" if least and most else f", from {least}" if least else f", to {most}"
+    if one.multiple if is_option else one.nargs != 1:
+        takes += ", may be repeated"
+    default = one.default() if callable(one.default) else one.default
+    plain = isinstance(default, str | int | float) and not isinstance(default, bool)
+    shown = "required" if one.required else f"`{default}`" if plain and default != "" else ""
+    return name, takes, shown, _cell(getattr(one, "help", None) or "")
+
+
+def _choices(annotation: Any) -> list[str]:
+    """Return what a choice may be, through lists and what may be left out."""
+    if isinstance(annotation, type) and issubclass(annotation, StrEnum):
+        return [one.value for one in annotation]
+    given = get_args(annotation)
+    if get_origin(annotation) is Literal:
+        return [str(one) for one in given]
+    return [choice for inner in given for choice in _choices(inner)]
+
+
+def _paragraphs(text: str) -> str:
+    """Return help as Markdown: an example is code, what looks like HTML is not."""
+    lines = []
+    for part in re.split(r"\n\s*\n", text.replace("\b\n", "").strip()):
+        whole = " ".join(part.split())
+        example = re.match(r"(Examples?:|or|and) (rigctl .*)", whole)
+        bare = whole if whole.startswith("rigctl ") else example[2] if example else ""
+        lines.append(f"Example: `{bare}`" if bare else _cell(whole))
+    return "\n\n".join(lines)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*").replace("_", "\\_")
+
+
+def codes_page() -> str:
+    """Return the page of exit codes, verdicts, interlocks, flags, checks, effects."""
+    return "".join(
+        (
+            f"# Codes, interlocks, flags, checks, effects\n\n{_MADE}",
+            _exit_codes(),
+            _verdicts(),
+            _interlocks(),
+            _flags(),
+            _checks(),
+            _effects(),
+        )
+    )
+
+
+_ENDS = {
+    cli.EXIT_USAGE: "usage, or a file that people write",
+    cli.EXIT_DEVICE: "a device",
+    cli.EXIT_DATA: "data unfit: refused, damaged, a checksum that fails; a comparison that cannot be judged",
+    cli.EXIT_DISAGREES: "model and measurement disagree",
+    cli.EXIT_OWN_FAULT: "a fault of rigctl itself: one line, and a log with the traceback",
+    cli.EXIT_INCOMPLETE: "a session stopped on request or by Ctrl-C, to be resumed; `verify`: an unfinished run",
+    cli.EXIT_INTERRUPTED: "interrupted; in `acquire` and `resume` by a second Ctrl-C",
+}
+
+
+def _exit_codes() -> str:
+    codes = sorted(value for name, value in vars(cli).items() if name.startswith("EXIT_") and isinstance(value, int))
+    text = "\n## Exit codes\n\n| code | meaning | what to do |\n|---|---|---|\n"
+    text += "| 0 | done; model and measurement agree, with reservations named where there are any | |\n"
+    for code in codes:
+        step = str(failure_content(code, "", verb="VERB")["error"]["next"])
+        text += f"| {code} | {_ENDS[code]} | {step} |\n"
+    return (
+        f'{text}\nWith `--json` a failure prints `{{"error": {{"code", "kind", "message", "key", "next"}}}}` to '
+        "standard output; the code is the same, `key` the first key or option that the message names.\n"
+    )
+
+
+_VERDICT_STEPS = {
+    "agrees": "nothing; the report says what difference it could have seen",
+    "agrees_with_reservations": "read the reservations: a check of the run is flagged",
+    "disagrees": "read what would explain the residuals, then the checks of the run",
+    "cannot_be_judged": "take the run again as the refused check says, or correct what it shows (`--correct`)",
+}
+
+
+def _verdicts() -> str:
+    text = "\n## Verdicts of a comparison\n\n"
+    text += "| verdict | model and measurement | `agrees` | what to do |\n|---|---|---|---|\n"
+    for name in get_args(VerdictName):
+        agrees = {True: "true", False: "false", None: "null"}[AGREES[name]]
+        text += f"| `{name}` | {VERDICT_WORDS[name]} | {agrees} | {_VERDICT_STEPS[name]} |\n"
+    return text
+
+
+def _interlocks() -> str:
+    text = (
+        "\n## Interlocks\n\nWhat trips each, and what is done, is in [Rooftop sessions](rooftop.md#interlocks).\n\n"
+        "| key of `[interlocks]` | default | or |\n|---|---|---|\n"
+    )
+    for name, field in InterlockSection.model_fields.items():
+        choices = [choice for choice in get_args(field.annotation) if choice != field.default]
+        others = ", ".join(f"`{choice}`" for choice in choices if isinstance(choice, str))
+        assert bool(others) == (name in get_args(Name)), name
+        text += f"| `{name}` | `{field.default}` | {others or 'a number'} |\n"
+    return text
+
+
+def _flags() -> str:
+    """Return names and messages of all flags, as they stand in the source."""
+    text = (
+        "\n## Flags of a calibration\n\nUnder `flags` of `noise.json`, and in the report. `...` stands for a number or "
+        "a name. A flag that refuses leaves no result.\n\n| flag | says, and what to do |\n|---|---|\n"
+    )
+    found: dict[str, list[str]] = {}
+    for path in sorted((ROOT / "calibration").rglob("*.py")):
+        for function in _functions(path):
+            for name, message in _flags_of(function):
+                if message not in found.setdefault(name, []):
+                    found[name].append(message)
+    return text + "".join(f"| `{name}` | {'<br>'.join(found[name])} |\n" for name in sorted(found))
+
+
+def _functions(path: Path) -> Iterator[ast.FunctionDef]:
+    yield from (one for one in ast.walk(ast.parse(path.read_text())) if isinstance(one, ast.FunctionDef))
+
+
+def _flags_of(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
+    assigned = {ast.unparse(one.targets[0]): one.value for one in ast.walk(function) if isinstance(one, ast.Assign)}
+    for call in ast.walk(function):
+        if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Flag"):
+            continue
+        given = {one.arg: one.value for one in call.keywords}
+        message = assigned.get(ast.unparse(given["message"]), given["message"])
+        refuses = "; refuses" if isinstance(given.get("refuses"), ast.Constant) else ""
+        chosen = next((one for one in assigned.values() if isinstance(one, ast.Dict)), None)
+        if isinstance(given["name"], ast.Name) and chosen is not None:
+            yield from (
+                (ast.literal_eval(key), _said(value)) for key, value in zip(chosen.keys, chosen.values, strict=True)
+            )
+        else:
+            name = _template(given["name"])
+            if name != "...":
+                yield name, _said(message) + refuses
+
+
+def _said(node: ast.expr) -> str:
+    return _cell(_template(node)).replace("\\_", "_").replace("_", "\\_")
+
+
+def _template(node: ast.expr | None) -> str:
+    """Return the text of an expression, three dots for what is put in."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_template(part) for part in node.values)
+    if isinstance(node, ast.BinOp):
+        return _template(node.left) + _template(node.right)
+    if isinstance(node, ast.IfExp):
+        return _template(node.body)
+    return "..."
+
+
+def _checks() -> str:
+    text = "\n## Checks of a run\n\nEach is sound, flagged, refused or not testable, and says why.\n\n"
+    text += "| check | says, and what to do |\n|---|---|\n"
+    found: dict[str, str] = {}
+    for function in _functions(ROOT / "rigctl" / "comparison" / "checks.py"):
+        assigned: dict[str, ast.expr] = {}
+        for one in ast.walk(function):
+            if isinstance(one, ast.Assign):
+                target, value = one.targets[0], one.value
+                pairs = (
+                    zip(target.elts, value.elts, strict=True)
+                    if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+                    else [(target, value)]
+                )
+                assigned |= {ast.unparse(name): given for name, given in pairs}
+        for call in ast.walk(function):
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Check":
+                given = {one.arg: one.value for one in call.keywords}
+                name = _template(assigned.get(ast.unparse(given["name"]), given["name"])).removesuffix(" of ...")
+                said = _said(assigned.get(ast.unparse(given["text"]), given["text"]))
+                found[name] = max(found.get(name, ""), said, key=len)
+    return text + "".join(f"| {name} | {said} |\n" for name, said in found.items())
+
+
+def _effects() -> str:
+    text = (
+        "\n## Effects\n\nFor `--with` and `--without`, and `[effects]` of a scene file. One that matters at the "
+        "tolerance asked for is taken, the others are left out and it is said; [how that is decided](effects.md).\n\n"
+        "| effect | key | changes | costs |\n|---|---|---|---|\n"
+    )
+    for name, effect in EFFECT_MODELS.items():
+        text += f"| {name.value} | `{name.value.replace(' ', '-')}` | {effect.changes} | {effect.cost} |\n"
+    return text
+
+
+def materials_page() -> str:
+    """Return the page of materials and aerosols with their sources."""
+    text = (
+        f"# Materials and aerosols\n\n{_MADE}A value that is assumed was not measured on such a surface; replace "
+        "it by what you measured ([a material of your own](how-to/material.md)).\n"
+    )
+    for key, material in MATERIALS.items():
+        text += f"\n## `{key}`\n\n| property | value | std | basis | confidence | source |\n|---|---|---|---|---|---|\n"
+        for name in ("n", "k", "slope_rms", "dhr", "specular_weight"):
+            found = getattr(material, name)
+            if found is None:
+                continue
+            cells = [
+                name,
+                _values(found),
+                f"{found.standard_uncertainty:g}",
+                "assumed" if found.assumed else "measured",
+            ]
+            text += f"| {' | '.join([*cells, found.confidence, _cell(found.source)])} |\n"
+    text += (
+        "\n## Aerosols\n\n`atmosphere.aerosol_type` says which particles there are. Rural and tropospheric: Shettle & "
+        "Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177). The others are "
+        "spheres by their sizes and indices, `[atmosphere.own_aerosol]` your own.\n\n| type | is |\n|---|---|\n"
+    )
+    text += "".join(f"| `{name}` | {said} |\n" for name, said in _enum(aerosol_models, aerosol_models.AerosolType))
+    text += (
+        "\n`atmosphere.aerosol` says what they do to polarization, [the largest uncertainty of the sky](atmosphere.md)."
+    )
+    text += "\n\n| kind | is |\n|---|---|\n"
+    return text + "".join(f"| `{name}` | {said} |\n" for name, said in _enum(phase, phase.AerosolKind))
+
+
+def _values(found: Property) -> str:
+    if len(found.values) == 1:
+        return f"{found.values[0]:g}"
+    first_nm, last_nm = found.wavelengths_m[0] * 1e9, found.wavelengths_m[-1] * 1e9
+    return f"{found.values[0]:g} to {found.values[-1]:g} at {first_nm:g} to {last_nm:g} nm"
+
+
+def _enum(module: Any, kind: type[StrEnum]) -> Iterator[tuple[str, str]]:
+    """Yield the values of an enumeration with the texts below them in the source."""
+    tree = ast.parse(Path(module.__file__).read_text())
+    body = next(one for one in ast.walk(tree) if isinstance(one, ast.ClassDef) and one.name == kind.__name__).body
+    for one, after in zip(body, [*body[1:], None], strict=True):
+        if isinstance(one, ast.Assign):
+            is_text = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            yield ast.literal_eval(one.value), " ".join(str(after.value.value).split()) if is_text else ""
+
+
+PAGES = {"commands.md": commands_page, "codes.md": codes_page, "materials.md": materials_page}
+
+
+if __name__ == "__main__":
+    for page, make in PAGES.items():
+        (DOCS / page).write_text(make(), encoding="utf-8")
