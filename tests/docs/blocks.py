@@ -1,8 +1,8 @@
 """Code blocks of the pages: what stands in them, and whether commands and their options are those of the program.
 
-A comment before a block says why it does not run, or how: ``<!-- hardware -->`` (it needs a device),
-``<!-- browser -->`` (a person at a browser), ``<!-- shown: WHY -->`` (it is not for running), ``<!-- elsewhere: WHERE -->``
-(another part of CI runs it), ``<!-- file: NAME -->`` (what the reader writes into that file), ``<!-- exit N -->`` (with what
+A comment before a block says why it does not run, or how: ``<!-- hardware -->`` (it needs a device), ``<!-- browser
+-->`` (a person at a browser), ``<!-- shown: WHY -->`` (it is not for running), ``<!-- elsewhere: WHERE -->`` (another
+part of CI runs it), ``<!-- file: NAME -->`` (what the reader writes into that file), ``<!-- exit N -->`` (with what
 its last command ends).
 """
 

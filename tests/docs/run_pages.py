@@ -92,7 +92,7 @@ def _run(block: Block, names: dict[str, object]) -> None:
                 name for word in words for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])
             ]
             last = words if words == block.commands[-1] else None
-            code, said = _ours(words[1:]) if words[0] == "rigctl" else _other(words)
+            code, said = _ours(words[1:]) if Path(words[0]).name == "rigctl" else _other(words)
             if code != (wanted if last else 0):
                 raise RuntimeError(f"{' '.join(words)}\nends with {code}:\n{said}")
 
