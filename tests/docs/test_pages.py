@@ -1,4 +1,5 @@
 import re
+import shutil
 from dataclasses import fields
 from typing import get_args
 
@@ -11,6 +12,7 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.session.interlocks import Name
 from tests.docs.blocks import ROOT, blocks_of, pages, problem_of
 from tests.docs.reference import DOCS, PAGES
+from tests.docs.run_pages import run_blocks, runs
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(ROOT)))
@@ -37,3 +39,9 @@ def test_every_quantity_and_every_card_of_a_frame_is_told():
     assert {name for name in QUANTITIES if name not in told} == set()
     assert {name for name in (one.name for one in _KEYWORDS) if name not in told} == set()
     assert {one.name for one in fields(FrameRecord) if one.name not in told} == set()
+
+
+@pytest.mark.timeout(600)
+def test_the_tutorial_runs_word_for_word(tmp_path):
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    assert run_blocks([block for block in blocks_of(DOCS / "tutorial.md") if runs(block)], tmp_path) == []
