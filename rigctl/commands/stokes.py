@@ -50,7 +50,7 @@ def command(
     for remark in found.remarks:
         warn(remark)
     if as_json:
-        print_json(found.content)
+        print_json(found.as_json())
     else:
         _print(found, out)
     if found.refused:
@@ -60,11 +60,13 @@ def command(
 
 
 def _print(found: "StokesOfRun", out: Path) -> None:
+    from rigctl.reports.tables.comparison_json import region_statistics
     from rigctl.reports.tables.prediction_tables import quantity_tables
     from rigctl.reports.writers.terminal_table import terminal_table
 
     _print_faults(found)
-    for table in quantity_tables(found.content["regions"]):
+    regions = {name: region_statistics(region) for name, region in found.measurement.regions.items()}
+    for table in quantity_tables(regions):
         results().print(terminal_table(table))
     for name, texture in (found.textures or {}).items():
         results().print(texture_line(name, texture), markup=False)

@@ -13,6 +13,7 @@ from rigctl.reports.figures.measurement_figures import scene_pictures
 from rigctl.reports.figures.prediction_figures import sweep_png
 from rigctl.reports.figures.scene_figures import sky_picture
 from rigctl.reports.table import Column, Table
+from rigctl.reports.tables.comparison_json import region_statistics
 from rigctl.reports.tables.comparison_tables import check_table, summary_table
 from rigctl.reports.tables.light_tables import sky_lines
 from rigctl.reports.tables.prediction_tables import quantity_tables
@@ -115,7 +116,7 @@ class StokesResult(StokesOfRun):
         return f"<Stokes parameters of {self.measurement.run.path}: {grid.height} x {grid.width} pixels [{grid.unit}]>"
 
     def _repr_html_(self) -> str:
-        tables = quantity_tables(self.content["regions"])
+        tables = quantity_tables({name: region_statistics(one) for name, one in self.measurement.regions.items()})
         return "".join(
             (
                 picture_fragment(scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)),

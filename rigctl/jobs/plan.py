@@ -1,10 +1,11 @@
 """Planning a session: rig, session and scene file in; what is taken when, and what it can give, out."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+
+from pydantic import JsonValue
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import is_counts
@@ -74,7 +75,7 @@ class RoundPrediction:
     round: int
     exposure_ms: float
     region: str
-    mean_dn: Mapping[str, float]
+    mean_dn: dict[str, float]
     saturated_fraction: float
     dolp: float | None
     dolp_snr: float | None
@@ -101,12 +102,11 @@ class PlannedSession:
     plan: SessionPlan
     predictions: tuple[Prediction, ...] | None
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> dict[str, JsonValue]:
         """Return it as JSON holds it."""
         if self.predictions is None:
             return self.plan.content()
-        rows = [asdict(row) for row in self.predictions]
-        return self.plan.content() | {"predictions": rows}
+        return self.plan.content() | {"predictions": [asdict(row) for row in self.predictions]}
 
 
 def plan(request: PlanRequest) -> PlannedSession:

@@ -1,10 +1,10 @@
 """Stokes images of a run: run, regions and calibrations in; images, masks and the numbers of the regions out."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from pydantic import JsonValue
 
 from model.processing.texture import Texture, estimate_texture
 from rigctl.comparison.checks import Check, registration_of, run_checks
@@ -53,27 +53,34 @@ class StokesOfRun:
     ----------
     measurement : Measurement
         Its Stokes pictures and regions.
-    textures : dict or None
+    textures : mapping or None
         Texture of each region; None without a noise calibration, which tells it from noise.
-    content : dict
-        What stokes.json holds.
-    files : tuple of str
-        Names of what was written.
     remarks : tuple of str
         What is doubtful, and what was done to frames.
     diagnosis : RunDiagnosis
         What the run says of its own faults.
     checks : tuple of Check
         Whether it is sound.
+    files : tuple of str
+        Names of what was written.
     """
 
     measurement: Measurement
     textures: dict[str, Texture] | None
-    content: dict[str, Any]
-    files: tuple[str, ...]
     remarks: tuple[str, ...]
     diagnosis: RunDiagnosis
     checks: tuple[Check, ...]
+    files: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, JsonValue]:
+        """Return what stokes.json holds."""
+        return measurement_json(self.measurement, self.textures) | {
+            "unmeasured": self.measurement.unmeasured,
+            "diagnosis": diagnosis_json(self.diagnosis),
+            "checks": [asdict(check) for check in self.checks],
+            "flags": [check.name for check in self.checks if check.verdict == "flagged"],
+            "sound": not any(check.verdict == "refused" for check in self.checks),
+        }
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -104,22 +111,16 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
     measurement, diagnosis = seen.measurement, seen.diagnosis
     checks = run_checks(measurement, registration_of(measurement), diagnosis)
     textures = None if given.noise is None else region_textures(measurement, temporal_noise(given.noise))
-    content = measurement_json(measurement, textures) | {
-        "unmeasured": measurement.unmeasured,
-        "diagnosis": diagnosis_json(diagnosis),
-        "checks": [asdict(check) for check in checks],
-        "flags": [check.name for check in checks if check.verdict == "flagged"],
-        "sound": not any(check.verdict == "refused" for check in checks),
-    }
-    return StokesOfRun(
+    found = StokesOfRun(
         measurement=measurement,
         textures=textures,
-        content=content,
-        files=() if request.out is None else write_stokes(measurement, regions, request.out, numbers=content),
         remarks=(*given.doubts, *seen.remarks, *correction_remarks(measurement, regions)),
         diagnosis=diagnosis,
         checks=checks,
     )
+    if request.out is None:
+        return found
+    return replace(found, files=write_stokes(measurement, regions, request.out, numbers=found.as_json()))
 
 
 def region_textures(measurement: Measurement, noise: TemporalNoise) -> dict[str, Texture]:

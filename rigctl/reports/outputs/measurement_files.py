@@ -1,9 +1,10 @@
 """The files of what a run measured: Stokes parameters, and detection on them."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from pydantic import JsonValue
 
 from rigctl.comparison.rx_detection import RxOnRun
 from rigctl.files.regions import Region
@@ -16,7 +17,7 @@ from rigctl.reports.writers.output_folder import write_folder
 
 
 def write_stokes(
-    measurement: Measurement, regions: list[Region], out: Path, *, numbers: dict[str, Any]
+    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, JsonValue]
 ) -> tuple[str, ...]:
     """Write all that a measurement gives into a folder; return the names of the files.
 
@@ -28,7 +29,7 @@ def write_stokes(
         Drawn on the pictures.
     out : Path
         Folder; made where it is not there. Files of the same name are replaced.
-    numbers : dict
+    numbers : mapping
         What stokes.json is to hold.
     """
     images, unit = measurement.images, measurement.grid.unit

@@ -1,7 +1,9 @@
 """A session laid out in time: its steps, where the sun stands at them, and what they need."""
 
 from dataclasses import asdict, dataclass
-from typing import Any, TypedDict
+from typing import TypedDict
+
+from pydantic import JsonValue
 
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
@@ -103,7 +105,7 @@ class SessionPlan:
         """Return the steps with their times and the sun."""
         return tuple(self._step(step, time_ns) for step, time_ns in zip(self.steps, self.times_ns, strict=True))
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> dict[str, JsonValue]:
         """Return the plan as JSON holds it."""
         return {
             "start_utc": utc_text(self.start_ns),
@@ -140,7 +142,7 @@ class SessionPlan:
         )
 
 
-def _as_json(row: PlannedRound | PlannedStep) -> dict[str, Any]:
+def _as_json(row: PlannedRound | PlannedStep) -> dict[str, JsonValue]:
     """Return a row without the angles of a sun that is not known."""
     return {name: value for name, value in asdict(row).items() if value is not None or name not in SUN_ANGLES}
 
