@@ -35,7 +35,7 @@ class Provenance:
 
     Attributes
     ----------
-    files : dict
+    files : mapping
         What it is ("scene", "noise", "manifest") to the file.
     alpha : float
         Family-wise error rate: chance of any false disagreement.
@@ -75,7 +75,7 @@ class ComparedRun:
         What the predictions are worth for detection.
     provenance : Provenance
         What it was made from.
-    noise : dict or None
+    noise : mapping or None
         The noise calibration.
     effects : EffectsTaken or None
         None without a scene.

@@ -50,7 +50,7 @@ class Comparison:
         All of them.
     diagnosis : Diagnosis
         Where the disagreements point.
-    predictions : dict
+    predictions : mapping
         Region to what the model says, for the figures.
     remarks : tuple of str
         What was assumed, overruled or left out.
@@ -70,11 +70,11 @@ class Comparison:
         What each cause makes of the uncertainty of a region's polarization.
     checks : tuple of Check
         What the run says of itself, before any model.
-    unjudged : dict
+    unjudged : mapping
         Region that cannot be judged to why.
     run_diagnosis : RunDiagnosis or None
         What the redundancy of the run's angles says of its faults.
-    lights : dict
+    lights : mapping
         Region to its light, of the regions that are given by a material.
     """
 

@@ -50,7 +50,7 @@ class PanelResponse:
         Measured over that, by channel and for all.
     radiance, radiance_error : float
         S0 of the panel at the aperture as it was predicted, and its standard error [W m-2 sr-1].
-    shares : dict
+    shares : mapping
         Uncertain input to the share of the variance of the common scale that comes from it alone; "measurement" is
         one of them. Where inputs are correlated they do not add up to 1.
     pixels : int

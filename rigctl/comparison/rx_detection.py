@@ -85,7 +85,7 @@ def detect(
         Stokes parameters of one cycle, for the map.
     background, target : str
         Names of regions.
-    predicted : dict or None
+    predicted : mapping or None
         Region to moments of the Stokes parameters of one cycle, from a scene; None takes the regions' own sample
         moments: the curve then tests whether their pixels are Gaussian, and not the scene.
 

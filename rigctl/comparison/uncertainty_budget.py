@@ -35,7 +35,7 @@ class RegionBudget:
     ----------
     region : str
         Its name.
-    parts : dict
+    parts : mapping
         Quantity ("s0" relative, "s1n", "s2n", "dolp", "aolp_deg") to cause to standard uncertainty.
     """
 

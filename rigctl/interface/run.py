@@ -230,14 +230,13 @@ class Run:
         )
 
     def _simulated_regions(self) -> list[Region]:
-        rig = self.record.session_json.get("rig") or {}
-        scene = (rig.get("simulation") or {}).get("scene")
-        if scene is None or not Path(scene).is_file():
+        scene = self.record.session.simulated_scene
+        if scene is None or not scene.is_file():
             raise ConfigError(
                 f"{self.path}: say which regions: regions=FILE; `rigctl regions draw {self.path} --out regions.toml` "
                 "makes such a file"
             )
-        return list(load_scene(Path(scene)).regions)
+        return list(load_scene(scene).regions)
 
 
 def _listed(regions: Path | Sequence[Region] | None) -> Path | list[Region] | None:

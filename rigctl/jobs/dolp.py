@@ -25,7 +25,7 @@ class ComparedEstimators:
     ----------
     true_snr : (k,) array
         True DoLP over the deviation of S1/S0 and of S2/S0.
-    errors : dict
+    errors : mapping
         Estimator to bias and rms error at each, in units of that deviation.
     """
 

@@ -83,7 +83,7 @@ class PredictedScene:
         What they make of each number, where that was asked.
     doubts : tuple of str
         About the calibrations.
-    rocs : dict
+    rocs : mapping
         Kind to the whole curve; empty where none was asked for.
     """
 

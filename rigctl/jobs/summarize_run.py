@@ -68,9 +68,9 @@ class RunSummary:
         Model and serial number.
     groups : tuple of FrameGroup
         The frames, by kind, angle, exposure and gain.
-    remarks : dict
+    remarks : mapping
         What is noted in frames, and in how many.
-    events : dict
+    events : mapping
         What happened, and how often.
     """
 

@@ -2,17 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.session_file import SessionFile
+from rigctl.runs.run_description import RunDescription
 from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import read_contents
-from rigctl.runs.session_record import session_record
 from rigctl.runs.verification import Finding, Verification, Watch, verify_run
-from rigctl.runs.wholeness import is_of_session
 from rigctl.session.planning.session_steps import Step, plan_steps
 
 _LEFT_OUT = ("round missed", "time is up")
@@ -20,26 +18,13 @@ _PLAN = "plan"
 
 
 def verify(path: Path, *, watch: Watch = iter) -> Verification:
-    """Return what is wrong with a run folder, and which steps of its plan have no frame.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-    watch : callable, optional
-        Hands on the records one by one, for a progress bar.
-
-    Raises
-    ------
-    RunFolderError
-        There is no such folder, or it is no run folder at all.
-    """
+    """Return what is wrong with a run folder, as `verify_run` does, and which steps of its plan have no frame."""
     found = verify_run(path, watch=watch)
     contents = read_contents(path)
-    if contents.description is None or not is_of_session(contents.description.session):
+    if contents.description is None or not contents.description.record.is_of_session:
         return found
     try:
-        steps = _planned(contents.description.session)
+        steps = _planned(contents.description)
     except (ValidationError, ConfigError, DataError):
         return replace(
             found, unchecked=(*found.unchecked, "what was planned: the session is none that this program knows")
@@ -53,8 +38,8 @@ def verify(path: Path, *, watch: Watch = iter) -> Verification:
     return replace(found, gaps=gaps)
 
 
-def _planned(session: dict[str, Any]) -> tuple[Step, ...]:
-    return plan_steps(SessionFile.model_validate(session["session"]), session_record(session).rounds_ns)
+def _planned(description: RunDescription) -> tuple[Step, ...]:
+    return plan_steps(SessionFile.model_validate(description.session["session"]), description.record.rounds_ns)
 
 
 def _left_some_out(path: Path) -> bool:

@@ -22,7 +22,7 @@ class FrameShifts:
 
     Attributes
     ----------
-    shifts_pixels : dict
+    shifts_pixels : mapping
         Sequence number of a frame to its shift (x, y).
     variance_factor : (N,) array
         What interpolation makes of the variance of white noise, by channel; the mean over cycles.

@@ -49,9 +49,9 @@ class Measurement:
         Mean of each angle over the cycles, dark level off [grid.unit].
     saturated, missing : (H, W) arrays of bool
         Pixels that are so in any frame.
-    regions : dict
+    regions : mapping
         Name to what its pixels say.
-    unmeasured : dict
+    unmeasured : mapping
         Name of each region that gives no numbers to why.
     corrections : Corrections
         What was done to frames after the dark level.

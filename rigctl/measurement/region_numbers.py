@@ -49,7 +49,7 @@ class MeasuredRegion:
         Relative error of each angle's mean by what differs from cycle to cycle; 0 with one cycle.
     first_half : (P,) array of bool
         Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
-    quantities : dict
+    quantities : mapping
         Everything a prediction is set beside.
     """
 

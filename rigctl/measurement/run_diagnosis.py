@@ -51,7 +51,7 @@ class FaultTerm:
         What it does to the polarization of the region (or of the whole picture) that it moves most.
     named : bool
         Whether it is one of the causes that explain the run best.
-    by_region : dict
+    by_region : mapping
         Region to (shift of DoLP, shift of AoLP in degrees).
     """
 

@@ -67,7 +67,7 @@ class CurvePoint:
     ----------
     session : Session
         Which.
-    budgets : dict
+    budgets : mapping
         Region to errors of DoLP.
     p_detection : float or None
         Of the pair that was asked for.

@@ -23,7 +23,7 @@ class Performance:
 
     Attributes
     ----------
-    strengths : dict
+    strengths : mapping
         Region to the distribution of its DoLP in a few numbers; None where there is no light.
     detections : tuple of PairDetection
         Every ordered pair of regions, at `STATED_RATES`.

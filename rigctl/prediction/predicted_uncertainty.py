@@ -24,11 +24,11 @@ class PredictedUncertainty:
 
     Attributes
     ----------
-    std_errors : dict
+    std_errors : mapping
         Region, quantity and statistic to the standard uncertainty by all inputs.
     inputs : tuple of str
         Those that have an uncertainty.
-    effects : dict
+    effects : mapping
         Region, quantity and statistic to the change by one standard uncertainty of each of these alone, shape (k,).
     remarks : tuple of str
         What was curved, or stood at a limit.

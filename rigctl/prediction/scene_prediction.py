@@ -57,9 +57,9 @@ class ScenePrediction:
 
     Attributes
     ----------
-    predictions : dict
+    predictions : mapping
         Region to prediction.
-    lights : dict
+    lights : mapping
         Region to its light, for the regions that are given by a material.
     geometry : SceneGeometry or None
         For a scene with such a region.

@@ -62,7 +62,7 @@ class Sweep:
         For each point, region to quantities.
     detections : tuple of tuple of PairDetection
         For each point, every ordered pair of regions at `SWEPT_RATES`.
-    rocs : dict
+    rocs : mapping
         Kind to a curve for each point; empty where none was asked for.
     warnings : tuple of PointWarning
         Of the predictions and of detection.

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+
+from pydantic import JsonValue
 
 from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.frame_record import FrameRecord
@@ -48,7 +49,7 @@ class EventLog:
         self._reserve = DiskReserve(path)
         self._lock = threading.Lock()
 
-    def note(self, name: str, facts: dict[str, Any]) -> None:
+    def note(self, name: str, facts: dict[str, JsonValue]) -> None:
         """Return once an event is on the disk; on a full one the room that is kept for events is used.
 
         Raises

@@ -4,12 +4,11 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import ConfigDict, JsonValue, TypeAdapter, ValidationError, with_config
 
 from rigctl.errors import DataError
-from rigctl.runs.session_record import session_record
+from rigctl.runs.session_record import SessionRecord, session_record
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 SCHEMA_VERSION = 2
@@ -31,7 +30,7 @@ class RunDescription:
         Program and version that made it.
     created_utc : str
         When it was made.
-    session : dict
+    session : mapping
         The resolved session; ``origin`` is "simulated", "device" or "import".
     checksum : str or None
         ``sha256:`` and 64 hexadecimal digits over the rest of the file; None in runs of layout 1, which have none.
@@ -40,8 +39,13 @@ class RunDescription:
     schema_version: int
     created_by: str
     created_utc: str
-    session: dict[str, Any]
+    session: dict[str, JsonValue]
     checksum: str | None = None
+
+    @property
+    def record(self) -> SessionRecord:
+        """The session as far as the program asks."""
+        return session_record(self.session)
 
     @property
     def is_sealed(self) -> bool:
@@ -86,7 +90,7 @@ def read_description(file: Path) -> RunDescription:
     if description.checksum != (_checksum(description) if description.is_sealed else None):
         raise DataError("damaged or edited: its checksum is another")
     try:
-        session_record(description.session)
+        _ = description.record
     except ValidationError as error:
         raise DataError(explain_invalid(error, within="session")) from error
     return description

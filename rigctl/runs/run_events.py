@@ -1,11 +1,10 @@
 """The file ``events.jsonl`` of a run folder: what happened, and when."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.run_description import SESSION_FILE, explain_invalid, first_link, read_description
@@ -13,6 +12,7 @@ from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 EVENTS_FILE = "events.jsonl"
+METERED_EVENT = "metered"
 TALLY_EVENT = "camera tally"
 """Counts of a camera's pictures, at the end of each part of a session."""
 _UTC_DIGITS = 19
@@ -34,7 +34,7 @@ class RunEvent:
         The same by the host's monotonic clock [ns].
     event : str
         Its name, a word or two.
-    facts : dict
+    facts : mapping
         What else was noted, as JSON can hold it.
     """
 
@@ -42,10 +42,46 @@ class RunEvent:
     utc: str = ""
     monotonic_ns: int | None = None
     event: str
-    facts: dict[str, Any] = field(default_factory=dict)
+    facts: dict[str, JsonValue] = field(default_factory=dict)
 
 
 _EVENT = TypeAdapter(RunEvent)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metered:
+    """Facts of the event that notes a metered exposure.
+
+    Attributes
+    ----------
+    round : int
+        Of the schedule.
+    exposure_s : float
+        What was chosen for it [s].
+    next_camera_frame : int or None
+        Number that the camera gives to its next picture; None where it counts none.
+    """
+
+    round: int
+    exposure_s: float
+    next_camera_frame: int | None = None
+
+
+_METERED = TypeAdapter(Metered)
+
+
+def metered_exposures(events: Iterable[RunEvent]) -> tuple[Metered, ...]:
+    """Return the exposures that were metered in a session.
+
+    Raises
+    ------
+    RunFolderError
+        An event says so, and not what.
+    """
+    try:
+        return tuple(_METERED.validate_python(event.facts) for event in events if event.event == METERED_EVENT)
+    except ValidationError as error:
+        raise RunFolderError(f"{EVENTS_FILE}: a metered exposure: {explain_invalid(error)}") from error
 
 
 def read_events(path: Path) -> list[RunEvent]:
@@ -108,7 +144,7 @@ def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
     return found
 
 
-def closing_facts(*, frames: int, link: str | None) -> dict[str, Any]:
+def closing_facts(*, frames: int, link: str | None) -> dict[str, JsonValue]:
     """Return what the event that closes a run says of its manifest; nothing in an old run, which has no chain."""
     return {} if link is None else {_FRAMES_FACT: frames, _CHAIN_FACT: link}
 

@@ -14,11 +14,10 @@ import hashlib
 from collections import Counter
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import JsonValue, ValidationError
 
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.fits.fits_frame import FitsFrame, decode_frame
@@ -26,7 +25,7 @@ from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.frame_record import FRAME_RECORD, FrameRecord
 from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, first_link, read_description
 from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
-from rigctl.runs.session_record import SessionRecord, session_record
+from rigctl.runs.session_record import SessionRecord
 from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, MOST_RECORD_BYTES, read_bounded
 
 # A card has 80 bytes; a header of thousands of cards is none of ours.
@@ -45,7 +44,7 @@ class Run:
         The folder.
     session : SessionRecord
         How it came about.
-    session_json : dict
+    session_json : mapping
         All that the writer was told of that: rig, session, versions, hashes.
     frames : tuple of FrameRecord
         In the order of their sequence numbers.
@@ -57,7 +56,7 @@ class Run:
 
     path: Path
     session: SessionRecord
-    session_json: dict[str, Any]
+    session_json: dict[str, JsonValue]
     frames: tuple[FrameRecord, ...]
     created_by: str
     created_utc: str
@@ -179,7 +178,7 @@ def read_run(path: Path) -> Run:
         raise RunFolderError(f"{path} cannot be used as a run folder:\n  " + "\n  ".join(problems))
     return Run(
         path=path,
-        session=session_record(description.session),
+        session=description.record,
         session_json=description.session,
         frames=contents.frames,
         created_by=description.created_by,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import JsonValue
 
 from rigctl.errors import RunFolderError
 from rigctl.numbers.utc_time import utc_text
@@ -70,7 +71,7 @@ class RunWriter:
     def create(
         cls,
         path: Path,
-        description: dict[str, Any],
+        description: dict[str, JsonValue],
         *,
         utc_ns: Clock = time.time_ns,
         monotonic_ns: Clock = time.monotonic_ns,
@@ -81,7 +82,7 @@ class RunWriter:
         ----------
         path : Path
             The folder; made where it is not there, with its parents.
-        description : dict
+        description : mapping
             The resolved session, as JSON can hold it; ``origin`` is "simulated", "device" or "import".
         utc_ns, monotonic_ns : callable
             The clocks that stamp events [ns].

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import Field, JsonValue, TypeAdapter
 
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.runs.simulated_light import SimulatedLight
@@ -29,11 +30,19 @@ class CameraAsTaken:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SimulationAsTaken:
+    """The simulation by the rig file of a run: the scene file that it showed."""
+
+    scene: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class RigAsTaken:
     """The rig file of a run, as far as runs of older programs have it too."""
 
     polarizer: PolarizerAsTaken | None = None
     camera: CameraAsTaken | None = None
+    simulation: SimulationAsTaken | None = None
     site: SiteSection | None = None
     geometry: GeometrySection | None = None
 
@@ -109,6 +118,12 @@ class SessionRecord:
         return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
 
     @property
+    def simulated_scene(self) -> Path | None:
+        """The scene file of a simulated run, where it stood."""
+        simulation = None if self.rig is None else self.rig.simulation
+        return None if simulation is None or simulation.scene is None else Path(simulation.scene)
+
+    @property
     def site(self) -> SiteSection | None:
         """Site of the rig, by its rig file or by its session file."""
         places = (place.site for place in (self.rig, self.session) if place is not None)
@@ -123,7 +138,7 @@ class SessionRecord:
 _SESSION = TypeAdapter(SessionRecord)
 
 
-def session_record(content: Mapping[str, Any]) -> SessionRecord:
+def session_record(content: Mapping[str, JsonValue]) -> SessionRecord:
     """Return what a session file says under ``session``.
 
     Raises

@@ -2,13 +2,12 @@
 
 import hashlib
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from rigctl.errors import RunFolderError
-from rigctl.runs.run_description import SESSION_FILE
+from rigctl.runs.run_description import SESSION_FILE, RunDescription
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closed_with, journal_problems, read_journal, sound_events
 from rigctl.runs.run_folder import MANIFEST_FILE, Contents, Run, read_contents, read_run
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
@@ -87,12 +86,12 @@ def wholeness(path: Path, contents: Contents) -> Wholeness:
     description = contents.description
     if description is None:
         return Wholeness(state="damaged", problems=tuple(problems))
-    problems += _input_problems(path, description.session, any_frames=bool(contents.frames))
+    problems += _input_problems(path, description, any_frames=bool(contents.frames))
     if description.is_sealed:
         is_closed, contradictions = _closing(events, contents)
         unchecked: tuple[str, ...] = ()
     else:
-        is_closed, contradictions = _closing_of_old(events, description.session), []
+        is_closed, contradictions = _closing_of_old(events, description), []
         unchecked = (f"{MANIFEST_FILE}, {EVENTS_FILE} and {SESSION_FILE} carry no checksums: {description.created_by}",)
     problems += contradictions
     if is_closed and (contents.torn_manifest_line or is_torn):
@@ -100,11 +99,6 @@ def wholeness(path: Path, contents: Contents) -> Wholeness:
     if problems:
         return Wholeness(state="damaged", problems=tuple(problems), unchecked=unchecked)
     return Wholeness(state="whole" if is_closed else "unfinished", problems=(), unchecked=unchecked)
-
-
-def is_of_session(session: Mapping[str, Any]) -> bool:
-    """Return whether a session took the run: it was not imported, nor made by something else."""
-    return "session" in session and "rig" in session
 
 
 def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tuple[str, str]]]:
@@ -124,14 +118,14 @@ def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tup
     return False, [(MANIFEST_FILE, text)]
 
 
-def _closing_of_old(events: list[RunEvent], session: Mapping[str, Any]) -> bool:
-    return not is_of_session(session) or any(event.event in _CLOSING_OF_OLD for event in events)
+def _closing_of_old(events: list[RunEvent], description: RunDescription) -> bool:
+    return not description.record.is_of_session or any(event.event in _CLOSING_OF_OLD for event in events)
 
 
-def _input_problems(path: Path, session: Mapping[str, Any], *, any_frames: bool) -> list[tuple[str, str]]:
+def _input_problems(path: Path, description: RunDescription, *, any_frames: bool) -> list[tuple[str, str]]:
     """Return which of the files that the run was made from are not those that it was made from."""
     problems = []
-    for what, stated in stated_inputs(session).items():
+    for what, stated in _stated_inputs(description).items():
         name = f"{INPUTS_FOLDER}/{what}.toml"
         try:
             found = hashlib.sha256(read_bounded(path / name, MOST_RECORD_BYTES)).hexdigest()
@@ -148,9 +142,9 @@ def _input_problems(path: Path, session: Mapping[str, Any], *, any_frames: bool)
     return problems
 
 
-def stated_inputs(session: Mapping[str, Any]) -> dict[str, str]:
+def _stated_inputs(description: RunDescription) -> dict[str, str]:
     """Return the checksums of the inputs by what they are, as the session file has them."""
-    files = session.get("files")
+    files = description.session.get("files")
     if not isinstance(files, dict):
         return {}
     found = {what: entry.get("sha256") for what, entry in files.items() if isinstance(entry, dict)}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rigctl.errors import RunFolderError
 from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_events import read_events
+from rigctl.runs.run_events import metered_exposures, read_events
 from rigctl.runs.run_folder import Run
 from rigctl.session.planning.session_steps import Step
 
@@ -19,7 +19,7 @@ class Continuation:
     ----------
     steps : tuple of Step
         Those that have no frame.
-    metered_s : dict
+    metered_s : mapping
         Exposures that were metered, by round [s].
     is_finished : bool
         The session has noted its end.
@@ -44,10 +44,9 @@ def continuation(run: Run, steps: tuple[Step, ...]) -> Continuation:
     taken = {record.sequence for record in run.frames}
     left = tuple(step for step in steps if step.sequence not in taken)
     events = read_events(run.path)
-    metered = [event.facts for event in events if event.event == "metered"]
     return Continuation(
         steps=left,
-        metered_s={facts["round"]: facts["exposure_s"] for facts in metered},
+        metered_s={one.round: one.exposure_s for one in metered_exposures(events)},
         is_finished=any(event.event == "finished" for event in events),
     )
 

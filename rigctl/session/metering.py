@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.files.session_file import MeteringSection
+from rigctl.runs.run_events import METERED_EVENT
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.planning.session_steps import Step
 from rigctl.session.rig_work import RigWork
@@ -141,7 +142,7 @@ class RoundExposures:
             lambda exposure_s: {angle: self._bright_share(exposure_s, angle) for angle in ordered}, self._metering
         )
         self._writer.event(
-            "metered",
+            METERED_EVENT,
             round=number,
             exposure_s=found.exposure_s,
             shares={str(angle): share for angle, share in found.shares.items()},

@@ -4,7 +4,8 @@ import hashlib
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+
+from pydantic import JsonValue
 
 from drivers.interfaces import Camera, ReportingCamera
 from rigctl.devices.rig import Rig
@@ -17,16 +18,16 @@ _PACKAGES = ("rigctl", "numpy", "pyserial")
 
 def describe_session(
     rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path], inputs: dict[str, bytes]
-) -> dict[str, Any]:
+) -> dict[str, JsonValue]:
     """Return all that a reader of the run must know of how it came about, as JSON can hold it.
 
     Parameters
     ----------
     rig, rig_file, session
         What is taken, and with which devices.
-    files : dict
+    files : mapping
         Where the inputs come from, by what they are.
-    inputs : dict
+    inputs : mapping
         What the run keeps of them; their hashes go into the description.
     """
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
@@ -48,7 +49,7 @@ def describe_session(
     }
 
 
-def _facts_of(camera: Camera) -> dict[str, Any] | None:
+def _facts_of(camera: Camera) -> dict[str, JsonValue] | None:
     """Return how a camera's counts come about, and its features by its own names; None for one that does not tell.
 
     Raises
@@ -63,5 +64,5 @@ def _facts_of(camera: Camera) -> dict[str, Any] | None:
         "sample_format": facts.sample_format,
         "justified": facts.justified,
         "linear": facts.linear,
-        "features": camera.features(),
+        "features": dict(camera.features()),
     }

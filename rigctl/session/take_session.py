@@ -47,7 +47,7 @@ def take_session(
         What to take, and with which devices.
     out : Path
         Run folder to make.
-    files : dict
+    files : mapping
         What the two were read from; names and hashes go into the run.
     at_ns, until_ns : int, optional
         When to begin, and from when on no frame is taken [ns since 1970 UTC].

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_events import RunEvent, read_events
+from rigctl.runs.run_events import RunEvent, metered_exposures, read_events
 from rigctl.runs.run_folder import read_run
 from sim_devices.camera import SimCamera
 
@@ -88,8 +88,7 @@ def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequ
     sequence : int
         The step.
     """
-    metered = [event.facts["next_camera_frame"] or 0 for event in events if event.event == "metered"]
-    used = max(metered, default=0)
+    used = max((one.next_camera_frame or 0 for one in metered_exposures(events)), default=0)
     before = [frame for frame in frames if frame.sequence < sequence and frame.camera_frame is not None]
     if not before:
         return used

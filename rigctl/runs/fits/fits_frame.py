@@ -23,7 +23,7 @@ class FitsFrame:
 
     Attributes
     ----------
-    values : dict
+    values : mapping
         Value by keyword; numbers as they stand in the file, ``None`` where a keyword has no value.
     counts : (H, W) array of uint16
         Samples in DN, first row on top.
