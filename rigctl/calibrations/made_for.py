@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import fmean
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 from urllib.parse import parse_qsl
 
 from pydantic import Field
 
 from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText
+from rigctl.console.json_text import Json
 from rigctl.files.rig_file import RigFile
 from rigctl.numbers.utc_time import is_utc_text
 from rigctl.runs.frame_record import FrameRecord
@@ -54,7 +55,7 @@ class MadeFor:
     taken_utc: UtcText | None = None
     valid_days: NotNegative | None = None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Json]:
         """Return it as calibration files hold it, under ``made_for``."""
         return asdict(self)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine, LightPart, SnrKind
@@ -15,7 +16,7 @@ from rigctl.reports.writers.terminal_table import terminal_table
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from model.prediction.prediction import RegionPrediction
+    from model.prediction.prediction import Quantities, RegionPrediction
     from model.prediction.region_performance import PairDetection
     from rigctl.files.choices import RocKind
     from rigctl.jobs.predict import PredictedScene, PredictRequest
@@ -162,8 +163,10 @@ def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -
     remarks = (*predicted.doubts, *found.remarks)
     content = prediction_json(found.predictions, predicted.performance, remarks=remarks) | light_json(found)
     content |= _reasons(found.predictions) | _roc(predicted.rocs)
+    regions: Mapping[str, Quantities] = {name: one.quantities for name, one in found.predictions.items()}
     if errors is not None:
-        content |= {"regions": with_input_errors(found.predictions, errors)} | input_effects_json(errors)
+        regions = with_input_errors(found.predictions, errors)
+        content |= {"regions": regions} | input_effects_json(errors)
     if shown.out is not None:
         from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
 
@@ -175,14 +178,14 @@ def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -
     for line in geometry_lines(found):
         results().print(line)
     effects = () if errors is None else input_effect_tables(errors)
-    tables = (*light_tables(found), *quantity_tables(content["regions"], snr=shown.snr), *effects)
+    tables = (*light_tables(found), *quantity_tables(regions, snr=shown.snr), *effects)
     for table in (*tables, *_roc_tables(predicted.rocs)):
         results().print(terminal_table(table))
     for remark in (*predicted.remarks[len(predicted.doubts) :], *_of_uncertainty(predicted)):
         progress().print(remark, markup=False)
 
 
-def _roc(rocs: "Mapping[RocKind, PairDetection]") -> dict[str, object]:
+def _roc(rocs: "Mapping[RocKind, PairDetection]") -> dict[str, Json]:
     from rigctl.reports.tables.detection_tables import roc_json
 
     return {"roc": roc_json({kind: (one,) for kind, one in rocs.items()}, ())} if rocs else {}
@@ -194,7 +197,7 @@ def _roc_tables(rocs: "Mapping[RocKind, PairDetection]") -> "Iterable[AnyTable]"
     return [roc_table({kind: (one,) for kind, one in rocs.items()})] if rocs else []
 
 
-def _reasons(predictions: "Mapping[str, RegionPrediction]") -> dict[str, object]:
+def _reasons(predictions: "Mapping[str, RegionPrediction]") -> dict[str, Json]:
     """Return which numbers do not exist, and why."""
     from model.prediction.prediction import reason_missing
 
@@ -241,7 +244,8 @@ def _predict_to(request: "PredictRequest", tolerance: float, shown: "_Shown", *,
     if shown.as_json:
         print_json(content)
         return
-    tables = (*quantity_tables(content["regions"], snr=shown.snr), *_roc_tables(predicted.rocs), accuracy_table(found))
+    regions = {name: one.quantities for name, one in predictions.items()}
+    tables = (*quantity_tables(regions, snr=shown.snr), *_roc_tables(predicted.rocs), accuracy_table(found))
     for table in tables:
         results().print(terminal_table(table))
     for line in (*accuracy_lines(found), left_out_line(effects), *predicted.remarks, *said):

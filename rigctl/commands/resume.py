@@ -7,6 +7,7 @@ import typer
 
 from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.commands.acquire import say_outcome
+from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def command(
 def _answer(resumed: "Resumed", run: Path) -> None:
     """Answer programs: the process that goes on, or how the rest went, with the exit code for it."""
     outcome = resumed.outcome
-    content: dict[str, object] = {"run": str(run), "process": resumed.process}
+    content: dict[str, Json] = {"run": str(run), "process": resumed.process}
     if outcome is not None:
         content |= {
             "frames": outcome.frames,

@@ -24,8 +24,8 @@ def command(
     page = summary_page(run) if out is None else out
     history = summarise_session(run, page)
     if as_json:
-        kinds = Counter(record.kind for record in history.run.frames)
+        kinds = Counter[str](record.kind for record in history.run.frames)
         events = Counter(event.event for event in history.events)
-        print_json({"run": str(run), "page": str(page), "frames": dict(kinds), "events": dict(events)})
+        print_json({"run": str(run), "page": str(page), "frames": kinds, "events": events})
         return
     progress().print(f"summary: {page}", markup=False)

@@ -3,6 +3,8 @@
 import json
 import re
 
+from rigctl.console.json_text import Json
+
 # By exit code: what failed, and what to do next.
 _KINDS: dict[int, tuple[str, str]] = {
     2: ("usage", "mend what the message names; `rigctl {verb} --help` has the options, docs/parameters.md the keys"),
@@ -25,7 +27,7 @@ def failure_json(code: int, message: str, *, verb: str) -> str:
     return json.dumps(failure_content(code, message, verb=verb), indent=2) + "\n"
 
 
-def failure_content(code: int, message: str, *, verb: str) -> dict[str, dict[str, object]]:
+def failure_content(code: int, message: str, *, verb: str) -> dict[str, Json]:
     """Return a failure as JSON holds it, under "error".
 
     Parameters
@@ -38,8 +40,9 @@ def failure_content(code: int, message: str, *, verb: str) -> dict[str, dict[str
         Of the command line.
     """
     kind, step = _KINDS.get(code, ("failure", "`rigctl {verb} --help`"))
-    error = {"code": code, "kind": kind, "message": message, "key": _key(message), "next": step.format(verb=verb)}
-    return {"error": error}
+    return {
+        "error": {"code": code, "kind": kind, "message": message, "key": _key(message), "next": step.format(verb=verb)}
+    }
 
 
 def _key(message: str) -> str | None:

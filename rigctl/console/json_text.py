@@ -3,14 +3,17 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TypeAlias
+
+# What JSON holds, as it is written; NaN and infinite numbers become null.
+Json: TypeAlias = "Mapping[str, Json] | Sequence[Json] | str | int | float | bool | None"
 
 REASON_SUFFIX = "_reason"
 _NO_NUMBER = "no number follows from these inputs"
 _NO_BOUND = "grows beyond every number with these inputs"
 
 
-def json_text(content: Mapping[str, Any] | Sequence[Mapping[str, Any]], *, indent: int | None = 2) -> str:
+def json_text(content: Mapping[str, Json] | Sequence[Mapping[str, Json]], *, indent: int | None = 2) -> str:
     """Return the content of a JSON file or answer.
 
     Parameters
@@ -24,7 +27,7 @@ def json_text(content: Mapping[str, Any] | Sequence[Mapping[str, Any]], *, inden
     return json.dumps(_existing(content), indent=indent, allow_nan=False) + "\n"
 
 
-def _existing(content: Any) -> Any:
+def _existing(content: Json) -> Json:
     if isinstance(content, Mapping):
         return _existing_table(content)
     if isinstance(content, list | tuple):
@@ -32,8 +35,8 @@ def _existing(content: Any) -> Any:
     return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
-def _existing_table(content: Mapping[str, Any]) -> dict[str, Any]:
-    told: dict[str, Any] = {}
+def _existing_table(content: Mapping[str, Json]) -> dict[str, Json]:
+    told: dict[str, Json] = {}
     for key, value in content.items():
         told[key] = _existing(value)
         reason = _reason(value)

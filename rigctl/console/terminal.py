@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from rigctl.console.console_streams import visible
-from rigctl.console.json_text import json_text
+from rigctl.console.json_text import Json, json_text
 
 _WIDTH_OF_FILES = 120
 
@@ -40,11 +40,11 @@ def warn(text: str) -> None:
     progress().print(f"rigctl: warning: {text}", markup=False)
 
 
-def print_json_list(content: Sequence[Mapping[str, Any]]) -> None:
+def print_json_list(content: Sequence[Mapping[str, Json]]) -> None:
     """Write rows for other programs to read: a JSON list on standard output."""
     sys.stdout.write(json_text(list(content)))
 
 
-def print_json(content: Mapping[str, Any]) -> None:
+def print_json(content: Mapping[str, Json]) -> None:
     """Write a result for other programs: JSON on standard output, null with its reason for what is no number."""
     sys.stdout.write(json_text(content))

@@ -5,11 +5,10 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pydantic import JsonValue
-
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import is_counts
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
+from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection
 from rigctl.files.rig_file import RigFile, load_rig
@@ -102,7 +101,7 @@ class PlannedSession:
     plan: SessionPlan
     predictions: tuple[Prediction, ...] | None
 
-    def content(self) -> dict[str, JsonValue]:
+    def content(self) -> dict[str, Json]:
         """Return it as JSON holds it."""
         if self.predictions is None:
             return self.plan.content()

@@ -4,11 +4,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pydantic import JsonValue
 
 from model.processing.texture import Texture, estimate_texture
 from rigctl.comparison.checks import Check, registration_of, run_checks
 from rigctl.comparison.verdict import refused_regions
+from rigctl.console.json_text import Json
 from rigctl.files.regions import Region, load_regions
 from rigctl.measurement.diagnosed_run import diagnosed
 from rigctl.measurement.measurement import Measurement
@@ -72,7 +72,7 @@ class StokesOfRun:
     checks: tuple[Check, ...]
     files: tuple[str, ...] = ()
 
-    def as_json(self) -> dict[str, JsonValue]:
+    def as_json(self) -> dict[str, Json]:
         """Return what stokes.json holds."""
         return measurement_json(self.measurement, self.textures) | {
             "unmeasured": self.measurement.unmeasured,

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from pydantic import JsonValue
 
 from rigctl.comparison.rx_detection import RxOnRun
+from rigctl.console.json_text import Json
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.figures.detection_figures import roc_plot, statistic_picture
@@ -17,7 +17,7 @@ from rigctl.reports.writers.output_folder import write_folder
 
 
 def write_stokes(
-    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, JsonValue]
+    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, Json]
 ) -> tuple[str, ...]:
     """Write all that a measurement gives into a folder; return the names of the files.
 

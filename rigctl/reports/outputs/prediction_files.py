@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.region_performance import PairDetection
+from rigctl.console.json_text import Json
 from rigctl.files.choices import RocKind, SnrKind
 from rigctl.prediction.accuracy_curves import Curves
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
@@ -38,7 +38,7 @@ class _Number:
 
 
 def write_prediction(
-    content: Mapping[str, Any],
+    content: Mapping[str, Json],
     predictions: Mapping[str, RegionPrediction],
     rocs: Mapping[RocKind, PairDetection],
     out: Path,

@@ -4,12 +4,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STATISTICS
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from model.accuracy.series_to_tolerance import SeriesCase, SeriesPrediction
+from rigctl.console.json_text import Json
 from rigctl.prediction.accuracy_curves import CurvePoint, Curves
 from rigctl.prediction.paper_choices import NamedChoice
 from rigctl.reports.table import Column, Table
@@ -76,7 +76,7 @@ def accuracy_lines(found: AccuratePrediction) -> list[str]:
     return lines
 
 
-def accuracy_json(found: AccuratePrediction) -> dict[str, Any]:
+def accuracy_json(found: AccuratePrediction) -> dict[str, Json]:
     """Return the same as JSON holds it; errors that are not known are null."""
     return {
         "tolerance": found.tolerance,
@@ -89,7 +89,8 @@ def accuracy_json(found: AccuratePrediction) -> dict[str, Any]:
         "not_promised": {"/".join(key): reason for key, reason in found.not_guaranteed.items()},
         "stage_s": dict(found.stage_s),
         "rounds": found.rounds,
-    } | ({"estimated_only": True} if found.estimated_only else {})
+        **({"estimated_only": True} if found.estimated_only else {}),
+    }
 
 
 def series_lines(found: SeriesPrediction) -> list[str]:
@@ -115,7 +116,7 @@ def series_lines(found: SeriesPrediction) -> list[str]:
     return lines
 
 
-def series_json(found: SeriesPrediction) -> dict[str, Any]:
+def series_json(found: SeriesPrediction) -> dict[str, Json]:
     """Return the same as JSON holds it, a list entry a case."""
     return {
         "tolerance": found.tolerance,
@@ -201,7 +202,7 @@ def curve_table(curves: Curves) -> Table[_Point]:
     return Table(title="error against time", columns=_COLUMNS, rows=rows)
 
 
-def curve_json(curves: Curves) -> dict[str, Any]:
+def curve_json(curves: Curves) -> dict[str, Json]:
     """Return points, choices and the floor as JSON holds them."""
     return {
         "points": json_rows(curve_table(curves)),

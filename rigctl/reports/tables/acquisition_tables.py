@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from model.acquisition.frame_order import degrees_text
 from model.acquisition.session_design import DolpBudget, Session
 from model.acquisition.session_search import Reached
+from rigctl.console.json_text import Json
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.data_files import csv_rows
@@ -157,7 +157,7 @@ def _error(row: _RegionPoint, error: str) -> float:
     return found
 
 
-def tradeoff_json(found: AcquisitionTradeoff) -> dict[str, Any]:
+def tradeoff_json(found: AcquisitionTradeoff) -> dict[str, Json]:
     """Return all of it as JSON holds it; null where a number does not exist."""
     return {
         "schema_version": SCHEMA_VERSION,
@@ -193,7 +193,7 @@ def _ways(points: Iterable[CurvePoint]) -> Iterable[list[CurvePoint]]:
     return ways.values()
 
 
-def _session_json(session: Session) -> dict[str, Any]:
+def _session_json(session: Session) -> dict[str, Json]:
     return {
         "angles_deg": [float(math.degrees(angle)) for angle in session.angles_rad],
         "order": session.pattern,
@@ -205,14 +205,14 @@ def _session_json(session: Session) -> dict[str, Any]:
     }
 
 
-def _reached_json(way: Session, reached: Reached) -> dict[str, Any]:
+def _reached_json(way: Session, reached: Reached) -> dict[str, Json]:
     named = {"angles_deg": [float(math.degrees(angle)) for angle in way.angles_rad], "order": way.pattern}
     if reached.session is None:
         return named | {"why_not": reached.why_not}
     return _session_json(reached.session) | _results_json(reached.budgets, reached.p_detection)
 
 
-def _results_json(budgets: dict[str, DolpBudget], p_detection: float | None) -> dict[str, Any]:
+def _results_json(budgets: dict[str, DolpBudget], p_detection: float | None) -> dict[str, Json]:
     return {"errors": {name: _errors_json(budget) for name, budget in budgets.items()}, "p_detection": p_detection}
 
 

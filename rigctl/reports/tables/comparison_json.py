@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import Any
 
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.comparison.rows import Row
@@ -15,7 +14,7 @@ from rigctl.reports.tables.row_table import numbers_columns, row_table
 from rigctl.reports.writers.data_files import json_rows
 
 
-def compared_json(found: ComparedRun) -> dict[str, Any]:
+def compared_json(found: ComparedRun) -> dict[str, Json]:
     """Return the content of comparison.json."""
     comparison, measurement = found.comparison, found.measurement
     return {
@@ -47,19 +46,19 @@ def _with_verdicts(
     regions: dict[str, dict[str, Any]], verdicts: Mapping[str, RegionVerdict]
 ) -> dict[str, dict[str, Any]]:
     """Return regions with their verdict and its reason beside their quantities."""
-    return {name: asdict(verdict) | regions.get(name, {}) for name, verdict in verdicts.items()}
+    return {name: {**asdict(verdict), **regions.get(name, {})} for name, verdict in verdicts.items()}
 
 
-def _rows_by_name(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Any]]]:
+def _rows_by_name(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Json]]]:
     """Return rows by region, quantity and statistic."""
-    regions: dict[str, dict[str, dict[str, Any]]] = {}
+    regions: dict[str, dict[str, dict[str, Json]]] = {}
     for row in rows:
         numbers = json_rows(Table(columns=numbers_columns(), rows=(row,)))[0]
         regions.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = numbers
     return regions
 
 
-def _trend(found: Trend) -> dict[str, Any]:
+def _trend(found: Trend) -> dict[str, Json]:
     share = found.order.share_concordant
     return {"quantity": found.quantity, "over": found.over, "predicted": found.predicted, "share_concordant": share} | (
         asdict(found.order)

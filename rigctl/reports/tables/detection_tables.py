@@ -8,6 +8,7 @@ import numpy as np
 
 from model.prediction.region_performance import PairDetection
 from rigctl.comparison.rx_detection import BAND_LEVEL, RxOnRun
+from rigctl.console.json_text import Json
 from rigctl.files.choices import RocKind
 from rigctl.prediction.performance import FALSE_ALARM_RATES
 from rigctl.reports.table import Column, Shown, Table
@@ -59,7 +60,7 @@ def round_roc_table(found: RxOnRun, *, background: str, target: str) -> Table[Ro
     return Table(title=f"RX: {target} on {background}", columns=_COLUMNS, rows=rows)
 
 
-def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str, Any]:
+def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str, Json]:
     """Return the numbers as JSON holds them: points of the curves at round false alarm rates, and the area."""
     return {
         "schema_version": SCHEMA_VERSION,
@@ -88,7 +89,7 @@ def _point(found: RxOnRun, k: int) -> RocPoint:
     )
 
 
-def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int, ...]) -> dict[str, Any]:
+def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int, ...]) -> dict[str, Json]:
     """Return curves by their kind: arrays in the order of the axes, the false alarm probabilities last.
 
     Parameters
@@ -101,7 +102,7 @@ def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int
     return {kind: _kind(found, shape) for kind, found in curves.items()}
 
 
-def _kind(found: Sequence[PairDetection], shape: tuple[int, ...]) -> dict[str, Any]:
+def _kind(found: Sequence[PairDetection], shape: tuple[int, ...]) -> dict[str, Json]:
     detected = np.array([one.p_detection for one in found]).reshape(*shape, -1)
     return {
         "target": found[0].target,

@@ -3,13 +3,13 @@
 import math
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
 
 from model.effects.bound import Bound
 from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import Effect
 from model.effects.planner import Decision, EffectPlan
 from rigctl.comparison.compared_run import EffectsTaken
+from rigctl.console.json_text import Json
 from rigctl.reports.table import NOTHING, Column, Table
 from rigctl.scene.effect_plan import Verification
 
@@ -53,10 +53,10 @@ def taken_table(found: EffectsTaken) -> Table[_EffectRow]:
     )
 
 
-def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Any]:
+def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Json]:
     """Return the same as JSON holds it; a bound that is not known is null."""
     found = _actual(checked)
-    content: dict[str, Any] = {
+    content: dict[str, Json] = {
         "tolerance": plan.tolerance,
         "spent": _numbers(plan.spent),
         "effects": [_entry(one, found.get(one.effect)) for one in plan.decisions],
@@ -120,9 +120,9 @@ def _two_digits(value: float) -> str:
     return f"{value:.1e}" if math.isfinite(value) else NOTHING
 
 
-def _entry(decision: Decision, actual: Bound | None) -> dict[str, Any]:
+def _entry(decision: Decision, actual: Bound | None) -> dict[str, Json]:
     facts = EFFECT_MODELS[decision.effect]
-    entry: dict[str, Any] = {
+    entry: dict[str, Json] = {
         "effect": decision.effect.value,
         "acts": decision.acts,
         "forced": decision.forced,

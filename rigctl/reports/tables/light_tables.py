@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.scene.field_light import FieldLight, Source
 from model.stokes import aolp_rad, dolp
+from rigctl.console.json_text import Json
 from rigctl.prediction.scene_prediction import ScenePrediction
 from rigctl.reports.table import Column, Shown, Table
 from rigctl.scene.sky_map import SkyMap, SkyOfKind, sky_difference
@@ -27,7 +27,7 @@ PARTS: dict[Source, str] = {
 SCHEMA_VERSION = 1
 
 
-def light_json(found: ScenePrediction) -> dict[str, Any]:
+def light_json(found: ScenePrediction) -> dict[str, Json]:
     """Return geometry and light of a scene as JSON holds them; nothing for a scene that is given by its radiance."""
     if found.geometry is None:
         return {}
@@ -106,7 +106,7 @@ def geometry_lines(found: ScenePrediction) -> Iterable[str]:
             yield f"{name}: taken as a point, light varies over its part of the field by {light.spread:.2%} of S0 only"
 
 
-def _light(light: FieldLight) -> dict[str, Any]:
+def _light(light: FieldLight) -> dict[str, Json]:
     parts = {part: light.mean(part).tolist() for part in PARTS}
     return parts | {
         "transmittance": light.transmittance,
@@ -147,7 +147,7 @@ def title_lines(sky: SkyMap) -> tuple[str, ...]:
     return (f"{sky.name}: north at the top, azimuth clockwise, horizon outside", sky_lines(sky)[0], *sky.remarks[:1])
 
 
-def sky_json(sky: SkyMap) -> dict[str, Any]:
+def sky_json(sky: SkyMap) -> dict[str, Json]:
     """Return a sky as JSON holds it."""
     degree, zenith_deg, azimuth_deg = sky.largest_dolp
     return {
@@ -191,7 +191,7 @@ def _place(one: SkyOfKind) -> str:
     return f"{zenith_deg:.0f}, {azimuth_deg:.0f}"
 
 
-def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Any]:
+def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Json]:
     """Return the kinds as JSON holds them."""
     return {
         "schema_version": SCHEMA_VERSION,
@@ -201,8 +201,8 @@ def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Any]:
                 "aerosol": one.label,
                 "is_chosen": one.is_chosen,
                 "difference": asdict(sky_difference(one.sky, found[0].sky)),
+                **sky_json(one.sky),
             }
-            | sky_json(one.sky)
             for one in found
         ],
     }

@@ -9,6 +9,7 @@ import numpy as np
 
 from model.processing.dolp_against_snr import DolpAgainstSnr
 from model.processing.estimators import EstimatorError
+from rigctl.console.json_text import Json
 from rigctl.paper.numbers import Number
 from rigctl.paper.results import IN_WORDS, Result
 from rigctl.paper.search import Search
@@ -60,13 +61,13 @@ _FIG5 = (
 )
 
 
-def statement_json(found: Sequence[Result]) -> list[dict[str, Any]]:
+def statement_json(found: Sequence[Result]) -> list[dict[str, Json]]:
     """Return the statements as programs read them."""
     return [_object(one) for one in found]
 
 
-def _object(one: Result) -> dict[str, Any]:
-    content: dict[str, Any] = {
+def _object(one: Result) -> dict[str, Json]:
+    content: dict[str, Json] = {
         "id": one.id,
         "figure": one.statement.figure,
         "sentence": one.statement.sentence,

@@ -11,6 +11,7 @@ import numpy as np
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import ORDERED
 from model.prediction.region_performance import PairDetection, PolarizationStrength
+from rigctl.console.json_text import Json
 from rigctl.files.choices import SnrKind
 from rigctl.prediction.performance import STATED_RATES, Performance
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
@@ -117,7 +118,7 @@ def with_input_errors(
     }
 
 
-def input_effects_json(found: PredictedUncertainty) -> dict[str, Any]:
+def input_effects_json(found: PredictedUncertainty) -> dict[str, Json]:
     """Return which input makes how much of the uncertainty, of the means that a user reads first."""
     effects = {
         region: {quantity: dict(found.ranked(region, quantity)) for quantity in ORDERED if quantity in quantities}

@@ -7,6 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from rigctl.comparison.compared_run import ComparedRun
+from rigctl.console.json_text import Json
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.table import Table, text_columns
 from rigctl.version import VERSION
@@ -20,13 +21,13 @@ _PERSONAL = ("serial", "site", "latitude", "longitude", "host", "port")
 _LEFT_OUT = "left out"
 
 
-def provenance_json(found: ComparedRun) -> dict[str, Any]:
+def provenance_json(found: ComparedRun) -> dict[str, Json]:
     """Return what a comparison was made from and with, as JSON holds it, without absolute paths."""
-    told: dict[str, Any] = told_places(_provenance(found), anonymous=found.provenance.anonymous)
+    told: dict[str, Json] = told_places(_provenance(found), anonymous=found.provenance.anonymous)
     return told
 
 
-def _provenance(found: ComparedRun) -> dict[str, Any]:
+def _provenance(found: ComparedRun) -> dict[str, Json]:
     run, used = found.measurement.run, found.provenance
     return {
         "program": f"rigctl {VERSION}",

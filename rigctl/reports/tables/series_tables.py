@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from model.prediction.quantity_table import FOLLOWED
 from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.rows import Row
 from rigctl.comparison.series import SeriesDrift, SeriesPoint, mean_row
+from rigctl.console.json_text import Json
 from rigctl.reports.number_text import signed
 from rigctl.reports.table import NOTHING, Column, Table
 from rigctl.reports.tables.numbers_json import SCHEMA_VERSION
@@ -91,7 +91,7 @@ def drift_table(drifts: Iterable[SeriesDrift]) -> Table[SeriesDrift]:
     return Table(columns=columns, rows=tuple(drifts), is_off=lambda drift: abs(drift.z) > DRIFTS)
 
 
-def series_json(series: ComparedSeries) -> dict[str, Any]:
+def series_json(series: ComparedSeries) -> dict[str, Json]:
     """Return the content of series.json."""
     return {
         "schema_version": SCHEMA_VERSION,
@@ -109,10 +109,11 @@ def series_json(series: ComparedSeries) -> dict[str, Any]:
     }
 
 
-def _point_json(point: SeriesPoint) -> dict[str, Any]:
+def _point_json(point: SeriesPoint) -> dict[str, Json]:
     comparison = point.comparison
     facts = json_rows(Table(columns=_POINT_COLUMNS, rows=(point,)))[0]
-    return facts | {
+    return {
+        **facts,
         "agrees": comparison.agrees,
         "disagreements": len(comparison.disagreements),
         "points_to": list(comparison.diagnosis.points_to),

@@ -9,12 +9,13 @@ import numpy as np
 
 from model.surface.materials import Material, Property, properties
 from rigctl.comparison.surface_fit import FittedMaterial, FittedRegion
+from rigctl.console.json_text import Json
 from rigctl.reports.table import Column, Table, text_columns
 from rigctl.reports.writers.data_files import finite
 from rigctl.scene.reflected_light import PropertyValue, Reflectance, ReflectedLight, SurfaceSheet
 
 
-def surface_json(sheet: SurfaceSheet) -> dict[str, Any]:
+def surface_json(sheet: SurfaceSheet) -> dict[str, Json]:
     """Return all that is said of a material as plain data."""
     return asdict(sheet)
 
@@ -57,7 +58,7 @@ def materials_table(found: Mapping[str, Material]) -> Table[tuple[str, str, Prop
     return Table(columns=columns, rows=rows)
 
 
-def materials_json(found: Mapping[str, Material]) -> dict[str, Any]:
+def materials_json(found: Mapping[str, Material]) -> dict[str, Json]:
     """Return the same as plain data."""
     return {name: {key: asdict(given) for key, given in properties(one).items()} for name, one in found.items()}
 
@@ -105,7 +106,7 @@ def _or_dash(number: float | None, form: str = ".4f") -> str:
     return "-" if number is None else format(number, form)
 
 
-def fit_json(fitted: FittedMaterial) -> dict[str, Any]:
+def fit_json(fitted: FittedMaterial) -> dict[str, Json]:
     """Return all that a fit found as plain data; intervals hold the truth in 95 % of such fits."""
     fit = fitted.fit
     return {
@@ -176,7 +177,7 @@ def _measured(seen: FittedRegion, component: int) -> str:
     return f"{seen.measured.mean[component]:+.4f} ± {error:.1g}"
 
 
-def _parameter(fitted: FittedMaterial, index: int) -> dict[str, Any]:
+def _parameter(fitted: FittedMaterial, index: int) -> dict[str, Json]:
     return {
         "value": float(fitted.fit.values[index]),
         "std_error": finite(float(fitted.fit.information.standard_uncertainty[index])),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.console.json_text import Json
 from rigctl.files.choices import SnrKind
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.sweep import Sweep
@@ -88,7 +89,7 @@ def _cell(row: int, values: FloatArray) -> str:
     return "-" if math.isnan(values[row]) else f"{values[row]:.5g}"
 
 
-def sweep_json(found: Sweep, *, remarks: Iterable[str] = ()) -> dict[str, Any]:
+def sweep_json(found: Sweep, *, remarks: Iterable[str] = ()) -> dict[str, Json]:
     """Return a sweep as JSON holds it: arrays in the order of the axes, null with a reason where there is no number."""
     one = {"key": found.key, "values": found.values.tolist()} if len(found.axes) == 1 else {}
     content = {

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.console.json_text import json_text
+from rigctl.console.json_text import Json, json_text
 from rigctl.reports.table import AnyTable, Column, Shown, Value
 from rigctl.version import VERSION
 
@@ -42,7 +42,7 @@ def finite(value: Value) -> Value:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def json_file(content: Mapping[str, Any], *, indent: int | None = 2) -> bytes:
+def json_file(content: Mapping[str, Json], *, indent: int | None = 2) -> bytes:
     """Return the content of a JSON file."""
     return json_text(content, indent=indent).encode()
 

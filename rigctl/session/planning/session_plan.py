@@ -3,8 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import TypedDict
 
-from pydantic import JsonValue
-
+from rigctl.console.json_text import Json
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
@@ -105,7 +104,7 @@ class SessionPlan:
         """Return the steps with their times and the sun."""
         return tuple(self._step(step, time_ns) for step, time_ns in zip(self.steps, self.times_ns, strict=True))
 
-    def content(self) -> dict[str, JsonValue]:
+    def content(self) -> dict[str, Json]:
         """Return the plan as JSON holds it."""
         return {
             "start_utc": utc_text(self.start_ns),
@@ -142,7 +141,7 @@ class SessionPlan:
         )
 
 
-def _as_json(row: PlannedRound | PlannedStep) -> dict[str, JsonValue]:
+def _as_json(row: PlannedRound | PlannedStep) -> dict[str, Json]:
     """Return a row without the angles of a sun that is not known."""
     return {name: value for name, value in asdict(row).items() if value is not None or name not in SUN_ANGLES}
 

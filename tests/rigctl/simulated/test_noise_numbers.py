@@ -19,7 +19,7 @@ def run(tmp_path):
 
 
 def metered(next_camera_frame):
-    return RunEvent(event="metered", facts={"next_camera_frame": next_camera_frame})
+    return RunEvent(event="metered", facts={"round": 0, "exposure_s": 0.01, "next_camera_frame": next_camera_frame})
 
 
 def test_steps_that_are_left_out_use_up_their_numbers():
