@@ -26,6 +26,8 @@ from rigctl.scene.scene_reading import scene_of_file
 
 # Of a prediction: at this an effect is said to be called for or not. A comparison takes all of them all the same.
 _EFFECTS_TOLERANCE = 0.01
+# What a regions file says of a region beside its name.
+_OUTLINE = ("rectangle", "polygon", "edge_px")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +78,7 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
         A file is wrong, or the run is unfit for what is asked.
     """
     _require_possible(request)
-    scene = None if request.scene is None else scene_file(request.scene)
-    regions = _regions(scene, request.regions)
+    scene, regions = _outlined(request)
     run = used_run(run_path)
     given = read_calibrations(request.calibrations, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
@@ -101,7 +102,7 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
 def _require_possible(request: CompareRequest) -> None:
     if not 0.0 < request.alpha < 1.0:
         raise ConfigError(f"--alpha: is {request.alpha:g}; allowed is above 0 and below 1, for instance 0.001")
-    if (request.scene is None) == (request.regions is None):
+    if request.scene is None and request.regions is None:
         raise ConfigError("give a scene file, or --regions FILE for a comparison without a scene")
 
 
@@ -145,21 +146,21 @@ def _effects(scene: SceneFile, given: RunCalibrations) -> EffectsTaken:
     return EffectsTaken(plan=planned.plan, taken=acting_effects(scene))
 
 
-def _regions(scene: SceneFile | None, regions_path: Path | None) -> list[Region]:
-    drawn = [] if regions_path is None else load_regions(regions_path)
-    return drawn if scene is None else _outlines_of(scene, drawn)
-
-
-def _outlines_of(scene: SceneFile, drawn: list[Region]) -> list[Region]:
-    """Return the scene's regions, with their outlines of now where they were found again."""
+def _outlined(request: CompareRequest) -> tuple[SceneFile | None, list[Region]]:
+    """Return scene and regions; those of a scene with their outlines of now, where they were found again."""
+    drawn = [] if request.regions is None else load_regions(request.regions)
+    if request.scene is None:
+        return None, drawn
+    scene = scene_file(request.scene)
     unknown = sorted({region.name for region in drawn}.difference(region.name for region in scene.regions))
     if unknown:
         raise ConfigError(
-            f"scene {scene.name} has no region {', '.join(unknown)}; there are "
+            f"--regions: scene {scene.name} has no region {', '.join(unknown)}; there are "
             f"{', '.join(region.name for region in scene.regions)}"
         )
-    now = {region.name: region for region in drawn}
-    return [now.get(region.name, region) for region in scene.regions]
+    now = {region.name: {name: getattr(region, name) for name in _OUTLINE} for region in drawn}
+    regions = [region.model_copy(update=now.get(region.name, {})) for region in scene.regions]
+    return scene.model_copy(update={"regions": regions}), list(regions)
 
 
 def _provenance(run_path: Path, request: CompareRequest) -> Provenance:

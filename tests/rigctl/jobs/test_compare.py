@@ -3,6 +3,7 @@ import json
 import pytest
 
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.scene_file import load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.session.take_session import take_session
@@ -51,9 +52,29 @@ def test_alpha_out_of_range_is_refused(folder, alpha):
         _compare(folder, alpha=alpha)
 
 
-def test_scene_and_regions_together_are_refused(folder):
-    with pytest.raises(ConfigError, match="--regions"):
-        _compare(folder, regions=folder / "regions.toml")
+def _regions_file(folder, *regions):
+    texts = (
+        f'[[regions]]\nname = "{name}"\npolygon = {[list(corner) for corner in where]}\n' for name, where in regions
+    )
+    (folder / "regions.toml").write_text("\n".join(texts))
+    return folder / "regions.toml"
+
+
+def test_regions_of_a_scene_are_taken_where_they_were_found_again(folder):
+    name, *others = (region.name for region in load_scene(folder / "scene.toml").regions)
+    square = [(4.0, 5.0), (14.0, 5.0), (14.0, 15.0), (4.0, 15.0)]
+    found = _compare(folder, regions=_regions_file(folder, (name, square)))
+    assert [region.name for region in found.regions] == [name, *others]
+    assert found.regions[0].outline() == square
+    measured = found.measurement.regions[name]
+    assert measured.pixels + measured.excluded == 100
+    assert set(found.comparison.predictions) == {name, *others}
+    assert {"scene", "regions"} <= set(found.provenance.files)
+
+
+def test_a_region_that_the_scene_does_not_have_is_named(folder):
+    with pytest.raises(ConfigError, match=r"--regions: scene \w+ has no region elsewhere; there are "):
+        _compare(folder, regions=_regions_file(folder, ("elsewhere", [(1.0, 1.0), (5.0, 1.0), (5.0, 5.0)])))
 
 
 def test_a_file_that_is_no_calibration_is_refused(folder):
