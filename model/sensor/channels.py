@@ -133,9 +133,7 @@ def channel_moments(
 
 def _counts_per_stokes(sensor: Sensor, angles_rad: FloatArray, imperfections: Imperfections) -> FloatArray:
     """Mean counts of each channel per Stokes radiance, shape (N, 3)."""
-    rows = analyzer_row(angles_rad, sensor.tau_parallel, sensor.tau_perpendicular)
-    rows[:, 1:] *= imperfections.kept_polarization
-    rows *= imperfections.light_factors(angles_rad.size)[:, None] if imperfections.drift else 1.0
+    rows = imperfections.analyzed(analyzer_row(angles_rad, sensor.tau_parallel, sensor.tau_perpendicular))
     return np.asarray(sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * rows)
 
 

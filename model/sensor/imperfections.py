@@ -70,6 +70,20 @@ class Imperfections:
         ratio = self.misregistration_pixels / self.texture_correlation_pixels
         return 1.0 / (1.0 + 2.0 * ratio**2)
 
+    def analyzed(self, rows: FloatArray) -> FloatArray:
+        """Return the rows by which an analyzer takes Stokes vectors, as the frames of this session have them.
+
+        What weakens or adds to the mean light of a frame acts here.
+
+        Parameters
+        ----------
+        rows
+            Of the analyzer at each angle's frame, shape (N, 3).
+        """
+        factors = self.light_factors(len(rows))[:, None] if self.drift else 1.0
+        kept = np.array([1.0, self.kept_polarization, self.kept_polarization])
+        return np.asarray(rows * kept * factors)
+
     def light_factors(self, frames: int) -> FloatArray:
         """Return the light of each angle's frame over the mean of the cycle, shape (N,).
 

@@ -1,5 +1,7 @@
 """The tables of a scene file that say what a session adds to the scene, and which effects are forced on or off."""
 
+from dataclasses import dataclass
+from math import inf
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
@@ -32,6 +34,28 @@ def _positive_up_to(most: float) -> AfterValidator:
     return AfterValidator(check)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ErrorNumber:
+    """What a number of [errors] is to the rest of the program: written beside its key, and nowhere else.
+
+    Attributes
+    ----------
+    field : str
+        Of `model.sensor.imperfections.Imperfections`, which takes the number; an angle in radians.
+    unit : str
+        Of the file; empty for a pure number.
+    meaning : str
+        One line.
+    most : float
+        Up to where it may be varied; it begins at 0.
+    """
+
+    field: str
+    unit: str
+    meaning: str
+    most: float = inf
+
+
 Drift = Annotated[Uncertain, _between(-1, 1)]
 EffectName = Annotated[str, AfterValidator(_known)]
 
@@ -47,12 +71,49 @@ class ErrorsSection(Section):
     Each number may have a standard uncertainty.
     """
 
-    polarizer_angle_std_deg: Annotated[Uncertain, _between(0, 20)] = Uncertain(value=0.0)
-    misregistration_px: Annotated[Uncertain, _between(0, 1e4)] = Uncertain(value=0.0)
-    texture_correlation_px: Annotated[Uncertain, _positive_up_to(1e4)] = Uncertain(value=1.0)
+    polarizer_angle_std_deg: Annotated[
+        Uncertain,
+        _between(0, 20),
+        ErrorNumber(
+            field="polarizer_angle_std_rad",
+            unit="deg",
+            meaning="scatter of the polarizer's angle from frame to frame",
+        ),
+    ] = Uncertain(value=0.0)
+    misregistration_px: Annotated[
+        Uncertain,
+        _between(0, 1e4),
+        ErrorNumber(
+            field="misregistration_pixels",
+            unit="pixels",
+            meaning="shift of the picture from frame to frame, along each axis",
+        ),
+    ] = Uncertain(value=0.0)
+    texture_correlation_px: Annotated[
+        Uncertain,
+        _positive_up_to(1e4),
+        ErrorNumber(
+            field="texture_correlation_pixels",
+            unit="pixels",
+            meaning="distance at which the texture's correlation is 0.61",
+        ),
+    ] = Uncertain(value=1.0)
     illumination_drift: Drift = Uncertain(value=0.0)
-    surround_albedo: Annotated[Uncertain, _between(0, 1)] | None = None
+    surround_albedo: Annotated[
+        Annotated[Uncertain, _between(0, 1)] | None,
+        ErrorNumber(field="surround_albedo", unit="", meaning="albedo of the near surroundings", most=1.0),
+    ] = None
     off_axis_falloff: bool = False
+
+
+def error_numbers() -> dict[str, ErrorNumber]:
+    """Return the numbers of [errors] that are parameters of a scene, by their keys."""
+    return {
+        key: one
+        for key, field in ErrorsSection.model_fields.items()
+        for one in field.metadata
+        if isinstance(one, ErrorNumber)
+    }
 
 
 class EffectsSection(Section):

@@ -12,6 +12,7 @@ from model.scene.scenario import Readout, Scenario
 from model.sensor.imperfections import Imperfections
 from model.sensor.sensor import Sensor, SensorNoise
 from rigctl.errors import ConfigError
+from rigctl.files.effect_sections import error_numbers
 from rigctl.files.scene_file import NoiseSection
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.model_records import (
@@ -137,12 +138,14 @@ def imperfections_of(scene: Scene, *, frames: int) -> Imperfections:
     errors = scene.errors
     angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)
     in_time = tuple(np.argsort(angles_deg, kind="stable").tolist()) if scene.rig is None else scene.rig.frame_order
+    given = {one.field: (getattr(errors, key), one) for key, one in error_numbers().items()}
     return Imperfections(
-        polarizer_angle_std_rad=radians(errors.polarizer_angle_std_deg),
-        misregistration_pixels=errors.misregistration_px.value,
-        texture_correlation_pixels=errors.texture_correlation_px.value,
         drift=errors.illumination_drift.value,
         drift_order=in_time if len(in_time) == frames else (),
-        surround_albedo=None if errors.surround_albedo is None else errors.surround_albedo.value,
         off_axis_falloff=errors.off_axis_falloff,
+        **{
+            field: radians(number) if one.unit == "deg" else number.value
+            for field, (number, one) in given.items()
+            if number is not None
+        },
     )

@@ -1,6 +1,7 @@
 """The one table of a scene's parameters: a row each, with unit, range, meaning, and where it stands in the record.
 
-A new parameter is a row here, a key of its file section, and what the model makes of it.
+A new parameter is a row here, a key of its file section, and what the model makes of it; those of [errors] state
+their row beside their key.
 """
 
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from functools import cached_property
 from math import inf
 
 from model.surface.lobe import SLOPE_RMS_MIN
+from rigctl.files.effect_sections import error_numbers
 from rigctl.files.light_sections import FIELD_MOST_DEG, HUMIDITY_MOST
 from rigctl.files.scene_file import COVARIANCE_PAIRS
 from rigctl.scene.scene_record import Scene
@@ -104,10 +106,7 @@ SCENE_ROWS = (
     _row("field_of_view.width_deg", "deg", "width of the field of view", most=FIELD_MOST_DEG),
     _row("field_of_view.height_deg", "deg", "height of the field of view", most=FIELD_MOST_DEG),
     _row("field_of_view.focal_length_mm", "mm", "focal length of the lens"),
-    _row("errors.polarizer_angle_std_deg", "deg", "scatter of the polarizer's angle from frame to frame"),
-    _row("errors.misregistration_px", "pixels", "shift of the picture from frame to frame, along each axis"),
-    _row("errors.texture_correlation_px", "pixels", "distance at which the texture's correlation is 0.61"),
-    _row("errors.surround_albedo", "", "albedo of the near surroundings", most=1.0),
+    *(_row(f"errors.{key}", one.unit, one.meaning, most=one.most) for key, one in error_numbers().items()),
 )
 
 # Within "regions.NAME.".
