@@ -8,19 +8,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rigctl.interface.calls import (
-        acquire,
-        compare,
-        load_noise,
-        load_polarizer,
-        load_rig,
-        load_scene,
-        predict,
-        sky,
-        stokes,
-        surface,
-        sweep,
-    )
+    from rigctl.calibrations.noise.noise_file import read_noise_file as load_noise
+    from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file as load_polarizer
+    from rigctl.files.rig_file import load_rig
+    from rigctl.files.scene_file import load_scene
+    from rigctl.interface.calls import acquire, compare, predict, sky, stokes, surface, sweep
     from rigctl.interface.run import open_run
 
 __all__ = [
@@ -39,11 +31,22 @@ __all__ = [
 ]
 
 
+_CALLS = "rigctl.interface.calls"
+# Where a name is found, if not among the calls under its own name.
+_ELSEWHERE = {
+    "load_noise": ("rigctl.calibrations.noise.noise_file", "read_noise_file"),
+    "load_polarizer": ("rigctl.calibrations.polarizer.polarizer_file", "read_polarizer_file"),
+    "load_rig": ("rigctl.files.rig_file", "load_rig"),
+    "load_scene": ("rigctl.files.scene_file", "load_scene"),
+}
+
+
 def __getattr__(name: str) -> Any:
     """Return a name of the interface, imported now."""
     if name not in __all__:
         raise AttributeError(f"module 'rigctl' has no attribute {name!r}")
-    found = getattr(importlib.import_module("rigctl.interface.calls"), name)
+    module, inner = _ELSEWHERE.get(name, (_CALLS, name))
+    found = getattr(importlib.import_module(module), inner)
     globals()[name] = found
     return found
 

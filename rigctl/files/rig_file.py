@@ -152,8 +152,9 @@ class RigFile(Section):
         return self
 
 
-def load_rig(path: Path) -> RigFile:
+def load_rig(path: str | Path) -> RigFile:
     """Return the checked rig file; a scene and a characterisation that it names are sought beside it."""
+    path = Path(path)
     rig = load(path, RigFile)
     if rig.stage.characterisation is not None:
         beside = (path.parent / rig.stage.characterisation).resolve()

@@ -238,7 +238,7 @@ class SceneFile(Section):
         return self
 
 
-def load_scene(path: Path) -> SceneFile:
+def load_scene(path: str | Path) -> SceneFile:
     """Return the checked scene file; files that it names are sought beside it, and its materials are there.
 
     Raises
@@ -246,6 +246,7 @@ def load_scene(path: Path) -> SceneFile:
     ConfigError
         The file cannot be read or has problems, or a material that it names.
     """
+    path = Path(path)
     scene = load(path, SceneFile)
     regions = [_with_material_found(region, path) for region in scene.regions]
     scene = scene.model_copy(update={"regions": regions})

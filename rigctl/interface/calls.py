@@ -9,15 +9,10 @@ from numpy.typing import NDArray
 
 from model.surface.diffuse import DiffuseKind
 from model.surface.shadowing import Shadowing
-from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
-from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_polarizer_file
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine, LightPart, ScaleKind
 from rigctl.files.regions import Region
-from rigctl.files.rig_file import RigFile
-from rigctl.files.rig_file import load_rig as read_rig
 from rigctl.files.scene_file import SceneFile
-from rigctl.files.scene_file import load_scene as read_scene
 from rigctl.interface.results import (
     ComparisonResult,
     Prediction,
@@ -36,50 +31,6 @@ from rigctl.jobs.surface import look_at_surface
 from rigctl.measurement.run_calibrations import CalibrationPaths
 
 SceneGiven = str | Path | SceneFile
-
-
-def load_scene(path: FilePath) -> SceneFile:
-    """Return a scene file, checked.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read or has problems: all of them, each with its key.
-    """
-    return read_scene(Path(path))
-
-
-def load_rig(path: FilePath) -> RigFile:
-    """Return a rig file, checked.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read or has problems: all of them, each with its key.
-    """
-    return read_rig(Path(path))
-
-
-def load_noise(path: FilePath) -> NoiseParameters:
-    """Return a noise calibration (noise.json): each quantity with value and standard error, None where not known.
-
-    Raises
-    ------
-    DataError
-        It cannot be read or is damaged.
-    """
-    return read_noise_file(Path(path))
-
-
-def load_polarizer(path: FilePath) -> PolarizerParameters:
-    """Return a polarizer calibration (polarizer.json): sense, offset, throughput.
-
-    Raises
-    ------
-    DataError
-        It cannot be read or is damaged.
-    """
-    return read_polarizer_file(Path(path))
 
 
 def predict(
@@ -186,7 +137,7 @@ def compare(
     scene : path, SceneFile or None
         Scene file; None: the run is set beside its own moments, by `regions`.
     regions : path or None
-        Regions file.
+        Regions file; beside a scene, its regions where they are now.
     noise, radiometric, flat, register, polarizer : path or None
         Calibration files.
     alpha : float
@@ -204,7 +155,7 @@ def compare(
         A file is wrong, or the run is unfit for what is asked.
     """
     request = CompareRequest(
-        scene=_scene(scene),
+        scene=None if scene is None else _scene(scene),
         regions=maybe_path(regions),
         calibrations=CalibrationPaths(
             noise=maybe_path(noise),
@@ -254,8 +205,7 @@ def sky(scene: SceneGiven, *, engine: Engine = "own", out: FilePath | None = Non
     ConfigError
         The file says nothing of sun and atmosphere, or of a sun too low; or the engine is not installed.
     """
-    given = Path(scene) if isinstance(scene, str) else scene
-    return SkyResult(**vars(compute_sky(given, engine=engine, out=maybe_path(out))))
+    return SkyResult(**vars(compute_sky(_scene(scene), engine=engine, out=maybe_path(out))))
 
 
 def surface(
@@ -339,7 +289,7 @@ def _predict_request(
     engine: Engine,
 ) -> PredictRequest:
     return PredictRequest(
-        scene=Path(scene) if isinstance(scene, str) else scene,
+        scene=_scene(scene),
         noise=maybe_path(noise),
         radiometric=maybe_path(radiometric),
         light=light,
@@ -348,7 +298,7 @@ def _predict_request(
     )
 
 
-def _scene(given: SceneGiven | None) -> Path | SceneFile | None:
+def _scene(given: SceneGiven) -> Path | SceneFile:
     return Path(given) if isinstance(given, str) else given
 
 

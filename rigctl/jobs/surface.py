@@ -35,18 +35,7 @@ def look_at_surface(
 ) -> SurfaceSheet:
     """Return DoLP and reflectance of a material against angle, and where its values come from.
 
-    Parameters
-    ----------
-    material : str
-        Name in the library, or path of a material file.
-    wavelength_nm : float
-        Wavelength in air, within the material's tables.
-    sun_zenith_deg : float
-        Angle of the sun from the normal, 0 to below 90.
-    shadowing, diffuse : str
-        As `model.surface.pbrdf.Surface` has them.
-    out : Path or None
-        Folder for surface.png, hemisphere.png and surface.json.
+    What the arguments are stands at `rigctl.surface`, the same call for Python.
 
     Raises
     ------

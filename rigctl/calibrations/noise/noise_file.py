@@ -162,7 +162,7 @@ class NoiseParameters:
         return cov
 
 
-def read_noise_file(path: Path) -> NoiseParameters:
+def read_noise_file(path: str | Path) -> NoiseParameters:
     """Return a noise calibration.
 
     Raises
@@ -170,7 +170,7 @@ def read_noise_file(path: Path) -> NoiseParameters:
     DataError
         The file cannot be read, is no noise calibration, or is of another version: every problem at once.
     """
-    return read_record(path, NoiseParameters, made_by="a noise calibration is made by `rigctl calibrate noise`")
+    return read_record(Path(path), NoiseParameters, made_by="a noise calibration is made by `rigctl calibrate noise`")
 
 
 def require_noise_fits(noise: NoiseParameters, used: MadeFor) -> tuple[str, ...]:

@@ -65,7 +65,7 @@ class PolarizerParameters:
     created_utc: UtcText | None = None
 
 
-def read_polarizer_file(path: Path) -> PolarizerParameters:
+def read_polarizer_file(path: str | Path) -> PolarizerParameters:
     """Return a polarizer calibration.
 
     Raises
@@ -73,7 +73,9 @@ def read_polarizer_file(path: Path) -> PolarizerParameters:
     DataError
         The file cannot be read, is no polarizer calibration, or is of another version: every problem at once.
     """
-    return read_record(path, PolarizerParameters, made_by="a polarizer calibration is made by `rigctl calibrate axis`")
+    return read_record(
+        Path(path), PolarizerParameters, made_by="a polarizer calibration is made by `rigctl calibrate axis`"
+    )
 
 
 def read_fitting_polarizer(path: Path, run: Run) -> tuple[PolarizerParameters, tuple[str, ...]]:
