@@ -60,7 +60,7 @@ def command(
 
 
 def _print(found: "StokesOfRun", out: Path) -> None:
-    from rigctl.reports.tables.comparison_json import region_statistics
+    from rigctl.reports.tables.numbers_json import region_statistics
     from rigctl.reports.tables.prediction_tables import quantity_tables
     from rigctl.reports.writers.terminal_table import terminal_table
 

@@ -13,9 +13,9 @@ from rigctl.reports.figures.measurement_figures import scene_pictures
 from rigctl.reports.figures.prediction_figures import sweep_png
 from rigctl.reports.figures.scene_figures import sky_picture
 from rigctl.reports.table import Column, Table
-from rigctl.reports.tables.comparison_json import region_statistics
 from rigctl.reports.tables.comparison_tables import check_table, summary_table
 from rigctl.reports.tables.light_tables import sky_lines
+from rigctl.reports.tables.numbers_json import region_statistics
 from rigctl.reports.tables.prediction_tables import quantity_tables
 from rigctl.reports.tables.row_table import row_table
 from rigctl.reports.tables.surface_tables import surface_tables

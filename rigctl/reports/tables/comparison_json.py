@@ -7,6 +7,7 @@ from rigctl.comparison.compared_run import ComparedRun
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.comparison.verdict import RegionVerdict
+from rigctl.console.json_text import Json
 from rigctl.reports.table import Table
 from rigctl.reports.tables.numbers_json import SCHEMA_VERSION, STATISTICS, diagnosis_json, pixels_json
 from rigctl.reports.tables.provenance import provenance_json
@@ -42,9 +43,7 @@ def compared_json(found: ComparedRun) -> dict[str, Json]:
     }
 
 
-def _with_verdicts(
-    regions: dict[str, dict[str, Any]], verdicts: Mapping[str, RegionVerdict]
-) -> dict[str, dict[str, Any]]:
+def _with_verdicts(regions: Mapping[str, Mapping[str, Json]], verdicts: Mapping[str, RegionVerdict]) -> Json:
     """Return regions with their verdict and its reason beside their quantities."""
     return {name: {**asdict(verdict), **regions.get(name, {})} for name, verdict in verdicts.items()}
 

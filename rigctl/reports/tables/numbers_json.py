@@ -5,12 +5,12 @@ beside it.
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 from model.prediction.prediction import RegionPrediction
 from model.prediction.region_performance import PairDetection, PolarizationStrength
 from model.processing.texture import Texture
 from rigctl.comparison.rows import measured_with_ratios
+from rigctl.console.json_text import Json
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 from rigctl.measurement.run_diagnosis import UNSEEN, FaultTerm, RunDiagnosis
@@ -30,7 +30,7 @@ STATISTICS = {
 
 def prediction_json(
     predictions: dict[str, RegionPrediction], performance: Performance, *, remarks: Iterable[str]
-) -> dict[str, Any]:
+) -> dict[str, Json]:
     """Return predictions, and what they are worth, as JSON holds them."""
     return {
         "schema_version": SCHEMA_VERSION,
@@ -47,7 +47,7 @@ def prediction_json(
     }
 
 
-def _strength(found: PolarizationStrength | None) -> dict[str, Any] | None:
+def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
     """Return the law of a region's DoLP in a few numbers; nothing where there is no light."""
     if found is None:
         return None
@@ -55,7 +55,7 @@ def _strength(found: PolarizationStrength | None) -> dict[str, Any] | None:
     return {"quantiles": quantiles, "nedolp": found.nedolp, "unpolarised_mean": finite(found.unpolarised_mean)}
 
 
-def _pair(pair: PairDetection) -> dict[str, Any]:
+def _pair(pair: PairDetection) -> dict[str, Json]:
     rates = zip(pair.p_false_alarm, pair.p_detection, strict=True)
     return {
         "target": pair.target,
@@ -66,10 +66,10 @@ def _pair(pair: PairDetection) -> dict[str, Any]:
     }
 
 
-def measurement_json(measurement: Measurement, textures: dict[str, Texture] | None = None) -> dict[str, Any]:
+def measurement_json(measurement: Measurement, textures: dict[str, Texture] | None = None) -> dict[str, Json]:
     """Return what a run measured as JSON holds it, with the textures of its regions where they are known."""
     grid = measurement.grid
-    content = {
+    content: dict[str, Json] = {
         "schema_version": SCHEMA_VERSION,
         "unit": grid.unit,
         "statistics": STATISTICS,
@@ -83,14 +83,14 @@ def measurement_json(measurement: Measurement, textures: dict[str, Texture] | No
         "left_out": list(grid.left_out),
         "warnings": list(measurement.plan.warnings),
         "pixels": {name: pixels_json(region) for name, region in measurement.regions.items()},
-        "regions": {name: _measured(region) for name, region in measurement.regions.items()},
+        "regions": {name: region_statistics(region) for name, region in measurement.regions.items()},
     }
     if textures is not None:
         content["texture"] = {name: texture_json(texture) for name, texture in textures.items()}
     return content
 
 
-def texture_json(texture: Texture) -> dict[str, Any]:
+def texture_json(texture: Texture) -> dict[str, Json]:
     """Return the texture of a region as JSON holds it: of (S0, S1, S2), in the square of the measurement's unit."""
     return {
         "cov": texture.cov.tolist(),
@@ -101,7 +101,7 @@ def texture_json(texture: Texture) -> dict[str, Any]:
     }
 
 
-def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Any]:
+def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Json]:
     """Return what a run says of its own faults as JSON holds it."""
     if found is None:
         return {"terms": [], "first": None, "named": [], "reason": "not asked"}
@@ -115,7 +115,7 @@ def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Any]:
     }
 
 
-def _fault(term: FaultTerm) -> dict[str, Any]:
+def _fault(term: FaultTerm) -> dict[str, Json]:
     return {
         "name": term.name,
         "angle_deg": term.angle_deg,
@@ -141,7 +141,8 @@ def pixels_json(region: MeasuredRegion) -> dict[str, float]:
     }
 
 
-def _measured(region: MeasuredRegion) -> dict[str, dict[str, float]]:
+def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
+    """Return every measured number of a region, its standard error beside it, by quantity and statistic."""
     found: dict[str, dict[str, float]] = {}
     for quantity, statistics in measured_with_ratios(region).items():
         found[quantity] = {}
