@@ -3,16 +3,25 @@
 Labels are compared with the log that the simulator itself writes of each exposure (`truth=FILE` in the camera's
 address), counts with those of a session that nobody disturbed.
 
-Usage: python -m benchmarks.trial_kills [--kills 200] [--seed 1]
+With `--lost-terminals` each session runs on a terminal of its own, which is closed at a random moment; half of these
+sessions are killed later on, the others have to come to their end without it.
+
+Usage: python -m benchmarks.trial_kills [--kills 200] [--lost-terminals 50] [--seed 1]
 """
 
 import argparse
+import fcntl
+import os
+import pty
 import random
+import select
 import shutil
 import subprocess
 import sys
 import tempfile
+import termios
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,13 +30,16 @@ import numpy as np
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_events import EVENTS_FILE, read_events
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, read_run
 from rigctl.runs.verification import verify_run
 from sim_devices.truth_log import TrueFrame, read_truth
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-_START_TIMEOUT_S = 60.0
+_START_TIMEOUT_S = 120.0
+# A terminal may be gone before the devices are open: so long after the program begins.
+_BEFORE_S = 1.0
 # Without landing errors of the stage the light of each frame is that of the undisturbed session.
 _STAGE, _EXACT_STAGE = "sim:ellx?speed=20", "sim:ellx?speed=60&landing=0"
 _CAMERA, _TRUTH_FILE = "sim:gc780", "truth.jsonl"
@@ -69,6 +81,74 @@ def run_kills(kills: int, *, seed: int = 1) -> bool:
             shutil.rmtree(run)
     print(f"{kills} kills: {failures} failures")
     return failures == 0
+
+
+def run_lost_terminals(sessions: int, *, seed: int = 1) -> bool:
+    """Close the terminals of so many sessions, kill half of them, and go on; return whether all became whole."""
+    moments = random.Random(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        files = write_files(Path(folder))
+        undisturbed = undisturbed_run(files)
+        session_s = duration_s(undisturbed)
+        failures = 0
+        for number in range(sessions):
+            run, truth = Path(folder) / "lost", Path(folder) / _TRUTH_FILE
+            truth.unlink(missing_ok=True)
+            closed_s, is_killed = moments.uniform(-_BEFORE_S, session_s), number % 2 == 0
+            code = session_without_terminal(
+                run, files, closed_s=closed_s, killed_s=moments.uniform(0.0, session_s) if is_killed else None
+            )
+            bad = [] if is_killed or code == 0 else [f"exit {code}"]
+            bad += problems_of(run) if (run / MANIFEST_FILE).exists() else []
+            # Whoever closes a terminal before there is a run loses nothing.
+            if bad or (run / SESSION_FILE).exists():
+                bad += problems_after_resume(run, undisturbed, truth)
+            failures += bool(bad)
+            what = "closed, then killed" if is_killed else "closed"
+            told = "; ".join(bad) or "sound, and whole"
+            print(f"terminal {number + 1:3d} {what} at {closed_s:+.2f} s: {told}", flush=True)
+            shutil.rmtree(run, ignore_errors=True)
+    print(f"{sessions} terminals closed, {(sessions + 1) // 2} of the sessions killed: {failures} failures")
+    return failures == 0
+
+
+def session_without_terminal(run: Path, files: tuple[Path, Path], *, closed_s: float, killed_s: float | None) -> int:
+    """Start a session on a terminal, close that so long after its first event (negative: after the program began).
+
+    Returns
+    -------
+    int
+        The exit code, negative where it was killed.
+    """
+    near, far = pty.openpty()
+
+    def own_terminal() -> None:
+        os.setsid()
+        fcntl.ioctl(far, termios.TIOCSCTTY, 0)
+
+    with subprocess.Popen(
+        _acquire(files, run), stdin=far, stdout=far, stderr=far, preexec_fn=own_terminal, close_fds=True
+    ) as process:
+        os.close(far)
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while closed_s >= 0.0 and not (run / EVENTS_FILE).exists() and time.monotonic() < deadline:
+            _drained(near, 0.01)
+        end = time.monotonic() + abs(closed_s)
+        while time.monotonic() < end:
+            _drained(near, 0.01)
+        os.close(near)
+        if killed_s is not None:
+            while not (run / EVENTS_FILE).exists() and process.poll() is None and time.monotonic() < deadline:
+                time.sleep(0.01)
+            time.sleep(killed_s)
+            process.kill()
+        return process.wait(_START_TIMEOUT_S * 10)
+
+
+def _drained(near: int, wait_s: float) -> None:
+    if select.select([near], [], [], wait_s)[0]:
+        with suppress(OSError):
+            os.read(near, 65536)
 
 
 def write_files(folder: Path) -> tuple[Path, Path]:
@@ -173,9 +253,11 @@ def main() -> int:
     """Run the trial; return 1 where a kill cost anything."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--lost-terminals", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    return 0 if run_kills(arguments.kills, seed=arguments.seed) else 1
+    sound = run_lost_terminals(arguments.lost_terminals, seed=arguments.seed) if arguments.lost_terminals else True
+    return 0 if run_kills(arguments.kills, seed=arguments.seed) and sound else 1
 
 
 if __name__ == "__main__":

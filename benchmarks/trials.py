@@ -1,7 +1,7 @@
 """Long trials, run by `make trials`: uncertainty over many seeds, kills, power cuts, old pictures, lossy networks.
 
-Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--cuts 50] [--turns 100]
-    [--lossy-frames 100] [--processes 3]
+Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--lost-terminals 50]
+    [--day-cycles 35] [--monkey-cases 5000] [--cuts 50] [--turns 100] [--lossy-frames 100] [--processes 3]
 """
 
 import argparse
@@ -10,10 +10,11 @@ from pathlib import Path
 
 from benchmarks.loop_disk import why_not
 from benchmarks.trial_damaged_runs import run_damaged
+from benchmarks.trial_day import run_day
 from benchmarks.trial_effects import run_effects
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_inputs import run_inputs
-from benchmarks.trial_kills import run_kills
+from benchmarks.trial_kills import run_kills, run_lost_terminals
 from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_noise_sets import run_noise_sets
 from benchmarks.trial_paper import run_paper
@@ -23,6 +24,7 @@ from benchmarks.trial_stale_frames import run_turns
 from benchmarks.trial_tolerance import run_tolerance
 from drivers.cameras.aravis_library import load_aravis
 from drivers.errors import NotConnectedError
+from tests.monkey.__main__ import run_monkey
 
 
 def main() -> int:
@@ -33,6 +35,9 @@ def main() -> int:
     parser.add_argument("--moved-seeds", type=int, default=60)
     parser.add_argument("--roof-seeds", type=int, default=40)
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--lost-terminals", type=int, default=50)
+    parser.add_argument("--day-cycles", type=int, default=35)
+    parser.add_argument("--monkey-cases", type=int, default=5000)
     parser.add_argument("--cuts", type=int, default=50)
     parser.add_argument("--damaged", type=int, default=500)
     parser.add_argument("--effect-scenes", type=int, default=1000)
@@ -43,7 +48,10 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
     sound = run_damaged(arguments.damaged)
+    sound &= run_monkey(arguments.monkey_cases)
     sound &= run_kills(arguments.kills)
+    sound &= run_lost_terminals(arguments.lost_terminals)
+    sound &= run_day(arguments.day_cycles)
     reason = why_not()
     if reason is None:
         sound &= run_cuts(arguments.cuts)

@@ -11,6 +11,7 @@ from rigctl.console.terminal import progress, results, warn
 from rigctl.files.choices import ROOF_CHANGES, RoofChange
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.session.control import outliving_terminal
 
 if TYPE_CHECKING:
     from rigctl.jobs.acquire import PreparedSession
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _SECONDS_A_MINUTE = 60
 
 
+@outliving_terminal()
 def command(
     rig: Annotated[Path, typer.Argument(metavar="RIG.toml", help="Rig file: the devices.")],
     session: Annotated[Path, typer.Argument(metavar="SESSION.toml", help="Session file: the frames.")],

@@ -9,12 +9,14 @@ from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.commands.acquire import say_outcome
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress
+from rigctl.session.control import outliving_terminal
 
 if TYPE_CHECKING:
     from rigctl.jobs.resume import Resumed
     from rigctl.session.reconnect_loop import Outcome
 
 
+@outliving_terminal()
 def command(
     run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")],
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,

@@ -71,6 +71,19 @@ def ask_process(run: Path, process: int, request: Request) -> None:
         os.kill(process, number)
 
 
+@contextmanager
+def outliving_terminal() -> Iterator[None]:
+    """Go on where the terminal hangs up, from before the devices are opened until the context is left."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 class Control:
     """Remembers what was asked for, until the session looks.
 

@@ -21,8 +21,8 @@ _BYTES_PER_MB = 1_000_000
 
 def run_monkey(cases: int, *, first_seed: int = 0, memory_mb: int = 3000) -> bool:
     """Run cases, print every one that does what none may do, and return whether there is none."""
-    limit = memory_mb * _BYTES_PER_MB
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (memory_mb * _BYTES_PER_MB, before[1]))
     warnings.simplefilter("ignore")
     start_s, bad = time.monotonic(), 0
     with tempfile.TemporaryDirectory() as scratch:
@@ -36,6 +36,7 @@ def run_monkey(cases: int, *, first_seed: int = 0, memory_mb: int = 3000) -> boo
                 bad += 1
                 print(f"seed {seed}, {case.done}: rigctl {' '.join(case.arguments)[:200]}\n  " + "\n  ".join(problems))
             shutil.rmtree(folder)
+    resource.setrlimit(resource.RLIMIT_AS, before)
     print(f"monkey: {cases} cases from seed {first_seed}, {bad} bad, {time.monotonic() - start_s:.0f} s")
     return bad == 0
 
