@@ -12,6 +12,7 @@ _GROUPS: tuple[tuple[str, ...], ...] = (
         "light_or_gain_changed",
         "wrong_time_unit",
         "light_in_darks",
+        "dark_current_or_light",
         "wrong_bit_depth",
         "quantum_efficiency_above_one",
         "negative_dark_current",

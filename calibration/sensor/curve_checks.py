@@ -73,7 +73,8 @@ def _relative_bend_error(transfer: PhotonTransfer) -> float:
 
 
 def _not_photon_noise(transfer: PhotonTransfer) -> Flag | None:
-    is_line = transfer.gain_dn_per_e > 0.0 and abs(_relative_bend(transfer)) < _NO_LINE
+    bend = abs(_relative_bend(transfer))
+    is_line = transfer.gain_dn_per_e > 0.0 and (bend < _NO_LINE or bend < _BEND_SIGMA * _relative_bend_error(transfer))
     if is_line and not _falls_early(transfer):
         return None
     signal, variance = transfer.points.signal_dn, transfer.points.variance_dn2

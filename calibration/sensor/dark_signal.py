@@ -21,9 +21,9 @@ QUANTISATION_LIMIT_DN2 = 0.24
 _UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
 _UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
 _EXPOSURE_TOLERANCE = 1e-3
-_LINE_TERMS = 2
 # Exposures from which on a bend of the mean is looked for, and the chance that there is none where one is found.
 _BEND_EXPOSURES, _FALSE_BEND = 6, 1e-4
+_MOST_TERMS = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,8 +35,8 @@ class DarkSignal:
     mean_fit : ScatterFit
         Mean [DN]: value at no exposure, then slope [DN/s] where it can be had.
     variance_fit : ScatterFit or None
-        Temporal variance, rounding included [DN^2]: value at no exposure, then slope; None where
-        `quantisation_limited`.
+        Temporal variance, rounding included [DN^2]: value at no exposure, then slope [DN^2/s], where the dark current
+        changed slope against the mean [DN]; None where `quantisation_limited`.
     has_slope : bool
         There are two exposures or more, all known, and one dark current describes them.
     is_curved : bool
@@ -58,6 +58,17 @@ class DarkSignal:
     variances_dn2: FloatArray
     variance_covariance_dn4: FloatArray
     quantisation_limited: bool
+
+    def mean_at(self, exposure_s: FloatArray) -> FloatArray:
+        """Return the fitted mean at an exposure [DN]."""
+        return np.asarray(np.polynomial.polynomial.polyval(exposure_s, self.mean_fit.parameters), dtype=np.float64)
+
+    def variance_at(self, exposure_s: FloatArray) -> FloatArray | None:
+        """Return the fitted temporal variance at an exposure [DN^2], None where there is no fit."""
+        if self.variance_fit is None:
+            return None
+        along = self.mean_at(exposure_s) - self.mean_fit.parameters[0] if self.is_curved else exposure_s
+        return np.asarray(np.polynomial.polynomial.polyval(along, self.variance_fit.parameters), dtype=np.float64)
 
 
 def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
@@ -89,7 +100,10 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
     limited = bool(np.median(variances) < QUANTISATION_LIMIT_DN2)
     bent = None if limited or not has_slope else _bent_fit(mean_fit, design, darks, means)
     if bent is not None:
-        design, mean_fit = np.column_stack([design, np.square(design[:, 1])]), bent
+        # However a dark current changes, its electrons add to the variance what they add to the mean.
+        mean_fit = bent
+        along = np.polynomial.polynomial.polyval(design[:, 1], bent.parameters) - bent.parameters[0]
+        design = np.column_stack([design[:, 0], along])
     if limited:
         mean_fit = _with_rounding(mean_fit, exposure_range_s=float(np.ptp(known)) if has_slope else 0.0)
     variance_fit = None if limited else _fit_variance(darks, design, variances)
@@ -113,23 +127,42 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
 def _bent_fit(
     line: ScatterFit, design: FloatArray, darks: Sequence[LevelStatistics], means: FloatArray
 ) -> ScatterFit | None:
-    """Return the parabola through the means, None where a line is as good."""
+    """Return the polynomial of lowest degree through the means whose next term is not seen, None where a line will do.
+
+    How a dark current changes is not known: one term more may be there, and moves the mean at no exposure.
+    """
     exposures = design[:, 1]
-    if len(np.unique(exposures)) < _BEND_EXPOSURES:
+    chosen, is_bent = line, False
+    for degree in range(2, min(_MOST_TERMS, len(np.unique(exposures)) - _BEND_EXPOSURES + 2) + 1):
+        fit = _polynomial(exposures, degree, darks, means)
+        last = fit.parameters[-1] / np.sqrt(fit.covariance[-1, -1])
+        if abs(last) < -stdtrit(len(darks) - degree - 1, 0.5 * _FALSE_BEND):
+            break
+        before, chosen, is_bent = chosen, fit, True
+    else:
+        fit = before if is_bent else chosen
+    if not is_bent:
         return None
+    covariance = chosen.covariance.copy()
+    covariance[0, 0] += (fit.parameters[0] - chosen.parameters[0]) ** 2
+    return replace(chosen, covariance=covariance)
+
+
+def _polynomial(exposures: FloatArray, degree: int, darks: Sequence[LevelStatistics], means: FloatArray) -> ScatterFit:
+    scale = float(exposures.max())
     fit = fit_with_scatter(
-        np.column_stack([design, np.square(exposures)]),
+        (exposures[:, None] / scale) ** np.arange(degree + 1),
         means,
         sampling_covariance=np.diag(mean_sampling_variance(darks)),
         scatter_shape=np.ones(len(darks)),
     )
-    limit = -stdtrit(len(darks) - 3, 0.5 * _FALSE_BEND) * np.sqrt(fit.covariance[2, 2])
-    if abs(fit.parameters[2]) < limit:
-        return None
-    # How a dark current changes is not known: at no exposure a line is off to one side, a parabola to the other.
-    covariance = fit.covariance.copy()
-    covariance[0, 0] += (0.5 * (fit.parameters[0] - line.parameters[0])) ** 2
-    return replace(fit, covariance=covariance)
+    units = scale ** -np.arange(degree + 1.0)
+    return replace(
+        fit,
+        parameters=fit.parameters * units,
+        covariance=fit.covariance * np.outer(units, units),
+        response=fit.response * units[:, None],
+    )
 
 
 def _with_rounding(fit: ScatterFit, *, exposure_range_s: float) -> ScatterFit:
@@ -167,10 +200,6 @@ def _fit_variance(darks: Sequence[LevelStatistics], design: FloatArray, variance
         model = design @ fit.parameters
     shared = np.zeros_like(fit.covariance)
     shared[0, 0] = _shared_variance_error_dn2(darks) ** 2
-    if design.shape[1] > _LINE_TERMS:
-        # As for a mean that is no straight line: the truth is between the line and the parabola.
-        line = _fit_variance(darks, design[:, :_LINE_TERMS], variances)
-        shared[0, 0] += (0.5 * (fit.parameters[0] - line.parameters[0])) ** 2
     return replace(fit, covariance=fit.covariance + shared)
 
 

@@ -14,6 +14,7 @@ _NEXT = {
     "light_or_gain_changed": "take all levels again with automatic gain off and a lamp that is warm",
     "wrong_time_unit": "state the unit of the exposures (--exposure-unit)",
     "light_in_darks": "cover the lens and take the dark frames again",
+    "dark_current_or_light": "cover the lens, and take stacks of 16 flats and darks at one exposure",
     "wrong_bit_depth": "state the camera's own bit depth",
     "correlated_noise": "save raw frames, without filters",
     "frames_go_together": "switch noise reduction off",

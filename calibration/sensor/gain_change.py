@@ -147,7 +147,7 @@ def gain_change(
     """
     by_noise = None if noise is None else _step(noise, terms=2)
     by_light = None if light is None else _step(light.points, terms=3)
-    if by_noise is not None and _is_large(by_noise):
+    if by_noise is not None and _is_large(by_noise) and not _denied(by_noise, light):
         return GainChange(by_noise=by_noise, by_light=by_light, by_dark=by_dark, gain_error=abs(by_noise.relative))
     if by_light is None or not by_light.is_real or noise is None:
         return None
@@ -161,13 +161,23 @@ def gain_change(
     )
 
 
+def _denied(by_noise: Step, light: LightInfluence | None) -> bool:
+    """Return whether the mean over light shows no such step where the noise has one: a gain changes both."""
+    there = None if light is None else _step(light.points, terms=3, place=by_noise.place)
+    if there is None:
+        return False
+    apart = abs(there.relative - by_noise.relative)
+    return apart > _SIGMA * float(np.hypot(there.std_error, by_noise.std_error))
+
+
 def _step(points: PointInfluence, *, terms: int, place: int | None = None) -> Step | None:
     scaled = points.abscissa / points.abscissa.max()
     design = np.column_stack([scaled**power for power in range(1, terms + 1)])
     # Where single levels stand off, the scatter is that of the others, and no step explains them.
     variance = points.variance + np.square(points.scatter * points.model.scatter_shape)
     least = float(np.median(points.variance / variance))
-    shape = np.abs(points.values)
+    # Single points are noisy at faint levels, and a step of their own size would find itself there.
+    shape = np.abs(points.abscissa * np.median(points.values / points.abscissa))
     return largest_step(design, points.values, variance, shape=shape, least_share=least, place=place)
 
 

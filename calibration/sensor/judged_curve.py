@@ -25,6 +25,7 @@ from calibration.sensor.photon_transfer import (
     PhotonTransfer,
     TransferPoints,
     UsablePoints,
+    beyond_range,
     fit_photon_transfer,
     transfer_points,
     usable_points,
@@ -32,6 +33,9 @@ from calibration.sensor.photon_transfer import (
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+# Between the range of the fit and saturation a response may bend by this more than below.
+_BEND_BEYOND = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +134,8 @@ def judged_curve(
 
     Notes
     -----
-    A level that is off on an axis is left out of the fit on this axis, and of nothing else.
+    A level that is off on an axis is left out of the fit on this axis, and of nothing else. Levels between the range of
+    the fit and saturation are no part of any, but their light is judged.
     """
     points = transfer_points(flats, dark, match, ceiling_dn=ceiling_dn)
     full_dn = ceiling_dn - float(dark.means_dn.min())
@@ -141,12 +146,17 @@ def judged_curve(
     of_darks = np.square(match.weights) @ mean_sampling_variance(darks)
     own_dn2 = np.where(points.signal_dn > 0.0, mean_variance_dn2(flats, points.signal_dn, stability), 0.0) + of_darks
     noise, light = noise_influence(points, mask), light_influence(used, points.signal_dn[mask], own_dn2[mask])
+    lit = mask | beyond_range(points, usable, full_signal_dn=full_dn)
     change = gain_change(noise, light[0] if light else None, by_dark=dark_step(darks))
     if change is None:
-        verdicts = flat_verdicts(flats, judged=mask, noise=noise, light=light)
+        if lit.sum() > mask.sum():
+            bright_dn2 = own_dn2 + np.where(mask, 0.0, np.square(_BEND_BEYOND * points.signal_dn))
+            all_lit = [flats[index] for index in np.flatnonzero(lit).tolist()]
+            light = light_influence(all_lit, points.signal_dn[lit], bright_dn2[lit])
+        verdicts = flat_verdicts(flats, judged=mask, lit=lit, noise=noise, light=light)
     else:
         # What is no smooth curve has no levels that stand off it.
-        verdicts = flat_verdicts(flats, judged=mask, noise=None, light=())
+        verdicts = flat_verdicts(flats, judged=mask, lit=mask, noise=None, light=())
         verdicts = replace(verdicts, wrong_light=mask, flags=(change_flag(change, used),))
     transfer = _fit(flats, points, usable, verdicts, own_dn2)
     if change is not None:

@@ -23,6 +23,9 @@ _FALSE_VARIANCE, _FALSE_LIGHT, _FALSE_DARK_MEAN, _FALSE_DARK_VARIANCE = 1.5e-3, 
 _LEAST_LEVELS = 5
 # Exposures are longer or shorter than stated by a fixed time: some microseconds of a sweep of ten milliseconds.
 _USUAL_OFFSET = 3e-4
+_MOST_DARK_TERMS = 6
+# Usual sizes of what a sweep may have besides, in shares of the brightest: an offset, bends of response and of noise.
+_OFFSET, _BEND_OF_RESPONSE, _BEND_OF_NOISE = 0.02, 0.1, 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +83,9 @@ def _dark_models(exposures: FloatArray) -> list[CurveModel]:
     if np.isnan(exposures).any() or np.ptp(exposures) == 0.0:
         return [CurveModel(design=even[:, None], scatter_shape=even)]
     scaled = exposures / exposures.max()
-    powers = scaled[:, None] ** np.arange(4)
-    n_terms = min(4, len(np.unique(exposures)))
+    # A dark current that grows with the sensor's temperature bends the means by many times their errors.
+    n_terms = max(min(_MOST_DARK_TERMS, len(np.unique(exposures)) // 2), min(4, len(np.unique(exposures))))
+    powers = scaled[:, None] ** np.arange(n_terms)
     models = [CurveModel(design=powers[:, :terms], scatter_shape=even) for terms in range(1, n_terms + 1)]
     # A sensor that warms up scatters the more the longer it exposes.
     growing = CurveModel(design=powers[:, :2], scatter_shape=np.maximum(scaled, 1e-3), is_usual=False)
@@ -97,7 +101,11 @@ def noise_influence(points: TransferPoints, used: Mask) -> PointInfluence | None
     own = np.square(relative * np.maximum(dark + gain * signal, 0.0)) + np.diag(points.dark_covariance_dn4)[used]
     scaled = signal / signal.max()
     models = [
-        CurveModel(design=np.column_stack([scaled**power for power in powers]), scatter_shape=signal)
+        CurveModel(
+            design=np.column_stack([scaled**power for power in powers]),
+            scatter_shape=signal,
+            term_sizes=abs(gain) * signal.max() * np.where(np.equal(powers, 1), np.inf, _BEND_OF_NOISE),
+        )
         for powers in ((1,), (1, 2), (1, 2, 3))
     ]
     return point_influence(models, variance, own, abscissa=signal, p_false=_FALSE_VARIANCE)
@@ -184,16 +192,18 @@ def _beside_response(signal_dn: FloatArray, light: FloatArray, own_dn2: FloatArr
     if np.isnan(light).any() or len(np.unique(light)) < max(_LEAST_LEVELS, len(light) // 2 + 1):
         return None
     scaled = light / light.max()
-    even = np.full(len(light), float(np.median(signal_dn)))
+    even, full = np.full(len(light), float(np.median(signal_dn))), float(signal_dn.max())
+    bends = (np.inf, _BEND_OF_RESPONSE, _BEND_OF_RESPONSE)
     models = [
         CurveModel(
-            design=np.column_stack([scaled**power for power in powers]),
+            design=scaled[:, None] ** np.arange(n_terms),
             scatter_shape=shape,
-            first_term_std=offset_std,
-            is_usual=shape is signal_dn and offset_std is not None,
+            first_term_std=_USUAL_OFFSET * full if offset == _USUAL_OFFSET else None,
+            term_sizes=full * np.array([offset, *bends][:n_terms]),
+            is_usual=shape is signal_dn and offset == _USUAL_OFFSET,
         )
-        for powers in ((0, 1), (0, 1, 2), (0, 1, 2, 3))
-        for offset_std in (_USUAL_OFFSET * float(signal_dn.max()), None)
+        for n_terms in (2, 3, 4)
+        for offset in (_USUAL_OFFSET, _OFFSET)
         for shape in (signal_dn, even)
     ]
     return point_influence(models, signal_dn, own_dn2, abscissa=light, p_false=_FALSE_LIGHT)

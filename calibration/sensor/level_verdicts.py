@@ -67,6 +67,7 @@ def flat_verdicts(
     flats: Sequence[LevelStatistics],
     *,
     judged: Mask,
+    lit: Mask,
     noise: PointInfluence | None,
     light: Sequence[LightInfluence],
 ) -> FlatVerdicts:
@@ -76,8 +77,8 @@ def flat_verdicts(
     ----------
     flats : sequence of LevelStatistics
         In the order of the curve's points.
-    judged : (n,) array of bool
-        Those that `noise` and `light` hold.
+    judged, lit : (n,) arrays of bool
+        Those that `noise` holds, and those that `light` holds: all of the former and more.
     noise : PointInfluence or None
         Variance against mean.
     light : sequence of LightInfluence
@@ -89,15 +90,17 @@ def flat_verdicts(
     has a mean that its noise confirms, and what is stated of its light is wrong. Off on both by the same share: mean
     goes with gain, variance with its square, so variance over mean is off as much as mean over light: another gain.
     """
-    places = np.flatnonzero(judged).tolist()
+    places = np.flatnonzero(lit).tolist()
     levels = [LevelInfluence() for _ in flats]
     wrong_noise, wrong_light = np.zeros(len(flats), dtype=bool), np.zeros(len(flats), dtype=bool)
     flags = []
+    rows_of_noise = np.cumsum(judged) - 1
     for row, index in enumerate(places):
-        by_noise = None if noise is None else _relative(noise, row)
+        points = noise if judged[index] else None
+        by_noise = None if points is None else _relative(points, rows_of_noise[index])
         worst = _worst_light(light, row)
         off_light = None if worst is None else _relative(worst.points, row)
-        is_noise = noise is not None and bool(noise.outlying[row])
+        is_noise = points is not None and bool(points.outlying[rows_of_noise[index]])
         is_light = worst is not None and bool(worst.points.outlying[row])
         cause = _cause(by_noise if is_noise else None, off_light if is_light else None)
         levels[index] = LevelInfluence(
@@ -147,8 +150,13 @@ def _flag(
         f"means: {_cause_of_variance(noise)}; it is left out of the gain: take it again",
         "wrong_light": f"its mean is {mean} off the response to the {light_name} that all others follow"
         + ("" if noise is None else f", while its noise fits its mean ({variance})")
-        + f": what is stated of its {light_name} is wrong, or the lamp was another then; it is left out of linearity "
-        f"and quantum efficiency, and stays in the gain: correct what is stated, or take it again",
+        + f": what is stated of its {light_name} is wrong, or the lamp was another then; "
+        + (
+            "it is brighter than what the numbers are taken from, none of them has it"
+            if noise is None
+            else "it is left out of linearity and quantum efficiency, and stays in the gain"
+        )
+        + ": correct what is stated, or take it again",
         "another_gain": f"variance over mean is {variance}, mean over {light_name} {mean} off what all others "
         f"follow, by the same share: it was taken at another gain; it is left out of the gain and of linearity: take "
         f"it again",

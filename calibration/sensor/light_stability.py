@@ -86,10 +86,12 @@ def wander_variance_dn2(
     freedom = np.array([flat.n_frames - 1.0 for flat in flats])
     between = np.array([np.var(flat.frame_means_dn, ddof=1) for flat in flats])
     noise = np.array([flat.temporal_variance_dn2 / flat.n_pixels for flat in flats])
-    window = np.ones(min(_NEIGHBOURS, len(flats)))
-    near = np.convolve((between - noise) * freedom, window, "same") / np.convolve(freedom, window, "same")
     model = stability.variance_dn2(signal_dn)
-    local = np.where(near > _TWICE * model, _FEW * near, model)
+    window = np.ones(min(_NEIGHBOURS, len(flats)))
+    seen, expected = (np.convolve(one * freedom, window, "same") for one in (between - noise, model + noise))
+    # Neighbours wander by more or less counts as they are brighter or fainter: what is compared is what was expected.
+    excess = seen / expected
+    local = np.where(excess > _TWICE, _FEW * excess * (model + noise), model)
     # Light that wanders by so much follows no normal law.
     wild = local > np.square(_WILD * signal_dn)
     variance: FloatArray = np.where(wild, _WILDER * local, local)

@@ -14,7 +14,6 @@ from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
 from calibration.sensor.exposure_unit import implausible_unit, impossible_exposures, is_absurd
-from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.judged_curve import judged_curve, sound_darks
 from calibration.sensor.level_checks import level_flags, light_course_flags
@@ -28,15 +27,13 @@ from calibration.sensor.noise_parameters import (
     noise_parameters,
 )
 from calibration.sensor.parameter_checks import parameter_flags
-from calibration.sensor.pattern_checks import left_out_flags, light_in_darks_dn, pattern_flags
+from calibration.sensor.pattern_checks import left_out_flags
 from calibration.sensor.performance import Performance, performance
 from calibration.sensor.photon_transfer import PhotonTransfer
 from calibration.sensor.propagation import SpatialLevels
 from calibration.sensor.row_column_checks import row_column_flags
 from calibration.sensor.sample_checks import sample_flags
 
-# Light in dark frames beyond this is taken for light; below, it may be the dark current of pixels with unlike gains.
-_USUAL_DARK_E_PER_S = 1000.0
 _STANDARD_DARK_CURRENTS = ("dark_current_mean_e_per_s", "dark_current_variance_e_per_s")
 
 
@@ -189,53 +186,6 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         emva1288=standard,
         influence=curve.levels,
         light_stability=curve.stability,
-    )
-
-
-def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) -> NoiseCalibration:
-    """Return a calibration with what its fixed pattern says, without a dark current where darks saw light.
-
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        From the levels alone.
-    pattern : FixedPattern or None
-        Of its two stacks, pixel by pixel; None where there is none.
-    """
-    if pattern is None:
-        return calibration
-    found = pattern_flags(pattern)
-    # The pixel-by-pixel look at defects says more than that at their variance.
-    named = {flag.name for flag in found}
-    flags = by_consequence((*(flag for flag in calibration.flags if flag.name not in named), *found))
-    light = light_in_darks_dn(pattern)
-    dark = calibration.darks[calibration.spatial.dark]
-    if light is None or calibration.dark_current_e_per_s is None or not dark.exposure_s:
-        return replace(calibration, flags=flags)
-    rate_e_per_s = light.value / calibration.gain_dn_per_e.value / dark.exposure_s
-    return _with_light_in_darks(replace(calibration, flags=flags), calibration.dark_current_e_per_s, rate_e_per_s)
-
-
-def _with_light_in_darks(
-    calibration: NoiseCalibration, dark_current_e_per_s: Estimate, rate_e_per_s: float
-) -> NoiseCalibration:
-    """Return a calibration whose dark current is uncertain by light, or not known where that is more than usual."""
-    names, matrix = calibration.covariance.names, calibration.covariance.matrix
-    own = names.index("dark_current_e_per_s")
-    if rate_e_per_s < _USUAL_DARK_E_PER_S:
-        wider = matrix.copy()
-        wider[own, own] += rate_e_per_s**2
-        return replace(
-            calibration,
-            dark_current_e_per_s=replace(dark_current_e_per_s, std_error=float(np.sqrt(wider[own, own]))),
-            covariance=JointCovariance(names=names, matrix=wider),
-        )
-    kept = [index for index in range(len(names)) if index != own]
-    return replace(
-        calibration,
-        dark_current_e_per_s=None,
-        covariance=JointCovariance(names=tuple(names[index] for index in kept), matrix=matrix[np.ix_(kept, kept)]),
-        flags=tuple(flag for flag in calibration.flags if flag.name != "dark_current_not_resolved"),
     )
 
 

@@ -8,6 +8,7 @@ _BY_FLAG = {
     "dark_current_e_per_s": (
         "wrong_time_unit",
         "light_in_darks",
+        "dark_current_or_light",
         "dark_current_changed",
         "dark_current_not_resolved",
         "single_dark_exposure",
@@ -18,6 +19,7 @@ _REASONS = {
     "read_noise_not_resolved": "dark current or rounding hides it: take dark frames at the shortest exposure",
     "wrong_time_unit": "exposures are not in the unit that is wanted: state it with --exposure-unit",
     "light_in_darks": "light reached the dark frames: cover the lens and take them again",
+    "dark_current_or_light": "it may be light: cover the lens and take stacks of 16 flats and darks at one exposure",
     "dark_current_changed": "it changed while the dark frames were taken: let the camera warm up and take them again",
     "dark_current_not_resolved": "dark exposures are too short: take dark frames of 1 s or more",
     "single_dark_exposure": "dark frames have one exposure: take dark frames of 1 s or more beside them",

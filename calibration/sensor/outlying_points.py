@@ -32,6 +32,9 @@ class CurveModel:
         Standard deviation of one unit of extra, independent scatter of each point, > 0.
     first_term_std : float or None
         What the first term is expected to be at most (one standard deviation about 0); None where it is free.
+    term_sizes : (p,) array or None
+        How large each term may be (one standard deviation about 0), infinite for those that every curve of the set has;
+        None where nothing is known of any.
     is_usual : bool
         False for a curve that is believed where it explains more than one wrong point would.
     """
@@ -39,6 +42,7 @@ class CurveModel:
     design: FloatArray
     scatter_shape: FloatArray
     first_term_std: float | None = None
+    term_sizes: FloatArray | None = None
     is_usual: bool = True
 
     @property
@@ -232,5 +236,18 @@ def _beside_the_others(
         std_error=np.sqrt(np.where(sound, variance / open_, variance * (1.0 + leverage))),
         scatter=float(np.sqrt(fit.scatter_variance)),
         model=model,
-        cost=float(cost.sum()) + unusual + model.n_free * float(np.log(len(values))),
+        cost=float(cost.sum()) + unusual + _cost_of_terms(model, fit.covariance, n_points=len(values)),
     )
+
+
+def _cost_of_terms(model: CurveModel, covariance: FloatArray, *, n_points: int) -> float:
+    """Return Occam's factor of the terms: by how much the points narrow what each may be.
+
+    Where nothing is known of their sizes it is that of the information in n points (Schwarz). It is too small for terms
+    that are expected to be small: one wrong level at an end, which two terms more can reach, would pass for a curve.
+    """
+    if model.term_sizes is None:
+        return model.n_free * float(np.log(n_points))
+    bounded = np.isfinite(model.term_sizes)
+    left = np.linalg.slogdet(covariance[np.ix_(bounded, bounded)])[1]
+    return float(2.0 * np.log(model.term_sizes[bounded]).sum() - left)

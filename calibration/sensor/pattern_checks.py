@@ -1,10 +1,5 @@
 """Findings in the fixed pattern that speak against a calibration, each by its own name."""
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
-from calibration.estimate import Estimate
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.frame_statistics import LevelStatistics
@@ -13,10 +8,6 @@ from calibration.sensor.spectrogram import spectral_peak
 _DEFECT_SHARE = 1e-3
 _DEFECT_VARIANCE = 0.05
 _LONG_STACK = 16
-_WINDOW, _OUTLIER, _LEAST_PIXELS = 15, 5.0, 1000
-# Variance of white noise that a local mean leaves.
-_LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
-_LIGHT_SIGMA, _LIGHT_SHARE = 5.0, 1e-4
 
 
 def pattern_flags(pattern: FixedPattern) -> tuple[Flag, ...]:
@@ -27,68 +18,8 @@ def pattern_flags(pattern: FixedPattern) -> tuple[Flag, ...]:
     pattern : FixedPattern
         Of a dark and a flat stack.
     """
-    found = (_light_in_darks(pattern), _periodic_pattern(pattern), _defect_pixels(pattern), _short_stack(pattern))
+    found = (_periodic_pattern(pattern), _defect_pixels(pattern), _short_stack(pattern))
     return tuple(flag for flag in found if flag is not None)
-
-
-def light_in_darks_dn(pattern: FixedPattern) -> Estimate | None:
-    """Return the light in the dark stack by the pattern of the response to light in it [DN], None where none is seen.
-
-    Parameters
-    ----------
-    pattern : FixedPattern
-        Of a dark and a flat stack.
-
-    Notes
-    -----
-    Dark current has its own pattern from pixel to pixel, light has that of the response (PRNU), and so has dark current
-    where each pixel has a gain of its own. With r the relative response, d the dark mean less its local mean,
-    cov(d, r) = light var(r) - noise / signal, where the noise of the dark mean enters r by the dark that was taken off.
-    """
-    dark, response = (_local(one) for one in (pattern.dark.mean_dn, _response(pattern)))
-    noise_dn2 = float(np.mean(pattern.dark.temporal_variance_dn2)) / pattern.n_dark_frames
-    flat_noise_dn2 = float(np.mean(pattern.flat.temporal_variance_dn2)) / pattern.n_flat_frames
-    kept = (np.abs(dark) < _OUTLIER * _robust_std(dark)) & (np.abs(response) < _OUTLIER * _robust_std(response))
-    d, r = dark[kept].astype(np.float64), response[kept].astype(np.float64)
-    of_response = float(r.var()) - _LOCAL_SHARE * (noise_dn2 + flat_noise_dn2) / pattern.signal_dn**2
-    if d.size < _LEAST_PIXELS or of_response <= 0.0:
-        return None
-    together = float(np.mean((d - d.mean()) * (r - r.mean()))) + _LOCAL_SHARE * noise_dn2 / pattern.signal_dn
-    light_dn = together / of_response
-    error_dn = float(np.sqrt(d.var() * r.var() / d.size)) / of_response
-    if light_dn < _LIGHT_SIGMA * error_dn or light_dn < _LIGHT_SHARE * pattern.signal_dn:
-        return None
-    return Estimate(value=light_dn, std_error=error_dn, n=pattern.n_dark_frames)
-
-
-def _light_in_darks(pattern: FixedPattern) -> Flag | None:
-    light = light_in_darks_dn(pattern)
-    if light is None:
-        return None
-    return Flag(
-        name="light_in_darks",
-        message=f"dark frames show the pattern that pixels have in the light, as {light.value:.3g} +- "
-        f"{light.std_error:.2g} DN of light would (more than {_LIGHT_SIGMA:.0f} standard errors): light got in, or "
-        f"each pixel has a gain of its own; the dark current cannot be told from it: cover the lens, and take the dark "
-        f"frames again",
-    )
-
-
-def _response(pattern: FixedPattern) -> NDArray[np.float32]:
-    response: NDArray[np.float32] = (pattern.flat.mean_dn - pattern.dark.mean_dn) / np.float32(pattern.signal_dn)
-    return response
-
-
-def _local(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a picture less its local mean, without rows and columns."""
-    local: NDArray[np.float32] = picture - cv2.blur(picture, (_WINDOW, _WINDOW))
-    local -= np.median(local, axis=0, keepdims=True)
-    local -= np.median(local, axis=1, keepdims=True)
-    return local
-
-
-def _robust_std(picture: NDArray[np.float32]) -> float:
-    return 1.4826 * float(np.median(np.abs(picture)))
 
 
 def _periodic_pattern(pattern: FixedPattern) -> Flag | None:

@@ -22,6 +22,7 @@ BEND_LEVELS = 5
 _CUBIC_LEVELS = 8
 # Upper end of the fit, as a share of saturation. The standard's is 0.7, for a fit without a bend.
 RANGE_OF_SATURATION = 0.8
+_BELOW_SATURATION = 0.95
 _PASSES = 3
 # Variance over signal of one level above both neighbours by this much, and by so many errors.
 _SPIKE, _SPIKE_SIGMA = 1.1, 6.0
@@ -234,6 +235,23 @@ def usable_points(points: TransferPoints, *, full_signal_dn: float, light: Float
             f"noise, brighter than dark and below {top_dn:.0f} DN: take flats at other exposures",
         )
     return UsablePoints(mask=used, saturation=saturation)
+
+
+def beyond_range(points: TransferPoints, usable: UsablePoints, *, full_signal_dn: float) -> NDArray[np.bool_]:
+    """Return the points that are too bright for the fit and still well below saturation.
+
+    Parameters
+    ----------
+    points : TransferPoints
+        The curve, by ascending signal.
+    usable : UsablePoints
+        The points of the fit.
+    full_signal_dn : float
+        Signal that reaches the ceiling [DN].
+    """
+    end_dn = usable.saturation.signal_dn if usable.saturation else full_signal_dn
+    beyond: NDArray[np.bool_] = ~points.saturated & (points.flat_variance_dn2 > 0.0)
+    return beyond & (points.signal_dn > RANGE_OF_SATURATION * end_dn) & (points.signal_dn < _BELOW_SATURATION * end_dn)
 
 
 def _saturation(points: TransferPoints, smooth: NDArray[np.bool_]) -> SaturationLevel | None:

@@ -66,6 +66,11 @@ def measured_covariance(
     level = darks[spatial.dark]
     if dark.quantisation_limited:
         covariance[DARK_SPATIAL, DARK_SPATIAL] += QUANTISATION_VAR_DN2**2
+    if dark.is_curved and dark.variance_fit is not None:
+        # The variance at no exposure is that at the mean of no exposure.
+        covariance[DARK_VARIANCE, DARK_VARIANCE] += (
+            dark.variance_fit.parameters[1] ** 2 * dark.mean_fit.covariance[0, 0]
+        )
     covariance[BLACK_LEVEL, BLACK_LEVEL] += max(level.spatial_variance_dn2, 0.0) / level.n_pixels
     return covariance
 

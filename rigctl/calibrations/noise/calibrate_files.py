@@ -11,7 +11,8 @@ from calibration.flag_order import by_consequence
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
 from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
-from calibration.sensor.noise import NoiseCalibration, calibrate_noise, with_pattern
+from calibration.sensor.light_in_darks import with_pattern
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from rigctl.calibrations.noise.noise_frames import FrameGroup, FrameSet
 from rigctl.calibrations.noise.noise_json import noise_json, pattern_json
 from rigctl.errors import DataError

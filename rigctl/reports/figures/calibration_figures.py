@@ -105,9 +105,7 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     figure, (left, right) = subplots(1, 2, size=(9.6, 4.4))
     dark, shown_s = calibration.dark, np.linspace(0.0, time_s.max(), 50)
     left.plot(_MS_PER_S * time_s, dark.means_dn, "o", ms=5, color=MEASURED, label="dark levels")
-    left.plot(
-        _MS_PER_S * shown_s, _line(dark.mean_fit.parameters, shown_s), color=PREDICTED, label=_mean_label(calibration)
-    )
+    left.plot(_MS_PER_S * shown_s, dark.mean_at(shown_s), color=PREDICTED, label=_mean_label(calibration))
     left.set(ylabel="mean [DN]", title="Dark signal")
     errors = np.array([level.temporal_std_error_dn2 for level in calibration.darks])
     right.errorbar(
@@ -119,8 +117,8 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
         color=MEASURED,
         label="dark levels",
     )
-    if dark.variance_fit is not None:
-        fitted = _line(dark.variance_fit.parameters, shown_s)
+    fitted = dark.variance_at(shown_s)
+    if fitted is not None:
         right.plot(_MS_PER_S * shown_s, fitted, color=PREDICTED, label=_variance_label(calibration))
     right.set(ylabel="variance in time [DN$^2$]", title="Dark noise")
     for axes in (left, right):
@@ -129,10 +127,6 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
         axes.grid(alpha=0.3, which="both", lw=0.4)
         legend_below(axes)
     return png(figure)
-
-
-def _line(parameters: FloatArray, time_s: FloatArray) -> FloatArray:
-    return np.asarray(np.polynomial.polynomial.polyval(time_s, parameters), dtype=np.float64)
 
 
 def _mean_label(calibration: NoiseCalibration) -> str:

@@ -10,7 +10,8 @@ from scipy.fft import dctn, idctn
 from calibration.flags import Flag
 from calibration.sensor.fixed_pattern import fixed_pattern
 from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
-from calibration.sensor.noise import NoiseCalibration, calibrate_noise, with_pattern
+from calibration.sensor.light_in_darks import with_pattern
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 
 FloatArray = NDArray[np.float64]
 Frame = NDArray[np.uint16]
@@ -91,6 +92,8 @@ class NoiseSet:
     truth: dict[str, float]
     bits: int
     wrong_means_dn: tuple[float, ...] = ()
+    # How many of them have to be named; of a flat and its dark at another gain the flat will do.
+    n_to_name: int | None = None
 
 
 def names_level(flag: Flag, mean_dn: float) -> bool:
@@ -235,7 +238,8 @@ def one_other_gain(seed: int) -> NoiseSet:
     sensor = Sensor(seed=seed)
     place = int(sensor.draws.integers(1, len(FRACTIONS)))
     exposures = sweep(sensor, gain_of=lambda at: 1.1 if at == place else 1.0)
-    return noise_set(sensor, exposures, wrong=exposures[2 * place : 2 * place + 2])
+    found = noise_set(sensor, exposures, wrong=exposures[2 * place : 2 * place + 2])
+    return replace(found, n_to_name=1)
 
 
 def averaged_frames(seed: int) -> NoiseSet:

@@ -6,8 +6,10 @@ import pytest
 from calibration.errors import RefusedFramesError
 from calibration.estimate import Estimate
 from calibration.flags import Flag
-from calibration.sensor.noise import NoiseCalibration
+from calibration.sensor.light_in_darks import with_pattern
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.sensor import noise_sets
+from tests.calibration.sensor.drawn_sets import DRAWN_GOOD, DRAWN_WRONG
 from tests.calibration.sensor.noise_sets import GOOD, NoiseSet, SetMaker, calibrated, names_level
 
 # Seeds that the trial over 200 of each kind holds; here a few of them.
@@ -70,6 +72,41 @@ def test_what_no_photon_transfer_can_read_is_refused_by_its_cause(make: SetMaker
     with pytest.raises(RefusedFramesError) as caught:
         calibrated(make(SEEDS[0]))
     assert cause in {flag.name for flag in caught.value.flags if flag.refuses}
+
+
+@pytest.mark.parametrize("make", DRAWN_GOOD)
+def test_sensors_with_drawn_settings_name_no_level(make: SetMaker) -> None:
+    given = make(SEEDS[0])
+    found = calibrated(given)
+    assert named(found) == []
+    assert_covers(found, given)
+
+
+@pytest.mark.parametrize("make", DRAWN_WRONG)
+def test_wrong_levels_at_either_end_and_two_at_once_are_named(make: SetMaker) -> None:
+    given = make(SEEDS[1])
+    found = calibrated(given)
+    for mean_dn in given.wrong_means_dn:
+        assert any(names_level(flag, mean_dn) for flag in named(found))
+    assert_covers(found, given)
+
+
+def test_a_large_dark_current_without_pixel_maps_is_a_bound() -> None:
+    given = noise_sets.leak(SEEDS[0])
+    found = with_pattern(calibrate_noise(given.levels, bit_depth=given.bits), None)
+    assert found.dark_current_e_per_s is None
+    assert "dark_current_or_light" in {flag.name for flag in found.flags}
+    assert found.bounds["dark_current_e_per_s"].value > given.truth["dark_current_e_per_s"]
+
+
+def test_pixels_with_gains_of_their_own_are_no_light_in_the_darks() -> None:
+    # The share of the gain in what pixels differ by is known to an eighth of itself with so many pixels.
+    sensor = noise_sets.Sensor(seed=SEEDS[0], bits=16, gain=2.1, read_e=1.6, gain_spread=0.02, shape=(160, 192))
+    found = calibrated(noise_sets.noise_set(sensor, noise_sets.sweep(sensor)))
+    assert "light_in_darks" not in {flag.name for flag in found.flags}
+    # The dark current is known to a hundredth, not to itself.
+    assert found.dark_current_e_per_s is not None
+    assert found.dark_current_e_per_s.std_error < 0.05 * found.dark_current_e_per_s.value
 
 
 def test_light_in_the_darks_leaves_no_dark_current_and_all_else() -> None:
