@@ -38,6 +38,7 @@ def surface(
     Example: rigctl fit surface examples/fit-black-panel.toml --out fitted.toml
     """
     from rigctl.jobs.fit import fit_surface_file
+    from rigctl.numbers.number_text import p_value
     from rigctl.reports.tables.surface_tables import fit_json, fit_tables
 
     fitted = fit_surface_file(file, profile=profile, out=out)
@@ -49,7 +50,7 @@ def surface(
             results().print(terminal_table(table))
             results().print()
         results().print(
-            f"chi-square {fit.chi_square:.4g} with {fit.degrees_of_freedom} degrees of freedom, p = {fit.p_value:.2g}"
+            f"chi-square {fit.chi_square:.4g} with {fit.degrees_of_freedom} degrees of freedom, {p_value(fit.p_value)}"
         )
         for words in (*fit.findings, *fitted.assumptions):
             results().print(words)

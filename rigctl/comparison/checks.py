@@ -21,6 +21,7 @@ from model.stokes import dolp
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement, frame_order, signal_of_cycle
 from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
+from rigctl.numbers.number_text import p_value
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["sound", "flagged", "refused", "not testable"]
@@ -235,7 +236,5 @@ def _residual(measurement: Measurement, moments: Moments) -> str:
     except ValueError as error:
         return f"; no residual of the weighted fit: {error}"
     plural = "degree" if freedom == 1 else "degrees"
-    p_value = chi_square_tail(chi_square, freedom)
-    return (
-        f"; residual of the weighted fit: chi-square {chi_square:.1f}, {freedom} {plural} of freedom, p = {p_value:.2g}"
-    )
+    found = p_value(chi_square_tail(chi_square, freedom))
+    return f"; residual of the weighted fit: chi-square {chi_square:.1f}, {freedom} {plural} of freedom, {found}"

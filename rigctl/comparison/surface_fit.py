@@ -21,6 +21,7 @@ from rigctl.files.material_file import NM_PER_M, find_material
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.surface_fit_file import ObservationSection, SurfaceFitFile
 from rigctl.measurement.measurement import measure
+from rigctl.numbers.number_text import p_value
 from rigctl.runs.wholeness import used_run
 
 FloatArray = NDArray[np.float64]
@@ -238,7 +239,7 @@ def _fitted(file: SurfaceFitFile, start: Material, fit: SurfaceFit) -> Material 
         found[name] = constant(
             float(value),
             standard_uncertainty=float(spread),
-            source=f"fitted at {file.wavelength_nm:g} nm to {runs} (p = {fit.p_value:.2g})",
+            source=f"fitted at {file.wavelength_nm:g} nm to {runs} ({p_value(fit.p_value)})",
             confidence="low" if fit.findings else "medium",
             assumed=False,
         )

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.numbers.number_text import percent
+
 _DARKEST, _BRIGHTEST = 0.005, 0.995
 _SMOOTHING_PIXELS = 1.0
 _SOBEL_SUM = 8.0
@@ -37,7 +39,7 @@ class Focus:
         """Return it in a line, beside the best sharpness so far."""
         return (
             f"sharpness {self.sharpness * 1e3:.4g} (best {best * 1e3:.4g}), brightest {100 * self.brightest:.0f} % of "
-            f"the range, {100 * self.saturated:.2g} % saturated"
+            f"the range, {percent(self.saturated)} saturated"
         )
 
 

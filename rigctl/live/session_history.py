@@ -11,7 +11,7 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import RunEvent, read_events
 from rigctl.runs.run_folder import Run
 
-_MOST_FRAMES = 24
+_MOST_FRAMES, _MOST_DARKS, _TOGETHER = 24, 4, 4
 _THUMBNAIL_PIXELS = 160
 
 
@@ -70,8 +70,14 @@ def session_history(run: Run) -> SessionHistory:
 def _spread(frames: Sequence[FrameRecord]) -> list[FrameRecord]:
     if not frames:
         return []
-    places = np.unique(np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames))).astype(int))
-    return [frames[place] for place in places]
+    # In runs of several frames, one after the other, so that every angle is seen; darks all look the same.
+    lit = [frame for frame in frames if frame.kind != "dark"]
+    darks = [frame for frame in frames if frame.kind == "dark"][: _MOST_DARKS if lit else _MOST_FRAMES]
+    most = _MOST_FRAMES - len(darks)
+    groups = -(-min(most, len(lit)) // _TOGETHER)
+    starts = np.unique(np.linspace(0, max(len(lit) - _TOGETHER, 0), groups).astype(int)).tolist()
+    places = sorted({place for start in starts for place in range(start, start + _TOGETHER) if place < len(lit)})
+    return [*darks, *(lit[place] for place in places[:most])]
 
 
 def _thumbnail(run: Run, record: FrameRecord) -> Thumbnail:

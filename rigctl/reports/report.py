@@ -49,12 +49,13 @@ Block = Paragraph | Bullets | Terms | AnyTable | Picture | Verbatim
 class Section:
     """A heading and what stands under it.
 
-    `folded` ones are closed at first where a page can be.
+    `folded` ones are closed at first where a page can be; those that are not `printed` stand on no paper.
     """
 
     title: str
     blocks: tuple[Block, ...]
     folded: bool = False
+    printed: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)

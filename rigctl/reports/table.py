@@ -9,9 +9,6 @@ from typing import Any, Generic, TypeVar
 Value = str | float | int | bool | None
 RowT = TypeVar("RowT")
 
-# Where there is no number.
-NOTHING = "–"
-
 
 class Shown(Flag):
     """Places where a column stands."""

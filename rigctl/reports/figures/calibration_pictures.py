@@ -10,7 +10,16 @@ from calibration.sensor.defects import Defect
 from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.pattern_histogram import PatternHistogram
 from calibration.sensor.spectrogram import Spectrogram
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
+from rigctl.reports.figures.figure_style import (
+    MEASURED,
+    PREDICTED,
+    finish_picture,
+    legend_below,
+    legend_of_all,
+    picture_size,
+    png,
+    subplots,
+)
 
 SingleArray = NDArray[np.float32]
 
@@ -85,7 +94,7 @@ def _histogram(axes: Axes, found: PatternHistogram, factor: float, what: str) ->
     axes.plot(centres, np.maximum(found.normal_counts, 1e-3), color=PREDICTED, ls="--", label=label)
     axes.set(yscale="log", xlabel=what, ylabel="pixels in a bin", ylim=(_LEAST_COUNT, None))
     axes.grid(alpha=0.3, lw=0.4)
-    axes.legend(fontsize=8)
+    legend_below(axes)
 
 
 def _accumulated(axes: Axes, found: PatternHistogram, factor: float, what: str) -> None:
@@ -98,7 +107,6 @@ def _accumulated(axes: Axes, found: PatternHistogram, factor: float, what: str) 
     )
     axes.set_ylim(0.5 * _PERCENT / found.counts.sum(), 200.0)
     axes.grid(alpha=0.3, lw=0.4)
-    axes.legend(fontsize=8)
 
 
 def spectrograms_png(pattern: FixedPattern) -> bytes:
@@ -115,7 +123,7 @@ def spectrograms_png(pattern: FixedPattern) -> bytes:
     ):
         _spectrogram(axes[place], found, factor, noise)
         axes[place].set(title=title, xlabel="frequency [cycles per pixel]", ylabel=f"amplitude [{unit}]")
-    axes[0].legend(fontsize=8)
+    legend_of_all(figure, axes[0])
     return png(figure)
 
 

@@ -17,7 +17,7 @@ from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.series import SeriesPoint, mean_row
 from rigctl.comparison.uncertainty_budget import FAULTS, RegionBudget
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_beside, legend_of_all, png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,7 @@ def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
             ax.set_title(f"{region}: {title}", fontsize=9)
             ax.set_xlabel("polarizer angle [deg]")
             ax.set_ylabel(f"counts above dark [{unit}]")
-    axes[0].legend(fontsize=8)
+    legend_of_all(figure, axes[0])
     return png(figure)
 
 
@@ -84,7 +84,7 @@ def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction
             ax.set_xlabel(f"s{component} = S{component}/S0")
         _histogram(axes[3 * line + 2], degree_of_polarization(lit.T), _dolp_law(stokes), step=step, title=name)
         axes[3 * line + 2].set_xlabel("DoLP")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    legend_of_all(figure, axes[0])
     return png(figure)
 
 
@@ -98,6 +98,8 @@ def scores(comparison: Comparison) -> bytes:
         chosen = [row for row in tested if row.agrees is agrees]
         heights = [names.index(row.region) for row in chosen]
         values = [row.z or 0.0 for row in chosen]
+        if not chosen:
+            continue
         axes[0].scatter(values, heights, s=18, c=colour, marker="o" if agrees else "x", label=label, zorder=3)
     axes[0].set_yticks(range(len(names)), names)
     axes[0].invert_yaxis()
@@ -107,7 +109,7 @@ def scores(comparison: Comparison) -> bytes:
     axes[0].xaxis.set_major_formatter("{x:g}")
     axes[0].set_ylim(-0.6, len(names) - 0.4)
     axes[0].set_xlabel("(measured - predicted) / standard error of both")
-    axes[0].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    legend_beside(axes[0])
     return png(figure)
 
 
@@ -165,8 +167,7 @@ def budget_bars(budgets: Sequence[RegionBudget]) -> bytes:
     axes[0].set_yticks(
         [_place(k, len(causes) / 2, causes) for k in range(len(budgets))], [found.region for found in budgets]
     )
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), fontsize=8)
+    legend_of_all(figure, axes[0])
     return png(figure)
 
 
@@ -222,8 +223,7 @@ def series_figure(
         lower.set_xlabel(label, fontsize=9)
     axes[0].set_ylabel("mean of the region")
     axes[len(shown)].set_ylabel("measured - predicted")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8)
+    legend_of_all(figure, axes[0])
     return png(figure)
 
 

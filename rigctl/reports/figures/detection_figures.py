@@ -8,7 +8,16 @@ from matplotlib import colormaps
 from model.prediction.region_performance import PairDetection
 from rigctl.comparison.rx_detection import RxOnRun
 from rigctl.files.choices import RocKind
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, finish_picture, picture_size, png, subplots
+from rigctl.reports.figures.figure_style import (
+    MEASURED,
+    PREDICTED,
+    finish_picture,
+    legend_below,
+    legend_beside,
+    picture_size,
+    png,
+    subplots,
+)
 
 # More names than these fit no legend.
 _MOST_NAMED = 12
@@ -37,7 +46,7 @@ def roc_plot(found: RxOnRun, *, background: str, target: str) -> bytes:
     ax.set_ylabel("probability of detection")
     ax.set_ylim(-0.02, 1.02)
     ax.set_title(f"RX: {target} on {background}")
-    ax.legend(fontsize=8)
+    legend_beside(ax)
     return png(figure)
 
 
@@ -64,5 +73,5 @@ def roc_png(curves: Mapping[RocKind, Sequence[PairDetection]], labels: Sequence[
         ax.set_xlabel("probability of false alarm")
         ax.set_ylabel("probability of detection")
         ax.set_title(f"RX on {kind}: {found[0].target} on {found[0].background}", fontsize=10)
-        ax.legend(fontsize=7)
+        legend_below(ax)
     return png(figure)

@@ -1,6 +1,6 @@
 """Look of the figures: colours, sizes, and their way into PNG bytes."""
 
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -42,6 +42,16 @@ def legend_beside(axes: Axes) -> None:
 def legend_below(axes: Axes) -> None:
     """Set a legend below the axes, where there are other axes beside them."""
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), borderaxespad=0.0)
+
+
+def legend_of_all(figure: Figure, axes: Axes, *, place: Literal["lower", "upper"] = "lower") -> None:
+    """Set one legend for all panels below ("lower") or above ("upper") them; none where nothing has a name."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        loc: Literal["outside lower center", "outside upper center"] = (
+            "outside lower center" if place == "lower" else "outside upper center"
+        )
+        figure.legend(handles, labels, loc=loc, ncols=min(len(labels), 5), fontsize=8)
 
 
 def mark_beyond(

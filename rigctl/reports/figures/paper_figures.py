@@ -11,7 +11,7 @@ from model.processing.dolp_against_snr import DolpAgainstSnr
 from model.processing.estimators import EstimatorError
 from rigctl.paper.curves import Panel, PaperFigure
 from rigctl.paper.digitised import DigitisedPoint
-from rigctl.reports.figures.figure_style import COLOURS, MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import COLOURS, MEASURED, PREDICTED, legend_below, legend_of_all, png, subplots
 from rigctl.reports.figures.prediction_figures import laws_of, say_beneath
 
 _PANEL_PIXELS = 120
@@ -25,7 +25,7 @@ def curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[Dig
     for letter, ax, panel in zip("abcd", axes, figure.panels, strict=False):
         _draw(ax, panel)
         _overlay(ax, [one for one in points if one.panel in ("", letter)])
-        ax.legend(fontsize=7)
+        legend_below(ax)
     drawn.suptitle(f"[MK14] Fig. {figure.number}: {figure.title}", fontsize=11)
     say_beneath(drawn, beneath)
     return png(drawn)
@@ -97,7 +97,7 @@ def laws_figure_png(
         ax.set_ylabel("density")
         ax.locator_params(axis="x", nbins=6)
         ax.set_ylim(bottom=0.0)
-        ax.legend(fontsize=7)
+        legend_below(ax)
     figure.suptitle("[MK14] Fig. 8 (b): sun 22, view 53, phi 180", fontsize=11)
     say_beneath(figure, beneath)
     return png(figure)
@@ -119,7 +119,7 @@ def fig5_plot(found: DolpAgainstSnr) -> bytes:
         ax.set_xlabel("SNR of S0 [dB, amplitude]")
         ax.set_ylabel(label)
         ax.set_ylim(0.0, 1.15 * float(np.max(drawn)))
-    axes[1].legend(fontsize=8)
+    legend_of_all(figure, axes[1])
     return png(figure)
 
 
@@ -133,5 +133,5 @@ def estimator_plot(true_snr: NDArray[np.float64], errors: Mapping[str, Estimator
         ax.set_xlabel("true DoLP / deviation")
         ax.set_ylabel(f"{label} / deviation")
         ax.axhline(0.0 if label == "bias" else 1.0, color="0.8", linewidth=1.0)
-    axes[1].legend(fontsize=8)
+    legend_of_all(figure, axes[1])
     return png(figure)

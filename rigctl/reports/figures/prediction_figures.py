@@ -15,7 +15,7 @@ from model.processing import normalized_stokes
 from model.processing.dolp import pdf
 from rigctl.files.choices import SnrKind
 from rigctl.prediction.sweep import Sweep
-from rigctl.reports.figures.figure_style import LINE_STYLES, png, subplots
+from rigctl.reports.figures.figure_style import LINE_STYLES, legend_below, legend_of_all, png, subplots
 from rigctl.reports.tables.sweep_tables import SHOWN_RATE, shown_snr, warning_lines
 
 FloatArray = NDArray[np.float64]
@@ -41,7 +41,7 @@ def counts_png(predictions: Mapping[str, RegionPrediction], *, warnings: Sequenc
             ax.set_xlabel("angle of the polarizer [deg]")
     axes[0].set_ylabel("mean counts [DN]")
     axes[1].set_ylabel("deviation of the counts over pixels [DN]")
-    axes[0].legend(fontsize=8)
+    legend_of_all(figure, axes[0], place="upper")
     say_beneath(figure, warnings)
     return png(figure)
 
@@ -59,7 +59,7 @@ def laws_png(predictions: Mapping[str, RegionPrediction], *, warnings: Sequence[
         ax.set_ylabel("density")
         ax.locator_params(axis="x", nbins=6)
         ax.set_ylim(bottom=0.0)
-    axes[0].legend(fontsize=8)
+    legend_of_all(figure, axes[0], place="upper")
     say_beneath(figure, warnings)
     return png(figure)
 
@@ -120,13 +120,13 @@ def _curves(found: Sweep, snr: SnrKind) -> Figure:
         detected = found.detection((target, background), SHOWN_RATE)
         axes[2].plot(found.values, detected, style, marker=".", label=f"{target} on {background}")
         axes[2].set_ylabel(f"P_D at P_FA {SHOWN_RATE:g}")
-        axes[2].legend(fontsize=8)
     for ax in axes:
         ax.set_xlabel(found.key)
         ax.set_ylim(bottom=0.0)
     if found.pairs:
         axes[2].set_ylim(0.0, 1.05)
-    ratio.legend(fontsize=8)
+    for ax in axes[1:]:
+        legend_below(ax)
     return figure
 
 

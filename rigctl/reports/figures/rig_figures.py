@@ -12,7 +12,7 @@ from calibration.polarimeter.fourier_fit import SEEN_SIGMAS
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, ScanCurve
 from rigctl.devices.characterise import SIDES, Characterisation, Side
-from rigctl.reports.figures.figure_style import MEASURED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, legend_beside, png, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +79,7 @@ def harmonics_png(found: PolarizerCalibration) -> bytes | None:
     axes.hlines(limits, places - 0.32, places + 0.32, color="black", ls="--", lw=1.5, label="seen above this")
     axes.set_xticks(places, [f"{one.order} a turn" for one in found.harmonics])
     axes.set(ylabel="amplitude [% of mean]", title="Harmonics of the residual (orange: seen)")
-    axes.legend(fontsize=8)
+    legend_beside(axes)
     axes.margins(x=0.25)
     axes.grid(axis="y", color="0.9")
     axes.set_axisbelow(True)
@@ -164,7 +164,7 @@ def characterisation_png(result: Characterisation) -> bytes:
     below.set(xlabel="time since the end of the move [s]", ylabel="reading - rest [deg]")
     for axes in (above, below):
         axes.grid(alpha=0.3, lw=0.4)
-        axes.legend(fontsize="small")
+        legend_beside(axes)
     return png(figure, dpi=_DOTS_PER_INCH)
 
 

@@ -11,13 +11,13 @@ from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_history import CycleHistory, CycleLook, Means
 from rigctl.live.live_status import Estimate
 from rigctl.live.session_history import Thumbnail
-from rigctl.reports.figures.figure_style import png, subplots
+from rigctl.numbers.number_text import percent
+from rigctl.reports.figures.figure_style import legend_beside, png, subplots
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
 
-# From here on times are in hours, below in minutes.
-_LONG_S = 5400.0
-_S_PER_MIN = 60.0
+# From here on times are in hours, and below this in seconds.
+_LONG_S, _SHORT_S = 5400.0, 120.0
 
 
 def contact_sheet(thumbnails: Sequence[Thumbnail]) -> bytes:
@@ -39,16 +39,20 @@ def _label(record: FrameRecord) -> str:
 
 
 def count_plot(run: Run, means: Means) -> bytes:
-    """Return mean counts against time, by kind of frame and angle."""
-    figure, axes = subplots(1, 1, size=(8.0, 3.6))
+    """Return mean counts against time, by kind of frame and angle; darks have an axis of their own."""
     groups: dict[str, list[FrameRecord]] = defaultdict(list)
     for record in run.frames:
         groups[_label(record).partition(": ")[2]].append(record)
-    for label, records in groups.items():
-        axes[0].plot(_times(records, run), [means[r.sequence][PICTURE].mean_dn for r in records], ".-", label=label)
-    axes[0].set_xlabel(_time_label(run))
-    axes[0].set_ylabel("mean count [DN]")
-    axes[0].legend(fontsize=7)
+    dark = {label: records for label, records in groups.items() if records[0].kind == "dark"}
+    panels = [part for part in ({k: v for k, v in groups.items() if k not in dark}, dark) if part]
+    figure, axes = subplots(len(panels), 1, size=(8.8, 3.4 * len(panels)))
+    for ax, part in zip(axes, panels, strict=True):
+        for label, records in part.items():
+            ax.plot(_times(records, run), [means[r.sequence][PICTURE].mean_dn for r in records], ".-", label=label)
+        ax.set_ylabel("mean count [DN]")
+        ax.ticklabel_format(axis="y", useOffset=False)
+        legend_beside(ax)
+    axes[-1].set_xlabel(_time_label(run))
     return png(figure)
 
 
@@ -82,8 +86,14 @@ def _time_label(run: Run) -> str:
 
 def _time_unit(run: Run) -> tuple[float, str]:
     first, last = _start(run.frames[0]), _start(run.frames[-1])
-    is_long = first is None or last is None or abs((last - first).total_seconds()) > _LONG_S
-    return (3600.0, "h") if is_long else (60.0, "min")
+    return unit_of_time(_LONG_S) if first is None or last is None else unit_of_time((last - first).total_seconds())
+
+
+def unit_of_time(span_s: float) -> tuple[float, str]:
+    """Return the unit in which a span of time is easily read, in seconds and by its name."""
+    if abs(span_s) < _SHORT_S:
+        return 1.0, "s"
+    return (3600.0, "h") if abs(span_s) >= _LONG_S else (60.0, "min")
 
 
 def _start(record: FrameRecord) -> datetime | None:
@@ -91,18 +101,18 @@ def _start(record: FrameRecord) -> datetime | None:
 
 
 def cycle_figure(history: CycleHistory) -> bytes:
-    """Return a PNG: light of the reference region, DoLP of each region, and the sum rule, over the cycles."""
-    figure, axes = subplots(3, 1, size=(8.0, 7.0))
-    looks = [look for look in history.looks if history.reference in look.regions]
-    _draw_light(axes[0], looks, history)
-    for name in dict.fromkeys(name for look in history.looks for name in look.regions):
-        _draw(axes[1], history, {look: look.regions[name].dolp for look in history.looks if name in look.regions}, name)
-    axes[1].set_ylabel("DoLP")
-    axes[1].legend(fontsize=7)
-    _draw(axes[2], history, {look: look.sum_rule for look in history.looks if look.sum_rule is not None}, "picture")
-    axes[2].set_ylabel("(I0 + I90) / (I45 + I135)")
-    axes[2].ticklabel_format(useOffset=False)
-    axes[2].set_xlabel("time since the first cycle [min]")
+    """Return a PNG over the cycles: light of the reference region, DoLP of each region, and the sum rule.
+
+    What the angles of a run do not tell is left out.
+    """
+    looks = history.looks
+    sums = {look: look.sum_rule for look in looks if look.sum_rule is not None}
+    panels = [_draw_light, _draw_dolp, *([_draw_sums] if sums else [])]
+    figure, axes = subplots(len(panels), 1, size=(8.8, 0.4 + 2.2 * len(panels)))
+    for ax, draw in zip(axes, panels, strict=True):
+        draw(ax, history)
+        ax.ticklabel_format(axis="y", useOffset=False)
+    axes[-1].set_xlabel(f"time since the first cycle [{_cycle_unit(history)[1]}]")
     return png(figure)
 
 
@@ -114,27 +124,47 @@ def drift_line(history: CycleHistory) -> str:
     per_min = np.array([drift.per_min for drift in drifts])
     change = np.array([drift.change for drift in drifts])
     sigmas = [drift.sigma for drift in drifts if drift.sigma is not None]
-    noise = f"; noise alone makes {100 * float(np.sqrt(np.mean(np.square(sigmas)))):.2g} %" if sigmas else ""
+    noise = f"; noise alone makes {percent(float(np.sqrt(np.mean(np.square(sigmas)))))}" if sigmas else ""
+    median = percent(float(np.median(per_min)), sign=True)
     return (
-        f"Drift of {history.reference}, within rounds: median {100 * float(np.median(per_min)):+.2g} % a minute; from "
-        f"one look to the next {100 * float(np.sqrt(np.mean(change**2))):.2g} % rms, "
-        f"{100 * float(np.max(np.abs(change))):.2g} % at most{noise}."
+        f"Drift of {history.reference}, within rounds: median {median} a minute; from "
+        f"one look to the next {percent(float(np.sqrt(np.mean(change**2))))} rms, "
+        f"{percent(float(np.max(np.abs(change))))} at most{noise}."
     )
 
 
-def _draw_light(ax: Axes, looks: list[CycleLook], history: CycleHistory) -> None:
+def _draw_light(ax: Axes, history: CycleHistory) -> None:
+    looks = [look for look in history.looks if history.reference in look.regions]
     light = np.array([look.regions[history.reference].light_dn_per_s for look in looks])
     if light.size:
-        ax.plot([_minutes(look, history) for look in looks], 100.0 * (light / light[0] - 1.0), ".-", markersize=4)
+        ax.plot([_time(look, history) for look in looks], 100.0 * (light / light[0] - 1.0), ".-", markersize=4)
     ax.set_ylabel(f"light of {history.reference},\nchange since the first [%]")
 
 
+def _draw_dolp(ax: Axes, history: CycleHistory) -> None:
+    names = list(dict.fromkeys(name for look in history.looks for name in look.regions))
+    for name in names:
+        _draw(ax, history, {look: look.regions[name].dolp for look in history.looks if name in look.regions}, name)
+    ax.set_ylabel("DoLP" if len(names) > 1 else f"DoLP of {names[0]}")
+    if len(names) > 1:
+        legend_beside(ax)
+
+
+def _draw_sums(ax: Axes, history: CycleHistory) -> None:
+    _draw(ax, history, {look: look.sum_rule for look in history.looks if look.sum_rule is not None}, PICTURE)
+    ax.set_ylabel("(I0 + I90) / (I45 + I135)")
+
+
 def _draw(ax: Axes, history: CycleHistory, found: dict[CycleLook, Estimate], label: str) -> None:
-    minutes = [_minutes(look, history) for look in found]
+    times = [_time(look, history) for look in found]
     values = [estimate.value for estimate in found.values()]
     sigmas = [0.0 if estimate.sigma is None else estimate.sigma for estimate in found.values()]
-    ax.errorbar(minutes, values, yerr=sigmas, fmt=".-", markersize=4, linewidth=1.0, label=label)
+    ax.errorbar(times, values, yerr=sigmas, fmt=".-", markersize=4, linewidth=1.0, label=label)
 
 
-def _minutes(look: CycleLook, history: CycleHistory) -> float:
-    return (look.time_s - history.looks[0].time_s) / _S_PER_MIN
+def _time(look: CycleLook, history: CycleHistory) -> float:
+    return (look.time_s - history.looks[0].time_s) / _cycle_unit(history)[0]
+
+
+def _cycle_unit(history: CycleHistory) -> tuple[float, str]:
+    return unit_of_time(history.looks[-1].time_s - history.looks[0].time_s)

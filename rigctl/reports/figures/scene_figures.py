@@ -10,7 +10,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from model.scene.field_light import FieldLight, Source
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_below, legend_of_all, png, subplots
 from rigctl.reports.tables.light_tables import PARTS, title_lines
 from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
 from rigctl.scene.sky_map import SkyMap, SkyOfKind
@@ -146,7 +146,7 @@ def _draw_reflectance(ax: Axes, sheet: SurfaceSheet) -> None:
     ax.set_ylim(0.0, 1.05 * max(1.0, *(given.total for given in sheet.reflectance)))
     ax.set_xlabel("angle of incidence [deg]")
     ax.set_ylabel("directional-hemispherical reflectance")
-    ax.legend(fontsize=8)
+    legend_below(ax)
 
 
 def _mark_sun(ax: Axes, sun_zenith_deg: float) -> None:
@@ -213,5 +213,5 @@ def light_figure(lights: Mapping[str, FieldLight]) -> bytes:
         ax.set_xlabel(f"{_COMPONENTS[component]} [W m-2 sr-1]")
         ax.invert_yaxis()
         ax.tick_params(labelleft=component == 0)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8)
+    legend_of_all(figure, axes[0], place="upper")
     return png(figure)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from model.acquisition.frame_order import degrees_text
 from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
-from rigctl.reports.figures.figure_style import png, subplots
+from rigctl.reports.figures.figure_style import legend_below, legend_beside, png, subplots
 from rigctl.reports.tables.accuracy_tables import is_mean
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def digits_png(curves: Curves) -> bytes:
     axis.set_ylim(bottom=0.0)
     axis.grid(visible=True, alpha=0.3)
     if axis.lines:
-        axis.legend(fontsize=9)
+        legend_beside(axis)
     return png(figure)
 
 
@@ -122,7 +122,7 @@ def _draw_stages(axis: "Axes", curves: Curves) -> None:
         low += seconds
     axis.set_xticks(range(low.size), [f"{found.tolerance:g}" for found in curves.predictions])
     axis.set(xlabel="tolerance", ylabel="time [s]", title="where the time goes")
-    axis.legend(fontsize=7)
+    legend_below(axis)
 
 
 def _shown(error: float) -> float:
@@ -162,7 +162,13 @@ def _finish_errors(ax: Axes, found: AcquisitionTradeoff) -> None:
         ax.plot(best.duration_s, total, marker="*", markersize=14, color="#d55e00", linestyle="none", label="shortest")
     ax.set_xlabel("time of the session [s]")
     ax.set_ylabel("error of DoLP: noise, drift and settling")
-    ax.legend(fontsize=8, title="angles [deg]; solid: cycles, dashed: back and forth,\ndotted: grouped by angle")
+    ax.legend(
+        fontsize=8,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.12),
+        ncols=2,
+        title="angles [deg]; solid: cycles, dashed: back and forth,\ndotted: grouped by angle",
+    )
 
 
 def _ways(points: tuple[CurvePoint, ...]) -> dict[str, dict[str, list[CurvePoint]]]:

@@ -12,6 +12,7 @@ from rigctl.comparison.verdict import VERDICT_WORDS, refusals, reservations, sai
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import UNSEEN
+from rigctl.numbers.number_text import p_value
 from rigctl.prediction.performance import Performance
 from rigctl.reports.figures import comparison_figures, measurement_figures
 from rigctl.reports.figures.scene_figures import light_figure
@@ -47,6 +48,7 @@ def comparison_report(found: ComparedRun) -> Report:
             *_first(comparison, measurement),
             *_attributed(comparison.attribution),
             *_figures(comparison, measurement, found.regions),
+            *_trends(comparison),
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
             *_effects(found.effects),
@@ -101,13 +103,6 @@ def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section
         text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
         table = mixed_row_table(worst)
         yield Section(title="What disagrees", blocks=(table, Paragraph(text=text)))
-    if comparison.trends:
-        note = Paragraph(
-            text="Order of numbers, whatever their scale. A pair is known where it differs by more than two standard "
-            "errors on both sides; the trend is predicted where every known pair is in order. The chance is that of so "
-            "good an order by accident: few numbers make weak evidence."
-        )
-        yield Section(title="Trends", blocks=(comparison_tables.trend_table(comparison.trends), note))
 
 
 def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
@@ -115,7 +110,7 @@ def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
         return
     all_of_it = (
         f"chi-square of the residuals {attribution.chi_square:.1f} with {attribution.degrees_of_freedom} degrees of "
-        f"freedom, p = {attribution.p_value:.2g}, in the errors of measurement and inputs together"
+        f"freedom, {p_value(attribution.p_value)}, in the errors of measurement and inputs together"
     )
     method = Paragraph(
         text=f"{attribution.remark[:1].upper()}{attribution.remark[1:]} ({all_of_it}). For each input alone: how far "
@@ -171,6 +166,16 @@ def _figures(comparison: Comparison, measurement: Measurement, regions: list[Reg
         caption="Pixels of one cycle, and the exact laws that the model predicts (compare [MK14] Fig. 8).",
     )
     yield Section(title="Histograms", blocks=(laws,))
+
+
+def _trends(comparison: Comparison) -> Iterable[Section]:
+    if comparison.trends:
+        note = Paragraph(
+            text="Order of numbers, whatever their scale. A pair is known where it differs by more than two standard "
+            "errors on both sides; the trend is predicted where every known pair is in order. The chance is that of so "
+            "good an order by accident: few numbers make weak evidence."
+        )
+        yield Section(title="Trends", blocks=(comparison_tables.trend_table(comparison.trends), note))
 
 
 def _uncertainty(comparison: Comparison) -> Iterable[Section]:
@@ -261,7 +266,7 @@ def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
 def _sources(found: ComparedRun) -> Iterable[Section]:
     yield Section(title="Where it comes from", blocks=(source_table(found),))
     provenance = Verbatim(text=json.dumps(provenance_json(found), indent=2))
-    yield Section(title="Provenance in full", blocks=(provenance,), folded=True)
+    yield Section(title="Provenance in full", blocks=(provenance,), folded=True, printed=False)
 
 
 def light_section(lights: Mapping[str, FieldLight]) -> Section:

@@ -40,6 +40,7 @@ def series_report(series: ComparedSeries) -> Report:
                 title="Provenance in full",
                 blocks=(Verbatim(text=json.dumps([provenance_json(run)["files"] for run in series.runs], indent=2)),),
                 folded=True,
+                printed=False,
             ),
         ],
     )

@@ -10,6 +10,7 @@ from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STATI
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from model.accuracy.series_to_tolerance import SeriesCase, SeriesPrediction
 from rigctl.console.json_text import Json
+from rigctl.numbers.number_text import size
 from rigctl.prediction.accuracy_curves import CurvePoint, Curves
 from rigctl.prediction.paper_choices import NamedChoice
 from rigctl.reports.table import Column, Table
@@ -33,7 +34,7 @@ def accuracy_table(found: AccuratePrediction) -> Table[_ErrorOf]:
     columns: tuple[Column[_ErrorOf], ...] = (
         Column(title="knob", text=lambda one: one.name, left=True),
         Column(title="setting", text=lambda one: one.setting, left=True),
-        Column(title="largest error", text=lambda one: f"{one.error:.1e}", left=True),
+        Column(title="largest error", text=lambda one: size(one.error), left=True),
         Column(title="estimated by", text=lambda one: one.rule, left=True),
     )
     rows = (*_errors_of_knobs(found), *_errors_of_statistics(found))

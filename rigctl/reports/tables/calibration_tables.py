@@ -16,7 +16,7 @@ from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
 from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
 from rigctl.files.scene_file import NoiseSection
-from rigctl.reports.number_text import to_digits
+from rigctl.numbers.number_text import to_digits
 from rigctl.reports.table import Column, Shown, Table, text_columns
 
 _BEST, _STANDARD = "best", "EMVA 1288"

@@ -14,14 +14,12 @@ from rigctl.comparison.trends import Trend
 from rigctl.comparison.uncertainty_budget import RegionBudget
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import FaultTerm
-from rigctl.reports.number_text import signed, to_digits
-from rigctl.reports.table import NOTHING, Column, Table
+from rigctl.numbers.number_text import NOTHING, chance, signed, size, to_digits
+from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.row_table import measured_text, predicted_text
 
 # Heading, quantity and unit of the means that stand first.
 _SUMMARY = (("DoLP", "dolp", ""), ("AoLP", "aolp_deg", " [deg]"), ("DoLP SNR", "dolp_snr", ""))
-# No number of a report is known so well.
-_ROUNDING = 1e-12
 # More names than this say no more than that an input is hardly seen.
 _NAMED = 4
 _SHOWN_MOVES = 12
@@ -79,7 +77,7 @@ def trend_table(trends: Sequence[Trend]) -> Table[Trend]:
         Column(title="pairs known", text=lambda found: f"{found.order.known_pairs} of {found.order.pairs}"),
         Column(title="in order", text=lambda found: str(found.order.concordant)),
         Column(title="Kendall's tau", text=lambda found: f"{found.order.tau:+.2f}"),
-        Column(title="chance", text=lambda found: f"{found.order.p_value:.2g}"),
+        Column(title="chance", text=lambda found: chance(found.order.p_value)),
         Column(title="trend", text=_trend, left=True),
     )
     return Table(columns=columns, rows=tuple(trends), is_off=lambda found: found.predicted is False)
@@ -101,7 +99,7 @@ def budget_table(budgets: Sequence[RegionBudget], quantity: str) -> Table[Region
     columns: tuple[Column[RegionBudget], ...] = (
         Column(title="region", text=lambda found: found.region, left=True),
         *(Column(title=cause, text=partial(_share, quantity=quantity, cause=cause)) for cause in causes),
-        Column(title="all", text=lambda found: f"{np.linalg.norm(list(found.parts[quantity].values())):.1e}"),
+        Column(title="all", text=lambda found: size(float(np.linalg.norm(list(found.parts[quantity].values()))))),
     )
     return Table(columns=columns, rows=tuple(found for found in budgets if quantity in found.parts))
 
@@ -112,8 +110,7 @@ def _trend(found: Trend) -> str:
 
 def _share(found: RegionBudget, quantity: str, cause: str) -> str:
     """Return a part of a budget; what is left of rounding is nothing."""
-    std = found.parts[quantity].get(cause, 0.0)
-    return f"{std:.1e}" if std > _ROUNDING else "0"
+    return size(found.parts[quantity].get(cause, 0.0))
 
 
 def disagreeing(comparison: Comparison, most: int) -> list[Row]:
@@ -148,7 +145,7 @@ def fitted_table(attribution: InputAttribution) -> Table[FittedInput]:
 
 
 def _chance(move: InputMove) -> str:
-    return f"{move.p_value_left:.2g}" + (" (removed)" if move.removes else "")
+    return chance(move.p_value_left) + (" (removed)" if move.removes else "")
 
 
 def _confused(move: InputMove) -> str:

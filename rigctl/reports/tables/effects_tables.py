@@ -10,7 +10,8 @@ from model.effects.names import Effect
 from model.effects.planner import Decision, EffectPlan
 from rigctl.comparison.compared_run import EffectsTaken
 from rigctl.console.json_text import Json
-from rigctl.reports.table import NOTHING, Column, Table
+from rigctl.numbers.number_text import NOTHING, size
+from rigctl.reports.table import Column, Table
 from rigctl.scene.effect_plan import Verification
 
 _KINDS = ("radiance", "ratios", "deviations", "detection")
@@ -41,8 +42,8 @@ def taken_table(found: EffectsTaken) -> Table[_EffectRow]:
     columns: tuple[Column[_EffectRow], ...] = (
         Column(title="effect", text=_name, left=True),
         Column(title="taken here", text=lambda row: _taken(row.decision, found.taken), left=True),
-        Column(title="of DoLP, s1, s2", text=lambda row: _two_digits(row.decision.bound.ratios)),
-        Column(title="of counts", text=lambda row: _two_digits(row.decision.bound.radiance)),
+        Column(title="of DoLP, s1, s2", text=lambda row: size(row.decision.bound.ratios)),
+        Column(title="of counts", text=lambda row: size(row.decision.bound.radiance)),
         Column(title="called for", text=lambda row: "yes" if row.decision.acts else "no", left=True),
         Column(title="reason", text=lambda row: row.decision.reason, left=True, wide=True),
     )
@@ -75,7 +76,9 @@ def left_out_line(plan: EffectPlan) -> str:
     if not names:
         asked = any(one.forced and not one.acts and one.bound.largest > 0.0 for one in plan.decisions)
         return "effects: every other effect of the scene acts" if asked else "effects: every effect of the scene acts"
-    return f"effects left out: {', '.join(names)}; together they change no number by more than {plan.spent.largest:.1e}"
+    return (
+        f"effects left out: {', '.join(names)}; together they change no number by more than {size(plan.spent.largest)}"
+    )
 
 
 def saved_line(checked: Verification) -> str:
@@ -112,12 +115,6 @@ def _taken(one: Decision, taken: frozenset[Effect]) -> str:
     if one.effect not in taken:
         return "NO"
     return "yes" if one.bound.largest > 0.0 or one.acts else NOTHING
-
-
-def _two_digits(value: float) -> str:
-    if value == 0.0:
-        return "0"
-    return f"{value:.1e}" if math.isfinite(value) else NOTHING
 
 
 def _entry(decision: Decision, actual: Bound | None) -> dict[str, Json]:

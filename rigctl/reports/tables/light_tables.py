@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from model.scene.field_light import FieldLight, Source
 from model.stokes import aolp_rad, dolp
 from rigctl.console.json_text import Json
+from rigctl.numbers.number_text import size
 from rigctl.prediction.scene_prediction import ScenePrediction
 from rigctl.reports.table import Column, Shown, Table
 from rigctl.scene.sky_map import SkyMap, SkyOfKind, sky_difference
@@ -69,7 +70,7 @@ def light_tables(found: ScenePrediction) -> Iterable[Table[_Part]]:
     for name, light in found.lights.items():
         title = (
             f"{name}: radiance at the aperture in W m-2 sr-1 in band, transmittance {light.transmittance:.4f}, "
-            f"error of the hemisphere integral {light.error:.1e}"
+            f"error of the hemisphere integral {size(light.error)}"
         )
         yield Table(title=title, columns=_PART_COLUMNS, rows=_parts(name, light))
 

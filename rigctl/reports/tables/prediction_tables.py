@@ -13,10 +13,10 @@ from model.prediction.quantity_table import ORDERED
 from model.prediction.region_performance import PairDetection, PolarizationStrength
 from rigctl.console.json_text import Json
 from rigctl.files.choices import SnrKind
+from rigctl.numbers.number_text import NO_NUMBER, NOTHING, size, to_digits
 from rigctl.prediction.performance import STATED_RATES, Performance
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
-from rigctl.reports.number_text import NO_NUMBER, to_digits
-from rigctl.reports.table import NOTHING, Column, Table
+from rigctl.reports.table import Column, Table
 
 _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
 Statistics = Mapping[str, float]
@@ -72,7 +72,7 @@ def strength_table(predictions: Mapping[str, RegionPrediction], performance: Per
         *(Column(title=title, text=partial(_quantile, k=k)) for k, title in enumerate(_QUANTILES)),
         Column(title="NEDoLP", text=lambda row: NOTHING if row.found is None else f"{row.found.nedolp:.4f}"),
         Column(title="moments by", text=lambda row: row.prediction.dolp_method, left=True),
-        Column(title="error", text=lambda row: f"{row.prediction.dolp_error:.1e}"),
+        Column(title="error", text=lambda row: size(row.prediction.dolp_error)),
     )
     rows = tuple(
         _Strength(region=name, prediction=prediction, found=performance.strengths[name])

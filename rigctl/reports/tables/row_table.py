@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from rigctl.comparison.rows import Row, error_of_both
-from rigctl.reports.number_text import signed, to_digits
-from rigctl.reports.table import NOTHING, Column, Shown, Table
+from rigctl.numbers.number_text import NOTHING, signed, to_digits
+from rigctl.reports.table import Column, Shown, Table
 
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 

@@ -8,8 +8,8 @@ from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.rows import Row
 from rigctl.comparison.series import SeriesDrift, SeriesPoint, mean_row
 from rigctl.console.json_text import Json
-from rigctl.reports.number_text import signed
-from rigctl.reports.table import NOTHING, Column, Table
+from rigctl.numbers.number_text import NOTHING, signed
+from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.numbers_json import SCHEMA_VERSION
 from rigctl.reports.tables.provenance import provenance_json
 from rigctl.reports.tables.row_table import ROW_COLUMNS, error_of, measured_text, predicted_text, row_table

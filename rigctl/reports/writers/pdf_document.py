@@ -27,6 +27,8 @@ _WIDTH = A4[0] - 2 * _MARGIN
 _HEIGHT = A4[1] - 2 * _MARGIN - 12 * mm
 # In print a provenance longer than this says no more than its JSON file does.
 _VERBATIM_LINES, _VERBATIM_COLUMNS = 120, 118
+# A small picture stays small.
+_POINTS_PER_PIXEL = 0.6
 _TABLE_POINTS, _LEAST_POINTS, _CELL_PADDING = 7.0, 4.6, 5.5
 _BLUE, _ORANGE, _PALE = colors.HexColor("#0072b2"), colors.HexColor("#d55e00"), colors.HexColor("#fbe9df")
 # The standard fonts of PDF have these only.
@@ -69,7 +71,7 @@ def _flow(report: Report) -> Iterable[Any]:
     yield Spacer(1, 4)
     if report.verdict is not None:
         yield _verdict(report.verdict)
-    for section in report.sections:
+    for section in filter(lambda section: section.printed, report.sections):
         yield from _section(section)
 
 
@@ -114,7 +116,7 @@ def _terms(block: Terms) -> list[Any]:
 
 def _picture(block: Picture) -> list[Any]:
     width, height = ImageReader(io.BytesIO(block.png)).getSize()
-    scale = min(_WIDTH / width, 0.8 * _HEIGHT / height)
+    scale = min(_WIDTH / width, 0.8 * _HEIGHT / height, _POINTS_PER_PIXEL)
     image = Image(io.BytesIO(block.png), width=scale * width, height=scale * height)
     return [image, Text(_safe(block.caption), _CAPTION)] if block.caption else [image]
 

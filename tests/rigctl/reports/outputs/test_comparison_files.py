@@ -7,8 +7,8 @@ import pytest
 
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.reports.figures.comparison_figures import _LOOKS
-from rigctl.reports.number_text import to_digits
 from rigctl.reports.outputs.comparison_files import write_comparison
+from rigctl.reports.pages.comparison_page import comparison_report
 from rigctl.session.take_session import take_session
 from rigctl.simulated.perturbation import perturbed
 from tests.rigctl.example_files import small_rig, small_session
@@ -54,6 +54,15 @@ def test_the_report_names_what_of_it_depends_on_the_machine(compared):
     provenance = json.loads((compared[0] / "comparison.json").read_text())["provenance"]
     assert set(provenance["machine"]) >= {"numpy", "matplotlib", "python", "processor"}
     assert provenance["settings"] == {"alpha": 1e-3, "scale": "absolute"}
+
+
+def test_trends_stand_after_the_pictures_and_raw_json_on_no_paper(compared):
+    html = (compared[0] / "report.html").read_text()
+    assert html.index("<h2>Pictures</h2>") < html.index("<h2>Trends</h2>")
+    assert "Provenance in full" in html
+    assert {section.title for section in comparison_report(compared[1]).sections if not section.printed} == {
+        "Provenance in full"
+    }
 
 
 def test_every_row_stands_in_the_csv_once(compared):
@@ -115,14 +124,6 @@ def test_a_disagreement_heads_the_report_with_where_it_points(tmp_path):
     assert "Model and measurement disagree" in head
     assert "<strong>Points to scale:</strong>" in head
     assert "DISAGREES" in head
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [(443.5213, 0.049, "443.521"), (0.379953, 4.9e-5, "0.379953"), (12345.6, 230.0, "12346"), (1.5, 0.0, "1.5")],
-)
-def test_numbers_show_two_digits_of_their_error(value, error, text):
-    assert to_digits(value, error) == text
 
 
 def test_no_number_in_the_json_is_nan(compared):
