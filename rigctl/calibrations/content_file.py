@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from rigctl.calibrations.made_for import MadeFor, made_for
+from rigctl.console.anonymity import told_content
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.config import describe, sha256_of
 from rigctl.numbers.utc_time import utc_text
@@ -131,7 +132,7 @@ def write_content(path: Path, content: Mapping[str, JsonValue]) -> None:
     ConfigError
         The file cannot be written there.
     """
-    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii"))
+    write_whole(path, (json.dumps(told_content(content), indent=2, allow_nan=False) + "\n").encode("ascii"))
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -1,8 +1,10 @@
 """Destinations of every command, in one table; each is tried before the command begins."""
 
 import functools
+import inspect
 import os
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from rigctl.console.anonymity import anonymous
 from rigctl.storage.destination import (
     Destination,
     Kind,
@@ -22,7 +25,7 @@ from rigctl.storage.destination import (
     snapshot,
 )
 
-_FORCE = "force"
+_FORCE, _ANONYMOUS = "force", "anonymous"
 # They write a file that nobody keeps, again and again.
 _ALWAYS_ANEW = ("doctor",)
 # They decide how a result is told, and not what is in it.
@@ -116,21 +119,25 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
     if places is None or body is None:
         return command
     if any(place.kind in ("file", "folder") for place in places.values()) and verb not in _ALWAYS_ANEW:
-        command.params.append(_force_option())
+        known = {one.name for one in command.params}
+        command.params += [option for option in _shared_options() if option.name not in known]
+    has_own_anonymous = _ANONYMOUS in inspect.signature(body).parameters
 
     @functools.wraps(body)
     def tried(**values: Any) -> Any:
         force = bool(values.pop(_FORCE, False))
+        is_anonymous = bool(values.get(_ANONYMOUS) if has_own_anonymous else values.pop(_ANONYMOUS, False))
         destinations = _destinations(verb, places, values)
         if not destinations or values.get("dry_run"):
             return body(**values)
         inputs = _inputs(values, places)
         options = {key: value for key, value in values.items() if key not in (*_TELLING, *places)}
-        origin = origin_of(verb, options, inputs)
+        origin = origin_of(verb, options | {_ANONYMOUS: is_anonymous}, inputs)
         require_free(destinations, origin, inputs=inputs, force=force)
         edited, before = edited_before(destinations), snapshot(destinations)
         try:
-            with results_of(origin, force=force):
+            told = (*inputs, *(one.path for one in destinations))
+            with results_of(origin, force=force), anonymous(told) if is_anonymous else nullcontext():
                 return body(**values)
         finally:
             keep_old(edited)
@@ -140,8 +147,8 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
     return command
 
 
-def _force_option() -> Any:
-    """Return the option as the command line library makes it."""
+def _shared_options() -> list[Any]:
+    """Return the options of all commands that write results, as the command line library makes them."""
     app = typer.Typer(add_completion=False)
 
     @app.command()
@@ -149,10 +156,14 @@ def _force_option() -> Any:
         force: Annotated[
             bool, typer.Option("--force", help="Replace results of rigctl, of another command or of other inputs too.")
         ] = False,
+        anonymous: Annotated[
+            bool,
+            typer.Option("--anonymous", help="Leave serial numbers, ports, site, folders and machine out of results."),
+        ] = False,
     ) -> None:
-        """Have the option."""
+        """Have the options."""
 
-    return typer.main.get_command(app).params[0]
+    return [one for one in typer.main.get_command(app).params if one.name in (_FORCE, _ANONYMOUS)]
 
 
 def _destinations(verb: str, places: Mapping[str, _Place], values: Mapping[str, Any]) -> list[Destination]:

@@ -7,6 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from rigctl.console.anonymity import told_content
 from rigctl.console.console_streams import visible
 from rigctl.console.json_text import Json, json_text
 
@@ -42,9 +43,9 @@ def warn(text: str) -> None:
 
 def print_json_list(content: Sequence[Mapping[str, Json]]) -> None:
     """Write rows for other programs to read: a JSON list on standard output."""
-    sys.stdout.write(json_text(list(content)))
+    sys.stdout.write(json_text([told_content(row) for row in content]))
 
 
 def print_json(content: Mapping[str, Json]) -> None:
     """Write a result for other programs: JSON on standard output, null with its reason for what is no number."""
-    sys.stdout.write(json_text(content))
+    sys.stdout.write(json_text(told_content(content)))

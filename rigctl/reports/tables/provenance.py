@@ -7,6 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from rigctl.comparison.compared_run import ComparedRun
+from rigctl.console.anonymity import LEFT_OUT, is_personal
 from rigctl.console.json_text import Json
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.table import Table, text_columns
@@ -16,9 +17,6 @@ _DEG_PER_RAD = 57.29577951308232
 
 # Of these figures in the last digit, and single pixels of figures, depend.
 _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
-# Parts of keys whose values say whose rig it is, or where it stands.
-_PERSONAL = ("serial", "site", "latitude", "longitude", "host", "port")
-_LEFT_OUT = "left out"
 
 
 def provenance_json(found: ComparedRun) -> dict[str, Json]:
@@ -59,8 +57,8 @@ def told_places(content: Any, *, anonymous: bool) -> Any:
     """
     if isinstance(content, dict):
         return {
-            key: _LEFT_OUT
-            if anonymous and value is not None and any(part in key for part in _PERSONAL)
+            key: LEFT_OUT
+            if anonymous and value is not None and is_personal(key)
             else told_places(value, anonymous=anonymous)
             for key, value in content.items()
         }

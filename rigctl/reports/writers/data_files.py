@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.console.anonymity import told, told_content
 from rigctl.console.json_text import Json, json_text
 from rigctl.reports.table import AnyTable, Column, Shown, Value
 from rigctl.version import VERSION
@@ -25,9 +26,9 @@ def csv_rows(table: AnyTable, *, line_end: str = "\n") -> bytes:
 
 
 def _cell(column: Column[Any], row: Any) -> Value:
-    if column.csv is not None:
-        return column.csv(row)
-    value = column.value_of(row)
+    value = column.csv(row) if column.csv is not None else column.value_of(row)
+    if isinstance(value, str):
+        return told(value)
     return "" if value is None or (isinstance(value, float) and math.isnan(value)) else value
 
 
@@ -44,7 +45,7 @@ def finite(value: Value) -> Value:
 
 def json_file(content: Mapping[str, Json], *, indent: int | None = 2) -> bytes:
     """Return the content of a JSON file."""
-    return json_text(content, indent=indent).encode()
+    return json_text(told_content(content), indent=indent).encode()
 
 
 def fits_image(image: NDArray[np.generic], *, unit: str, what: str) -> bytes:

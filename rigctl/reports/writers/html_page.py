@@ -6,14 +6,18 @@ from html import escape
 from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 
+from rigctl.console.anonymity import told
 from rigctl.reports.report import Block, Report
 from rigctl.reports.table import AnyTable, Shown
 
 
 def html(report: Report) -> str:
     """Return the report as HTML that needs no other file."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_finished
+    )
     environment.tests["kind"] = _is_kind
     environment.filters["base64"] = _embedded
     environment.globals.update(page=Shown.PAGE)
@@ -25,8 +29,13 @@ def _is_kind(block: Block, kind: str) -> bool:
     return type(block).__name__ == kind
 
 
-def _embedded(png: bytes) -> str:
-    return base64.b64encode(png).decode("ascii")
+def _embedded(png: bytes) -> Markup:
+    return Markup(base64.b64encode(png).decode("ascii"))
+
+
+def _finished(value: object) -> object:
+    """Return a value as it is shown; what is marked is none that people read."""
+    return told(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def table_fragment(table: AnyTable, *, most: int = 60) -> str:

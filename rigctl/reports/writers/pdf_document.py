@@ -16,6 +16,7 @@ from reportlab.platypus import Image, KeepTogether, Preformatted, SimpleDocTempl
 from reportlab.platypus import Paragraph as Text
 from reportlab.platypus import Table as Grid
 
+from rigctl.console.anonymity import told
 from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Terms, Verbatim, Verdict
 from rigctl.reports.table import AnyTable, Column, Shown, Table
 
@@ -226,7 +227,7 @@ def _page_number(canvas: Any, document: Any) -> None:
 
 
 def _plain(text: str) -> str:
-    return text.translate(_TRANSLATED)
+    return told(text).translate(_TRANSLATED)
 
 
 def _safe(text: str) -> str:
