@@ -3,6 +3,7 @@
 import errno
 import importlib
 import logging
+import re
 import sys
 import tempfile
 import traceback
@@ -98,11 +99,30 @@ def once_each(command: Any) -> Any:
     parse = command.parse_args
 
     def parse_args(context: Any, arguments: list[str]) -> Any:
-        _refuse_repeats(command, context, arguments)
-        return parse(context, arguments)
+        try:
+            _refuse_repeats(command, context, arguments)
+            return parse(context, arguments)
+        except Exception as error:
+            if isinstance(message := getattr(error, "message", None), str):
+                error.message = _in_plain_words(message)  # type: ignore[attr-defined]
+            raise
 
     command.parse_args = parse_args
     return command
+
+
+def _in_plain_words(message: str) -> str:
+    """Return what the command line library says of an option in the words of this program."""
+    choice = re.fullmatch(r"Value error, ('[^']*') is not one of (.*?)\.?", message)
+    if choice is not None:
+        close = get_close_matches(choice[1].strip("'").lower(), re.findall(r"'([^']*)'", choice[2]), n=1)
+        return f"{choice[1]} is not one of {choice[2]}{f'; did you mean {close[0]}?' if close else ''}"
+    limit = re.fullmatch(r"Input should be (greater|less) than (or equal to )?(-?[0-9.]+)", message)
+    if limit is not None:
+        words = {("greater", True): "at least", ("greater", False): "above", ("less", True): "at most"}
+        return f"must be {words.get((limit[1], bool(limit[2])), 'below')} {float(limit[3]):g}"
+    number = re.match(r"Input should be a valid (number|integer)", message)
+    return message if number is None else f"must be a {'whole ' if number[1] == 'integer' else ''}number"
 
 
 def _refuse_repeats(command: Any, context: Any, arguments: list[str]) -> None:
@@ -134,7 +154,8 @@ class LazyGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the verb that was asked for; of an unknown one say which may have been meant."""
         if args and args[0] not in VERBS and not args[0].startswith("-"):
-            close = get_close_matches(args[0].lower(), VERBS, n=2, cutoff=0.5)
+            close = get_close_matches(args[0].lower(), VERBS, n=2, cutoff=0.7)
+            close = close or get_close_matches(args[0].lower(), VERBS, n=1, cutoff=0.5)
             alike = f" Did you mean {' or '.join(close)}?" if close else ""
             ctx.fail(f"No such command {args[0]!r}.{alike}")
         return super().resolve_command(ctx, args)

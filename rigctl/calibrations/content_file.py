@@ -1,6 +1,7 @@
 """Calibration files in JSON: written whole or not at all, read once all that the program uses has been found right."""
 
 import json
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -173,4 +174,18 @@ def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
     try:
         return TypeAdapter(record).validate_json(text)
     except ValidationError as error:
+        other = _other_kind(text, made_by)
+        if other is not None:
+            raise DataError(f"{path}: this is {other}; {made_by}") from error
         raise DataError(f"{describe(path, error)}\n  {made_by}") from error
+
+
+def _other_kind(text: bytes, made_by: str) -> str | None:
+    """Return which kind of calibration a file is, or that it is no JSON; None where it says nothing of the kind."""
+    try:
+        content = json.loads(text)
+    except ValueError:
+        return "no JSON file"
+    kind = content.get("kind") if isinstance(content, dict) else None
+    is_known = isinstance(kind, str) and re.fullmatch(r"[a-z_]{3,20}", kind)
+    return f"a {kind} calibration" if is_known and f"a {kind} calibration" not in made_by else None

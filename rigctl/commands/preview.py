@@ -46,6 +46,8 @@ def command(
     from rigctl.devices.preview_page import PreviewPage
     from rigctl.jobs.preview import open_camera, preview_pictures
 
+    if exposure_ms <= 0:
+        raise ConfigError(f"--exposure-ms: is {exposure_ms:g}; must be above 0")
     page = None if picture is not None else PreviewPage(*_place(listen))
     with page or nullcontext(), open_camera(camera) as opened:
         pictures = preview_pictures(opened, exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom, frames=frames)

@@ -15,6 +15,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
 from rigctl.runs.simulated_light import SimulatedLight
+from rigctl.simulated.camera_address import require_known_camera
 from rigctl.simulated.simulated_clock import SimulatedClock
 from rigctl.simulated.simulation import Simulation, simulate
 
@@ -97,8 +98,9 @@ def open_rig(
 
 
 def require_drivers(rig: RigFile) -> None:
-    """Raise ConfigError where a driver of a rig is not installed; no device is touched."""
+    """Raise ConfigError where a driver is not installed or a simulated camera is none; no device is touched."""
     find_driver("rigctl.stages", rig.stage.driver, key="stage.driver")
+    require_known_camera(rig.camera.address)
     if not rig.camera.address.startswith(SIMULATED):
         find_driver("rigctl.cameras", rig.camera.address.partition(":")[0], key="camera.address")
 

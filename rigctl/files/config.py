@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections import defaultdict
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -12,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from model.rectangular import rectangular_std
 from rigctl.errors import ConfigError
-from rigctl.files.problem_words import Key, meant, other_kind, place_text
+from rigctl.files.problem_words import Key, demands, meant, other_kind, place_text
 from rigctl.numbers.number_range import shown, wild_numbers
 from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
@@ -126,9 +127,19 @@ def _table(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is no text file (UTF-8): {error.reason}") from error
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: is no TOML: {error}") from error
+        raise ConfigError(f"{path}: is no TOML: {error}{_line_of(path, error)}") from error
     except (RecursionError, ValueError) as error:  # brackets within brackets, a number of thousands of digits
         raise ConfigError(f"{path}: is no TOML that can be read: {_first_line(error)}") from error
+
+
+def _line_of(path: Path, error: tomllib.TOMLDecodeError) -> str:
+    """Return the line at which a file ceases to be TOML, and what is often meant by it."""
+    place = re.search(r"at line (\d+)", str(error))
+    if place is None:
+        return ""
+    line = path.read_text(encoding="utf-8").splitlines()[int(place[1]) - 1].strip()
+    comma = "; numbers are written with a point, such as 2.5" if re.search(r"=\s*-?\d+,\d", line) else ""
+    return f": {shown(line)}{comma}"
 
 
 def describe(path: Path, error: ValidationError, model: type[BaseModel] | None = None) -> str:
@@ -155,7 +166,7 @@ def _problems(details: Sequence[Any], model: type[BaseModel] | None, *, dotted: 
     inner = {key[:size] for key in by_key for size in range(len(key))}
     told = {key: found for key, found in by_key.items() if len(found) == 1 or key not in inner}
     # Tables are counted as in TOML; JSON, which programs wrote, has its keys with dots.
-    texts = {key: ".".join(map(str, key)) if dotted else place_text(key) for key in told}
+    texts = {key: ".".join(map(str, key)) if dotted else place_text(key, is_table=_is_table(told[key])) for key in told}
     return [_problem(key, texts[key], found, model) for key, found in told.items()]
 
 
@@ -170,15 +181,21 @@ def _problem(key: Key, place: str, details: Sequence[Any], model: type[BaseModel
         return f"{name}: is no known key{_found(first['input'])}{meant(key, model)}"
     if first["type"] == "missing":
         return f"{name}: is missing"
-    texts = [detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ") for detail in details]
-    start = "input should be " if details[0]["msg"].startswith("Input should be ") else ""
-    text = start + ", or ".join(text[0].lower() + text[1:] for text in texts)
-    return f"{name}: {text}" + ("" if first["type"] == "value_error" else _found(first["input"]))
+    is_said = first["type"] in ("value_error", "json_invalid")
+    found = "" if is_said else _found(first["input"])
+    text, question, alike = demands(details).partition("; did you mean ")
+    return f"{name}: {text}{found}{question}{alike}"
+
+
+def _is_table(details: Sequence[Any]) -> bool:
+    return isinstance(details[0]["input"], dict)
 
 
 def _found(given: object) -> str:
     """Return what stands in the file; a whole table is not repeated."""
     is_table = isinstance(given, dict) or (isinstance(given, list) and any(isinstance(one, dict) for one in given))
+    if isinstance(given, date | bool):
+        return f" (found {given.isoformat() if isinstance(given, date) else str(given).lower()})"
     return " (found a table)" if is_table else f" (found {shown(given)})"
 
 

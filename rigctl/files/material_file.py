@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -115,7 +116,11 @@ def find_material(name_or_path: str, *, beside: Path) -> Material:
     path = beside / name_or_path
     if not path.is_file():
         known = ", ".join(MATERIALS)
-        raise ConfigError(f"material {name_or_path!r}: must be one of {known}, or a material file; none at {path}")
+        close = get_close_matches(name_or_path, MATERIALS, n=1)
+        alike = f"; did you mean {close[0]}?" if close else ""
+        raise ConfigError(
+            f"material {name_or_path!r}: must be one of {known}, or a material file; none at {path}{alike}"
+        )
     return load_material(path)
 
 

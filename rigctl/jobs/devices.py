@@ -3,11 +3,13 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from pathlib import Path
 
 from drivers.discovery import Found, find_stages
 from drivers.errors import DeviceError
 from drivers.interfaces import DeviceIdentity
 from drivers.serial_ports import PortInfo, serial_ports
+from rigctl.errors import ConfigError
 
 _CAMERA_FINDERS = "rigctl.camera_finders"
 
@@ -39,6 +41,11 @@ def find_devices(paths: Sequence[str] | None, *, probe: bool, warn: Callable[[st
         Ask on every port, also where it may disturb a foreign device.
     warn : callable
         Told of finders that cannot look.
+
+    Raises
+    ------
+    ConfigError
+        There is no such port.
     """
     ports = serial_ports() if paths is None else [_named(path) for path in paths]
     found = tuple(find_stages(ports, probe=probe))
@@ -47,6 +54,8 @@ def find_devices(paths: Sequence[str] | None, *, probe: bool, warn: Callable[[st
 
 def _named(path: str) -> PortInfo:
     known = {port.device: port for port in serial_ports()} | {port.lasting_name: port for port in serial_ports()}
+    if path not in known and not Path(path).exists():
+        raise ConfigError(f"--port: {path}: there is no such port; `rigctl devices` lists those that there are")
     return known.get(path) or PortInfo(device=path, lasting_name=path, usb_id=None, usb_serial_number=None)
 
 

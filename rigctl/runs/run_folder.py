@@ -194,6 +194,8 @@ def read_contents(path: Path) -> Contents:
     RunFolderError
         There is no such folder, or it is no run folder at all.
     """
+    if path.is_file():
+        raise RunFolderError(f"{path}: is a file, a run folder is wanted")
     if not path.is_dir():
         raise RunFolderError(f"{path}: there is no such folder; a run folder is made by `rigctl acquire` or `import`")
     if not any((path / name).exists() for name in (SESSION_FILE, MANIFEST_FILE)):

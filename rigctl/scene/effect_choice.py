@@ -1,6 +1,7 @@
 """Effects that act by a user's own choice, from the scene file and from options."""
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 
 from model.effects.names import ALL, Effect
 from rigctl.errors import ConfigError
@@ -19,7 +20,9 @@ def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequ
     """
     for name in (*switched_on, *left_out):
         if name not in effect_names():
-            raise ConfigError(f"effect {name!r} is not known; allowed are {', '.join(effect_names())}")
+            close = get_close_matches(name, effect_names(), n=1)
+            alike = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(effect_names())}"
+            raise ConfigError(f"effect {name!r} is not known; {alike}")
     mine = {*switched_on, *left_out}
     section = EffectsSection.model_validate(
         {

@@ -155,7 +155,9 @@ def describe() -> tuple[Row, ...]:
 def unknown(scene: Scene, key: str) -> str:
     """Return in words that a scene has no such number, and which to try."""
     keys = [parameter.key for parameter in parameters(scene)]
-    close = get_close_matches(key, keys, n=_SUGGESTED, cutoff=0.4)
+    if key in {row.key for row in all_rows()}:
+        return f"the scene does not state the number {key!r}; there are {', '.join(keys)}"
+    close = get_close_matches(key, keys, n=_SUGGESTED, cutoff=0.6)
     alike = f"did you mean {', '.join(close)}?" if close else f"there are {', '.join(keys)}"
     return f"the scene has no number {key!r}; {alike}"
 

@@ -81,8 +81,8 @@ class Exposed(Section):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("-3", "exposure_ms: input should be greater than 0, or 'auto', or a valid list (found -3)"),
-        ("[1, -2]", "exposure_ms.1: input should be greater than 0 (found -2)"),
+        ("-3", "exposure_ms: must be above 0, or 'auto', or a list (found -3)"),
+        ("[1, -2]", "second of exposure_ms: must be above 0 (found -2)"),
     ],
 )
 def test_a_value_of_several_kinds_is_one_problem_with_its_own_key(tmp_path, text, said):

@@ -60,7 +60,7 @@ def test_all_regions_that_do_not_fit_are_named():
 def test_a_region_needs_exactly_one_shape(tmp_path):
     path = tmp_path / "regions.toml"
     path.write_text('[[regions]]\nname = "a"\n[[regions]]\nname = "b"\nrectangle = {x=0, y=0, width=1, height=1}\n')
-    with pytest.raises(ConfigError, match=r"regions\.0: needs exactly one"):
+    with pytest.raises(ConfigError, match=r"first \[\[regions\]\]: needs exactly one"):
         load_regions(path)
 
 

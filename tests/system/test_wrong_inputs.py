@@ -1,0 +1,112 @@
+"""Wrong inputs as people make them: exit code, what is said, and what is not."""
+
+import re
+import shutil
+
+import pytest
+
+from rigctl import cli
+from tests.rigctl.example_files import EXAMPLES
+
+SCENE, ROOF, RIG, SESSION = "scene-panels.toml", "scene-roof.toml", "rig-sim.toml", "session.toml"
+TAKE = ("acquire", RIG, SESSION, "--out", "run", "--dry-run")
+_PLATE = "{ x = 70, y = 190, width = 150, height = 130 }"
+# Neither Python's own words nor a library's, no regular expression, no bytes, no memory addresses.
+UGLY = re.compile(
+    r"datetime\.|Value error|valid dictionary|instance of|pydantic|Traceback|\bb'|\{'|\^\[|<class|0x[0-9a-f]{6}|\bnan\b"
+)
+
+# Command, code, what has to be said; a file changed before: (name, old, new).
+CASES = [
+    # Commands and options.
+    (("comapre",), 2, "Did you mean compare?", ()),
+    (("calibrate", "nois"), 2, "Did you mean 'noise'?", ()),
+    (("dolp", "fig6"), 2, "Did you mean 'fig5'?", ()),
+    (("predict", SCENE, "--noize", "x"), 2, "--noise", ()),
+    (("predict", SCENE, "--tolerance", "abc"), 2, "must be a number", ()),
+    (("effects", SCENE, "--tolerance", "0"), 2, "must be at least 1e-09", ()),
+    (("compare", "x", SCENE, "--scale", "panle", "--out", "o"), 2, "did you mean panel?", ()),
+    (("export", "x", "--to", "tif", "--out", "o"), 2, "did you mean tiff?", ()),
+    (("compare", "x", SCENE, "--alpha", "1.5", "--out", "o"), 2, "allowed is above 0 and below 1", ()),
+    (("predict", SCENE, "--seed", "1"), 2, "No such option", ()),
+    (("predict", SCENE, "--set", "sensor.f_numbr=2"), 2, "did you mean sensor.f_number", ()),
+    (("predict", SCENE, "--set", "sensor.f_number=two"), 2, "KEY=VALUE", ()),
+    (("predict", SCENE, "--sweep", "sun.zenith_deg=10:80:8"), 2, "does not state the number 'sun.zenith_deg'", ()),
+    (("predict", SCENE, "--without", "textur"), 2, "did you mean texture?", ()),
+    (("surface", "black-pant"), 2, "did you mean black-paint?", ()),
+    (("demo", "--perturb", "nothing"), 2, "allowed are gain", ()),
+    (("preview", "sim:gc780", "--exposure-ms", "-1"), 2, "--exposure-ms: is -1; must be above 0", ()),
+    (("devices", "--port", "/dev/nowhere"), 2, "there is no such port", ()),
+    (("new", ".", "--simulated"), 2, "is not empty", ()),
+    (("new", "nn", "--no-input"), 2, "--simulated", ()),
+    # One file in the place of another.
+    (("predict", RIG), 2, "this is a rig file, a scene file is wanted", ()),
+    (("acquire", SESSION, RIG, "--out", "run"), 2, "this is a session file, a rig file is wanted", ()),
+    (("fit", "surface", SCENE), 2, "this is a scene file, a fit file is wanted", ()),
+    (("predict", SCENE, "--noise", RIG), 4, "this is no JSON file", ()),
+    (("predict", "nothere.toml"), 2, "No such file", ()),
+    (("verify", SCENE), 4, "is a file, a run folder is wanted", ()),
+    (("status", "nowhere"), 4, "there is no such folder", ()),
+    (("info", "."), 4, "not a run folder", ()),
+    # Keys and values of a scene.
+    (
+        ("predict", SCENE),
+        2,
+        "sensor.f_nummer: is no known key (found 2.0); did you mean f_number?",
+        ("f_number = 2.0", "f_nummer = 2.0"),
+    ),
+    (("predict", SCENE), 2, "must be a number, { value", ("f_number = 2.0", 'f_number = "two"')),
+    (("predict", SCENE), 2, "did you mean std?", ("f_number = 2.0", "f_number = { value = 2.0, sdt = 0.1 }")),
+    (("predict", SCENE), 2, "numbers are written with a point", ("f_number = 2.0", "f_number = 2,0")),
+    (("predict", SCENE), 2, "sensor.f_number: is -2, must be above 0", ("f_number = 2.0", "f_number = -2")),
+    (("predict", SCENE), 2, "is no TOML", ("[sensor]", "[sensor")),
+    (("predict", SCENE), 2, "first [[regions]], rectangle: must be { x = 70", (_PLATE, "[70, 190, 150, 130]")),
+    (("predict", SCENE), 2, "did you mean rectangle?", (f"rectangle = {_PLATE}", f"rectangel = {_PLATE}")),
+    (("predict", SCENE), 2, "first [[regions]]: stokes_radiance (8, 9, 1.236)", ("[8.0, 2.777", "[8.0, 9.0")),
+    (("predict", SCENE), 2, "occur more than once: black_panel", ('"white_panel"', '"black_panel"')),
+    (("predict", ROOF), 2, "did you mean black-paint?", ('"black-paint"', '"black-pant"')),
+    (("predict", ROOF), 2, "such as 2026-05-04T12:00:00Z", ("2010-05-25T13:07:40-04:00", "2010-05-25T13:07:40")),
+    (("predict", ROOF), 2, "(found 'noon')", ("2010-05-25T13:07:40-04:00", '"noon"')),
+    (("predict", ROOF), 2, "did you mean 'spheres'?", ('aerosol = "depolarizing"', 'aerosol = "sphere"')),
+    (("predict", ROOF), 2, "visibility_km: is -5, must be above 0", ("{ value = 23.0, std = 2.0 }", "-5")),
+    # Rigs and sessions.
+    (TAKE, 2, "did you mean ellx?", ('"ellx"', '"ELL14"')),
+    (TAKE, 2, "there are sim:gc780, sim:gige", ('"sim:gc780"', '"sim:gc781"')),
+    (TAKE, 2, "did you mean gige?", ('"sim:gc780"', '"gigee:1.2.3.4"')),
+    (TAKE, 2, "polarizer.sense: must be 1 or -1 (found 2)", ("sense = -1", "sense = 2")),
+    (TAKE, 2, "polarizer.sense: is missing", ("sense = -1\n", "")),
+    (TAKE, 2, "'sped' is no key", ("sim:ellx?speed", "sim:ellx?sped")),
+    (TAKE, 2, "second [[take]], cycles: must be at least 1 (found 0)", ("cycles = 8", "cycles = 0")),
+    (TAKE, 2, "second [[take]], second of angles_deg: must be a number", ("[0, 90, 45", '[0, "ninety", 45')),
+    (TAKE, 2, "must be 'scene', 'dark' or 'flat' (found 'light')", ('kind = "scene"', 'kind = "light"')),
+    ((*TAKE, "--at", "tomorrow"), 2, "write it like 2026-05-04T10:00Z", ()),
+    ((*TAKE, "--at", "2026-05-04T12:00"), 2, "has no zone", ()),
+    (("acquire", RIG, "session-rooftop.toml", "--out", "run", "--dry-run"), 2, "needs [site]", ()),
+    (("plan", RIG, SCENE), 2, "this is a scene file, a session file is wanted", ()),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("wrong")
+    for file in EXAMPLES.glob("*.toml"):
+        shutil.copy(file, path)
+    return path
+
+
+@pytest.mark.parametrize(("command", "code", "said", "changed"), CASES, ids=lambda one: None)
+def test_a_wrong_input_is_told_in_words_that_help(folder, monkeypatch, capsys, command, code, said, changed):
+    monkeypatch.chdir(folder)
+    texts = {name: (folder / name).read_text() for name in command if (folder / name).is_file()}
+    try:
+        if changed:
+            name = next(name for name, text in texts.items() if changed[0] in text)
+            (folder / name).write_text(texts[name].replace(*changed, 1))
+        assert cli.main([*command]) == code
+    finally:
+        for name, text in texts.items():
+            (folder / name).write_text(text)
+    found = capsys.readouterr().err
+    assert said in found
+    assert UGLY.search(found) is None, found
+    assert not (folder / "run").exists()
