@@ -130,7 +130,7 @@ def spoilt(change: Callable[[dict[str, Any]], object]) -> bytes:
 @pytest.mark.parametrize(
     ("data", "problem"),
     [
-        (b"{", "invalid JSON"),
+        (b"{", "no JSON file"),
         (spoilt(lambda c: c.pop("gain_dn_per_e")), "gain_dn_per_e: is missing"),
         (spoilt(lambda c: c.update(gain_dn_per_e=None)), "gain_dn_per_e"),
         (spoilt(lambda c: c["gain_dn_per_e"].update(value=0.0)), "gain_dn_per_e.value"),
