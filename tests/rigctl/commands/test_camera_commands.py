@@ -46,5 +46,6 @@ def test_cameras_are_in_the_json(installed, capsys):
 
 
 def test_whoever_asks_for_one_port_is_told_of_no_cameras(installed, tmp_path, capsys):
-    assert cli.main(["devices", "--port", str(tmp_path / "none")]) == 0
+    (tmp_path / "port").touch()
+    assert cli.main(["devices", "--port", str(tmp_path / "port")]) == 0
     assert "camera" not in capsys.readouterr().out
