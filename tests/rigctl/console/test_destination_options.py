@@ -110,8 +110,9 @@ _RUN = {"import": ["import", "--angles", "0", "--same-exposure", "--", "OUT", "s
 _EDITED = {"write": [*_AXIS, "--out", "a.json", "--write"]}
 # Of a command's paths, those that it reads.
 _READ = {
-    "certificate", "emva", "file", "files", "flat", "generator", "digitised", "key", "materials", "noise", "polarizer", "port", "radiometric",
-    "regions", "register", "rig", "run", "runs", "paths", "scene", "session", "start", "table",
+    "certificate", "emva", "file", "files", "flat", "generator", "digitised", "key", "materials", "noise",
+    "polarizer", "port", "radiometric", "regions", "register", "rig", "run", "runs", "paths", "scene", "session",
+    "start", "table",
 }  # fmt: skip
 
 
