@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+# Half of the time of a test is waiting for devices.
+WORKERS ?= 4
 STAMP := $(VENV)/.installed
 DOCS_STAMP := $(VENV)/.docs-installed
 
@@ -12,7 +14,7 @@ demo: $(STAMP)
 	$(BIN)/rigctl demo --out demo-out
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 tests
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
 
 check: $(STAMP)
 	$(BIN)/ruff format --check .
