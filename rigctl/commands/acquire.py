@@ -8,7 +8,7 @@ import typer
 from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.console.options import time_option
 from rigctl.console.terminal import progress, results, warn
-from rigctl.files.choices import ROOF_CHANGES, RoofChange
+from rigctl.files.choices import ROOF_CHANGES, Asked, RoofChange
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
 from rigctl.session.control import outliving_terminal
@@ -56,6 +56,10 @@ def command(
         RoofChange | None,
         typer.Option(metavar="|".join(ROOF_CHANGES), help="Simulated roof: change it against its scene file."),
     ] = None,
+    ask: Annotated[
+        Asked,
+        typer.Option(help="Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`."),
+    ] = Asked.TERMINAL,
 ) -> None:
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
 
@@ -81,6 +85,7 @@ def command(
             target_dolp_sigma=target_dolp_sigma,
             clock_ns=time_option("--clock", clock),
             perturb=perturb,
+            asks_by_hold=ask is Asked.HOLD,
         )
     )
     at_ns, until_ns = time_option("--at", at), time_option("--until", until)

@@ -9,6 +9,7 @@ from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.commands.acquire import say_outcome
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress
+from rigctl.files.choices import Asked
 from rigctl.session.control import outliving_terminal
 
 if TYPE_CHECKING:
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 @outliving_terminal()
 def command(
     run: Annotated[Path, typer.Argument(help="Run folder.", metavar="RUN")],
+    ask: Annotated[
+        Asked,
+        typer.Option(help="Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`."),
+    ] = Asked.TERMINAL,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Go on with a session that holds, or that was interrupted: by a kill, a power cut, a full disk, a lost device.
@@ -30,7 +35,7 @@ def command(
     """
     from rigctl.jobs.resume import resume
 
-    resumed = resume(run)
+    resumed = resume(run, asks_by_hold=ask is Asked.HOLD)
     if as_json:
         _answer(resumed, run)
     elif resumed.outcome is None:

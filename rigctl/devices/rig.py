@@ -19,7 +19,7 @@ from rigctl.simulated.camera_address import require_known_camera
 from rigctl.simulated.simulated_clock import SimulatedClock
 from rigctl.simulated.simulation import Simulation, simulate
 
-_REQUESTS: dict[FrameKind, str] = {
+REQUESTS: dict[FrameKind, str] = {
     "scene": "Point the camera at the scene, nothing before the lens",
     "dark": "Cover the lens, so that no light comes in",
     "flat": "Put the flat field (integrating sphere) before the lens",
@@ -29,6 +29,10 @@ _REQUESTS: dict[FrameKind, str] = {
 def _do_nothing(_sequence: int) -> bool:
     """Return that no numbers jump: a real camera's noise is its own."""
     return False
+
+
+def _ask_nobody(_kind: FrameKind) -> None:
+    """Return: nobody's hands are needed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +46,9 @@ class Rig:
     stage_identity, camera_identity : DeviceIdentity
         What they are.
     present : callable
-        Puts scene, dark or flat before the camera: a simulated world by itself, a real rig by asking its operator.
+        Puts scene, dark or flat before the camera where the world is simulated; else does nothing.
+    ask : callable
+        Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
     origin : {"simulated", "device"}
         Where the frames come from.
     begin_step : callable
@@ -57,6 +63,7 @@ class Rig:
     stage_identity: DeviceIdentity
     camera_identity: DeviceIdentity
     present: Callable[[FrameKind], None]
+    ask: Callable[[FrameKind], None] = _ask_nobody
     origin: Literal["simulated", "device"]
     begin_step: Callable[[int], bool] = _do_nothing
     light: SimulatedLight | None = None
@@ -115,7 +122,8 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
             camera=camera,
             stage_identity=stage_identity,
             camera_identity=camera_identity,
-            present=_ask_operator if simulation is None else simulation.world.present,
+            present=_ask_nobody if simulation is None else simulation.world.present,
+            ask=_ask_operator if simulation is None else _ask_nobody,
             origin="device" if simulation is None else "simulated",
             begin_step=_do_nothing if simulation is None else simulation.begin_step,
             light=None if simulation is None else simulation.light,
@@ -155,6 +163,6 @@ def _ask_operator(kind: FrameKind) -> None:
             f"a take of kind {kind!r} needs somebody at the rig, and there is no terminal to ask at: "
             "run it by hand, or keep to takes of one kind"
         )
-    sys.stderr.write(f"{_REQUESTS[kind]}, then press Enter: ")
+    sys.stderr.write(f"{REQUESTS[kind]}, then press Enter: ")
     sys.stderr.flush()
     sys.stdin.readline()

@@ -59,3 +59,10 @@ class Dictionary(StrEnum):
     SIX_50 = "6x6_50"
     SIX_250 = "6x6_250"
     ORIGINAL = "aruco_original"
+
+
+class Asked(StrEnum):
+    """How a session asks for hands: at its terminal, or by a hold that somebody ends from elsewhere."""
+
+    TERMINAL = "terminal"
+    HOLD = "hold"

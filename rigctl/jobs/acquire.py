@@ -46,6 +46,8 @@ class AcquireRequest:
         When the clock of a simulated rig begins [ns since 1970 UTC]; it does not wait. None leaves what its file says.
     perturb : str or None
         What changes in a simulated roof against its scene file.
+    asks_by_hold : bool
+        Where hands are needed, hold until `rigctl resume` or a page says to go on; else ask at the terminal.
     """
 
     rig: Path
@@ -56,6 +58,7 @@ class AcquireRequest:
     target_dolp_sigma: float | None = None
     clock_ns: int | None = None
     perturb: RoofChange | None = None
+    asks_by_hold: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,7 +184,7 @@ def require_takeable(
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     steps = plan_steps(session, rounds)
-    require_hands(steps, is_simulated=rig_file.is_simulated)
+    require_hands(steps, are_asked=rig_file.is_simulated or prepared.request.asks_by_hold)
     require_drivers(rig_file)
     doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))
     if rig_file.simulation is None:
@@ -227,6 +230,7 @@ def acquire(
         noise=None if noise is None else noise_numbers(noise),
         clock=clock,
         opener=lambda: _open_calibrated_rig(prepared, out, clock=clock, warn=warn),
+        asks_by_hold=request.asks_by_hold,
     )
 
 

@@ -17,8 +17,15 @@ class Resumed:
     outcome: Outcome | None = None
 
 
-def resume(run: Path) -> Resumed:
+def resume(run: Path, *, asks_by_hold: bool = False) -> Resumed:
     """Go on with a session.
+
+    Parameters
+    ----------
+    run : Path
+        Run folder.
+    asks_by_hold : bool
+        Where hands are needed, hold until somebody says to go on; else ask at the terminal.
 
     Raises
     ------
@@ -31,7 +38,7 @@ def resume(run: Path) -> Resumed:
         return Resumed(process=process)
     from rigctl.session.take_session import resume_session  # devices and their libraries: not to send a request
 
-    return Resumed(outcome=resume_session(run))
+    return Resumed(outcome=resume_session(run, asks_by_hold=asks_by_hold))
 
 
 def ask_running(run: Path, request: Request) -> int:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError
 from drivers.interfaces import Camera, ReportingCamera
-from rigctl.devices.rig import Rig
+from rigctl.devices.rig import REQUESTS, Rig
+from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
 from rigctl.live.frame_summary import frame_summary
 from rigctl.numbers.utc_time import NS_PER_S
@@ -120,7 +121,7 @@ class _Acquisition:
         self._utc = SteadyUtc(context.clock) if context.utc is None else context.utc
         self._timing = Timing(context, self._utc, self._pause, writer)
         self._guard = Guard(context.interlocks, self._pause, writer)
-        self._work = RigWork(rig, rig_file, writer)
+        self._work = RigWork(rig, rig_file, writer, self._hold_for if context.asks_by_hold else rig.ask)
         self._thermometer = Thermometer(rig.camera, context.clock)
         self._surroundings = Surroundings(writer.path, self._guard, self._utc, self._thermometer, note=writer.event)
         self._exposures = RoundExposures(
@@ -150,6 +151,10 @@ class _Acquisition:
         violation = self._work.home()
         for watched in self._guard.watched(() if violation is None else (violation,)):
             self._guard.react(watched, cleared=lambda: self._work.home() is None)
+
+    def _hold_for(self, kind: FrameKind) -> None:
+        """Hold until somebody has put something before the camera, and says to go on from wherever they are."""
+        self._pause.hold(REQUESTS[kind], cleared=lambda: False)
 
     def _take(self, step: Step) -> None:
         """Take one frame until its interlocks are satisfied, and hand it on to be stored."""

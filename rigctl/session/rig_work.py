@@ -1,5 +1,7 @@
 """One rig at work: what stands before the camera, how it is set, where the polarizer is; one frame at a time."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from drivers.errors import DeviceTimeoutError
@@ -53,10 +55,12 @@ class RigWork:
         How the polarizer sits, the camera's gain and deadline.
     writer : RunWriter
         Where events go.
+    ask : callable
+        Returns once somebody has put something before the camera, where hands are needed.
     """
 
-    def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter) -> None:
-        self._rig, self._rig_file, self._writer = rig, rig_file, writer
+    def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter, ask: Callable[[FrameKind], None]) -> None:
+        self._rig, self._rig_file, self._writer, self._ask = rig, rig_file, writer, ask
         camera = rig.camera
         self._counter = FrameCounter(is_triggered=isinstance(camera, CameraWithFacts) and camera.facts().triggered)
         self._presented: FrameKind | None = None
@@ -82,6 +86,7 @@ class RigWork:
         """Put something before the camera, unless it is there."""
         if kind == self._presented:
             return
+        self._ask(kind)
         self._rig.present(kind)
         self._presented = kind
         self._writer.event("presented", kind=kind)

@@ -45,6 +45,8 @@ class SessionContext:
         Told of each frame, for whoever watches.
     metered_s : mapping
         Exposures that earlier parts of this session have metered, by round [s].
+    asks_by_hold : bool
+        Where hands are needed the session holds until it is told to go on; else it asks at the terminal.
     """
 
     interlocks: InterlockSection = field(default_factory=InterlockSection)
@@ -59,6 +61,7 @@ class SessionContext:
     regions: RegionMeans = field(default_factory=RegionMeans)
     live: LiveNumbers = field(default_factory=LiveNumbers)
     metered_s: Mapping[int, float] = field(default_factory=dict)
+    asks_by_hold: bool = False
 
 
 def session_context(
@@ -69,6 +72,7 @@ def session_context(
     control: Control,
     until_ns: int | None,
     noise: SessionNoise | None,
+    asks_by_hold: bool = False,
 ) -> SessionContext:
     """Return how a session file wants its session to be conducted, on a rig."""
     of_means = None if noise is None else mean_noise(noise)
@@ -89,4 +93,5 @@ def session_context(
             extinction_ratio=rig_file.polarizer.extinction_ratio,
             reference=session.reference_region or PICTURE,
         ),
+        asks_by_hold=asks_by_hold,
     )

@@ -38,6 +38,7 @@ def take_session(
     noise: SessionNoise | None = None,
     clock: SessionClock | None = None,
     opener: Opener | None = None,
+    asks_by_hold: bool = False,
 ) -> Outcome:
     """Take a session into a new run folder; return how it went.
 
@@ -57,6 +58,8 @@ def take_session(
         The host's clocks.
     opener : callable, optional
         Gives the open rig, instead of the one that the rig file describes.
+    asks_by_hold : bool
+        Where hands are needed, such as to cover the lens, hold until somebody says to go on; else ask at the terminal.
 
     Raises
     ------
@@ -73,7 +76,7 @@ def take_session(
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
-        require_hands(steps, is_simulated=rig.origin == "simulated")
+        require_hands(steps, are_asked=rig.origin == "simulated" or asks_by_hold)
         inputs = read_inputs(rig_file, files)
         description = describe_session(rig, rig_file, session, files, inputs) | {
             "rounds_ns": list(rounds),
@@ -83,13 +86,21 @@ def take_session(
         with RunWriter.create(out, description, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             keep_inputs(inputs, out)
             context = session_context(
-                session, rig_file, clock=clock, control=Control(out), until_ns=until_ns, noise=noise
+                session,
+                rig_file,
+                clock=clock,
+                control=Control(out),
+                until_ns=until_ns,
+                noise=noise,
+                asks_by_hold=asks_by_hold,
             )
             loop = ReconnectLoop(rig_file, steps, writer, context, opener)
             return loop.take(rig, devices, title=session.name)
 
 
-def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Opener | None = None) -> Outcome:
+def resume_session(
+    path: Path, *, clock: SessionClock | None = None, opener: Opener | None = None, asks_by_hold: bool = False
+) -> Outcome:
     """Go on with a session that was interrupted; return how it went.
 
     Parameters
@@ -100,6 +111,8 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
         The host's clocks.
     opener : callable, optional
         Gives the open rig, instead of the one that the run describes.
+    asks_by_hold : bool
+        As `take_session`.
 
     Raises
     ------
@@ -123,7 +136,7 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
     with ExitStack() as devices:
         rig = devices.enter_context(opener())
-        require_hands(rest.steps, is_simulated=rig.origin == "simulated")
+        require_hands(rest.steps, are_asked=rig.origin == "simulated" or asks_by_hold)
         require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             _note_resumed(writer, repair, rest.steps)
@@ -136,6 +149,7 @@ def resume_session(path: Path, *, clock: SessionClock | None = None, opener: Ope
                 control=control,
                 until_ns=until_ns,
                 noise=run.session.noise,
+                asks_by_hold=asks_by_hold,
             )
             loop = ReconnectLoop(rig_file, steps, writer, context, opener)
             return replace(loop.take(rig, devices, title=session.name), repair=repair)
@@ -147,10 +161,10 @@ def _last_ns(run: Run) -> int | None:
     return unix_ns(utc_moment(max(ends))) + NS_PER_S if ends else None
 
 
-def require_hands(steps: Sequence[Step], *, is_simulated: bool) -> None:
+def require_hands(steps: Sequence[Step], *, are_asked: bool) -> None:
     """Refuse a session that needs hands at the rig where there are none, before it has begun."""
     kinds = sorted({step.kind for step in steps})
-    if not is_simulated and len(kinds) > 1 and not sys.stdin.isatty():
+    if not are_asked and len(kinds) > 1 and not sys.stdin.isatty():
         raise ConfigError(
             f"the session takes {', '.join(kinds)} frames, and nobody is at a terminal to cover the lens in between: "
             "take darks and flats by hand, and the scene alone unattended"

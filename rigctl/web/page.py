@@ -17,6 +17,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rigctl.console.json_text import json_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.version import VERSION
+from rigctl.web.hands import Hands, hand_routes
 from rigctl.web.pictures import Picture
 from rigctl.web.run_look import RunRow
 from rigctl.web.run_reader import RunReader
@@ -46,26 +47,29 @@ class Source(Protocol):
         """Return a page that lies beside a run; None where there is none of that name."""
 
 
-def page_app(source: Source) -> Starlette:
+def page_app(source: Source, hands: Hands | None = None) -> Starlette:
     """Return the page.
 
     Parameters
     ----------
     source : Source
         What it shows.
+    hands : Hands or None
+        What it may do; None only looks.
 
     Notes
     -----
     It expects `rigctl.web.access.Guard` before it. Every name in a request is looked up among those that are known;
     none becomes a path.
     """
-    page = _Page(source)
+    page = _Page(source, hands)
     routes = [
         *(Route(path, _file(name)) for path, name in _FILES.items()),
         Route("/api/state", page.state),
         Route("/api/frame/{name}", page.frame),
         Route("/api/document/{run}/{name}", page.document),
         WebSocketRoute("/ws", page.socket),
+        *([] if hands is None else hand_routes(hands)),
     ]
     return Starlette(routes=routes)
 
@@ -73,6 +77,7 @@ def page_app(source: Source) -> Starlette:
 _FILES = {
     "/": "index.html",
     "/watch.js": "watch.js",
+    "/rig.js": "rig.js",
     "/style.css": "style.css",
     "/uPlot.iife.min.js": "uPlot.iife.min.js",
     "/uPlot.min.css": "uPlot.min.css",
@@ -88,8 +93,8 @@ def _file(name: str) -> Callable[[Request], Response]:
 class _Page:
     """Answers, each made in a thread of its own where it reads from the disk."""
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
+    def __init__(self, source: Source, hands: Hands | None) -> None:
+        self._source, self._hands = source, hands
 
     async def state(self, request: Request) -> Response:
         content = await asyncio.to_thread(self._state, request.query_params)
@@ -148,20 +153,27 @@ class _Page:
 
     def _state(self, question: Mapping[str, Any]) -> dict[str, Any] | None:
         name = str(question.get("run", ""))
+        content: dict[str, Any] = {"rigctl": VERSION, **self._of_hands()}
         rows = self._source.rows()
         if rows is not None and not name:
-            return {"rigctl": VERSION, "runs": [asdict(row) for row in rows]}
+            return content | {"runs": [asdict(row) for row in rows]}
         reader = self._source.reader(name)
         if reader is None:
             return None
-        content = {"rigctl": VERSION, **asdict(reader.look())}
+        content |= asdict(reader.look())
         try:
             return content | {"curves": asdict(reader.curves())}
         except (DataError, ConfigError) as error:
             return content | {"curves": None, "problems": [*content["problems"], str(error)]}
 
+    def _of_hands(self) -> dict[str, Any]:
+        if self._hands is None:
+            return {"hands": False}
+        return {"hands": True, "rig": asdict(self._hands.rig.look()), "sessions": self._hands.sessions()}
+
     def _picture(self, question: Mapping[str, Any]) -> tuple[int, Picture] | None:
-        reader = self._source.reader(str(question.get("run", "")))
+        is_live = question.get("of") == "rig" and self._hands is not None
+        reader = self._hands.rig if is_live and self._hands else self._source.reader(str(question.get("run", "")))
         name = str(question.get("name", ""))
         sequence = None if reader is None else reader.newest_sequence(name)
         if reader is None or sequence is None:

@@ -46,7 +46,6 @@ _LIVELINESS: dict[State, Liveliness] = {
     "interrupted": "interrupted",
 }
 _ADVICE: dict[Liveliness, str] = {
-    "holding": "it holds between two frames: rigctl resume {run}",
     "stale": "a process holds the run and has written nothing since: look at its terminal",
     "stopped": "go on with: rigctl resume {run}",
     "interrupted": "go on with: rigctl resume {run}",
@@ -84,7 +83,7 @@ class RunReader:
             disk_free_mb=shutil.disk_usage(self._path).free / _BYTES_PER_MB,
             events=tuple(map(_happening, reversed(events[-_EVENTS:]))),
         )
-        look = replace(look, since_utc=self._since(look.state, events), advice=self._advice(look.state))
+        look = replace(look, since_utc=self._since(look.state, events), advice=self._advice(look.state, events))
         look = look if run is None else _with_frames(look, run)
         look = self._with_plan(look, problems)
         return replace(look, problems=(*problems, *self._tail.problems, *filter(None, [self._history.problem])))
@@ -186,7 +185,10 @@ class RunReader:
         begins = [event.utc for event in events[:1]]
         return (ends if ends and state != "live" else [*begins, ""])[-1 if state != "live" else 0]
 
-    def _advice(self, state: Liveliness) -> str:
+    def _advice(self, state: Liveliness, events: Sequence[RunEvent]) -> str:
+        reasons = [str(event.facts.get("reason", "")) for event in events if event.event == "hold"]
+        if state == "holding" and reasons:
+            return f"{reasons[-1]}; then go on: rigctl resume {self._path}"
         return _ADVICE.get(state, "").format(run=self._path)
 
     def _with_plan(self, look: RunLook, problems: list[str]) -> RunLook:

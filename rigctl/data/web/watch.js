@@ -46,9 +46,9 @@ async function work(own) {
   try {
     while (own === socket && own.readyState === WebSocket.OPEN) {
       if (document.hidden) { await pause(IDLE_MS); continue; }
-      const each = newest && newest.runs ? LIST_MS : STATE_MS;
+      const each = newest && newest.runs && !newest.hands ? LIST_MS : STATE_MS;
       if (Date.now() - told > each) { told = Date.now(); newest = JSON.parse(await ask({ want: "state" })); show(newest); }
-      const isNew = newest.runs ? false : await pictures();
+      const isNew = newest.runs ? await rigPictures(newest) : await pictures();
       if (!isNew) await pause(IDLE_MS);
     }
   } catch (error) { if (own.readyState === WebSocket.OPEN) own.close(); }
@@ -79,7 +79,7 @@ function show(state) {
   if (state.error) { $("advice").textContent = state.error; $("advice").hidden = false; return; }
   $("list").hidden = !state.runs; $("one").hidden = Boolean(state.runs);
   $("back").hidden = !run;
-  if (state.runs) return list(state.runs);
+  if (state.runs) { showRig(state); return list(state.runs); }
   document.title = `${state.run}: ${state.state}`;
   $("run").textContent = state.session ? `${state.run} (${state.session})` : state.run;
   const since = ["stale", "interrupted", "finished", "stopped", "holding", "waiting"].includes(state.state) && state.since_utc ? ` since ${utc(state.since_utc)}` : "";
@@ -147,9 +147,9 @@ function draw(id, title, xLabel, yLabel, series, data, bands = [], isTime = fals
   const plot = new uPlot({ title, width, height: 240, scales: { x: { time: isTime }, ...scales }, axes: axes(xLabel, yLabel, isTime), series: [{ label: xLabel }, ...series], legend: { live: false }, cursor: { show: false }, bands, tzDate: (ts) => uPlot.tzDate(new Date(ts * 1e3), "Etc/UTC") }, data, box);
   plots[id] = { key, plot };
 }
-function histogram(head) {
+function histogram(head, id = "histogram") {
   const counts = head.histogram.map((n) => Math.log10(n + 1));
-  draw("histogram", "", "counts [share of the range]", "log10(pixels + 1)", [{ label: "pixels", stroke: style("--ink"), fill: style("--line"), points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) }], [counts.map((_, i) => i / counts.length), counts]);
+  draw(id, "", "counts [share of the range]", "log10(pixels + 1)", [{ label: "pixels", stroke: style("--ink"), fill: style("--line"), points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) }], [counts.map((_, i) => i / counts.length), counts]);
 }
 function curves(found) {
   if (!found) return;
@@ -185,11 +185,14 @@ function go(name) { history.pushState(null, "", name ? `?run=${encodeURIComponen
 function list(rows) {
   $("run").textContent = "runs"; $("state").textContent = `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
   document.title = "rigctl: runs";
+  const told = JSON.stringify(rows);
+  if ($("rows").dataset.told === told) return;
+  $("rows").dataset.told = told;
   const body = document.createDocumentFragment();
   for (const row of rows) {
     const line = put(body, "tr");
-    const thumb = put(put(line, "td"), "img", null, { alt: "", loading: "lazy", src: `/api/frame/thumb?run=${encodeURIComponent(row.run)}` });
-    thumb.onerror = () => thumb.remove();
+    const cell = put(line, "td");
+    if (row.frames) put(cell, "img", null, { alt: "", loading: "lazy", src: `/api/frame/thumb?run=${encodeURIComponent(row.run)}` });
     const link = put(put(line, "td"), "a", row.run, { href: `?run=${encodeURIComponent(row.run)}` });
     link.onclick = (event) => { event.preventDefault(); go(row.run); };
     put(line, "td", row.state, { class: row.state, "data-of": "state" });

@@ -1,0 +1,87 @@
+// The rig's own part of the page: devices at work, regions drawn on the live picture, sessions started.
+"use strict";
+const corners = [], drawn = [];
+let seenTask = "rest", liveKnown = {};
+
+async function act(name, content) {
+  const response = await fetch(`/api/${name}`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content || {}) });
+  const told = await response.json().catch(() => ({ error: response.statusText }));
+  $("said").textContent = told.error || told.done || told.file || "";
+  return response.ok ? told : null;
+}
+const task = (kind) => act("task", { kind, exposure_ms: Number($("exposure").value), gain_db: Number($("gain").value) });
+for (const button of document.querySelectorAll("[data-task]")) button.onclick = () => task(button.dataset.task);
+$("turn").onclick = () => act("turn", { angle_deg: Number($("angle").value) });
+$("dark").onclick = () => act("dark");
+$("proposed").onclick = () => { $("exposure").value = $("proposed").dataset.ms; if (seenTask !== "rest") task(seenTask); };
+
+function showRig(state) {
+  const rig = state.rig;
+  $("rig").hidden = !state.hands || state.right !== "act";
+  if ($("rig").hidden) return;
+  seenTask = rig.task;
+  for (const button of document.querySelectorAll("[data-task]")) button.setAttribute("aria-selected", button.dataset.task === rig.task);
+  const words = [rig.problem || (rig.task === "rest" ? "devices are closed" : `${rig.exposure_ms.toPrecision(4)} ms, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${(100 * rig.clipped).toPrecision(2)} % saturated`)];
+  if (rig.task !== "rest" && rig.best_sharpness) words.push(`sharpness ${(1e3 * rig.sharpness).toPrecision(4)}, best ${(1e3 * rig.best_sharpness).toPrecision(4)}`);
+  if (rig.angle_deg !== null) words.push(`polarizer ${rig.angle_deg.toFixed(2)} deg`);
+  if (rig.cycles_per_min !== null) words.push(`${rig.cycles_per_min.toFixed(1)} cycles a minute`);
+  if (rig.task === "polarimetry") words.push(rig.dark_dn === null ? "no dark level taken: DoLP reads too low" : `dark level ${rig.dark_dn.toFixed(1)} DN`);
+  $("rig-text").textContent = words.join("; ");
+  $("sharpness").value = rig.best_sharpness ? rig.sharpness / rig.best_sharpness : 0;
+  $("proposed").hidden = rig.proposed_ms === null || rig.task === "rest";
+  if (rig.proposed_ms !== null) { $("proposed").textContent = `take ${rig.proposed_ms.toPrecision(3)} ms`; $("proposed").dataset.ms = rig.proposed_ms.toPrecision(3); }
+  $("live-maps").hidden = !rig.maps_sequence;
+  const names = state.sessions.join();
+  if ($("session").dataset.names !== names) { $("session").dataset.names = names; $("session").replaceChildren(); for (const name of state.sessions) put($("session"), "option", name); }
+  $("outlines").dataset.width = rig.width; $("outlines").dataset.height = rig.height;
+}
+
+async function rigPictures(state) {
+  if (!state.hands || state.right !== "act") return false;
+  let isNew = false;
+  for (const name of ["view", ...(state.rig.maps_sequence ? MAPS : [])]) {
+    const canvas = $(name === "view" ? "view" : `live-${name}`);
+    const answer = await ask({ want: "picture", of: "rig", name, after: liveKnown[name] || null });
+    const length = new DataView(answer).getUint32(0), head = JSON.parse(new TextDecoder().decode(new Uint8Array(answer, 4, length)));
+    if (answer.byteLength === 4 + length) continue;
+    const bitmap = await createImageBitmap(new Blob([new Uint8Array(answer, 4 + length)], { type: "image/jpeg" }));
+    canvas.width = bitmap.width; canvas.height = bitmap.height;
+    canvas.getContext("2d").drawImage(bitmap, 0, 0);
+    canvas.dataset.sequence = head.sequence; liveKnown[name] = head.sequence; isNew = true;
+    if (name === "view") { histogram(head, "view-histogram"); outline(); }
+  }
+  return isNew;
+}
+
+// Corners are in pixels of the camera: (0, 0) is the centre of the top left one.
+$("view").onclick = (event) => {
+  const box = $("view").getBoundingClientRect(), width = Number($("outlines").dataset.width), height = Number($("outlines").dataset.height);
+  if (!width) return;
+  corners.push([((event.clientX - box.left) / box.width) * width - 0.5, ((event.clientY - box.top) / box.height) * height - 0.5].map((v) => Math.round(v * 10) / 10));
+  outline();
+};
+function outline() {
+  const svg = $("outlines"), width = Number(svg.dataset.width), height = Number(svg.dataset.height), space = "http://www.w3.org/2000/svg";
+  if (!width) return;
+  svg.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`); svg.style.height = `${$("view").clientHeight}px`;
+  svg.replaceChildren();
+  const add = (tag, attributes, text) => { const node = document.createElementNS(space, tag); for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value); if (text) node.textContent = text; svg.append(node); };
+  for (const region of drawn) { add("polygon", { points: region.polygon.map((p) => p.join()).join(" ") }); add("text", { x: region.polygon[0][0], y: region.polygon[0][1], "font-size": height / 24 }, region.name); }
+  if (corners.length) add("polyline", { points: corners.map((p) => p.join()).join(" ") });
+  for (const [cx, cy] of corners) add("circle", { cx, cy, r: height / 120 });
+}
+$("region-add").onclick = () => {
+  const name = $("region-name").value.trim();
+  if (corners.length < 3 || !name) { $("said").textContent = "touch three corners at least, and give a name"; return; }
+  drawn.push({ name, polygon: corners.splice(0) }); $("region-name").value = ""; outline();
+};
+$("region-undo").onclick = () => { if (corners.length) corners.pop(); else drawn.pop(); outline(); };
+$("region-save").onclick = () => act("regions", { regions: drawn });
+
+$("plan").onclick = async () => { const told = await act("plan", { session: $("session").value }); $("plan-text").textContent = told ? told.plan : ""; $("start").disabled = !told; };
+$("session").onchange = () => { $("start").disabled = true; $("plan-text").textContent = ""; };
+$("start").onclick = async () => {
+  $("start").disabled = true;
+  const told = await act("start", { session: $("session").value });
+  if (told) { $("said").textContent = `started: ${told.run}`; const wait = setInterval(() => { if (newest && newest.runs && newest.runs.some((row) => row.run === told.run)) { clearInterval(wait); go(told.run); } }, 500); }
+};

@@ -1,0 +1,179 @@
+"""The rig in a browser: looking through the camera, drawing regions, starting sessions and asking them."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from rigctl.devices.rig import open_rig
+from rigctl.errors import ConfigError, DataError, RunFolderError
+from rigctl.files.config import describe
+from rigctl.files.regions import RegionsFile, regions_text
+from rigctl.files.rig_file import PolarizerSection, load_rig
+from rigctl.jobs.acquire import AcquireRequest, prepare_session, require_takeable
+from rigctl.jobs.preview import open_camera
+from rigctl.runs.run_lock import writing_process
+from rigctl.session.control import ask_process
+from rigctl.storage.durable_file import write_durably
+from rigctl.web.access import Access
+from rigctl.web.hands import Asked, Hands
+from rigctl.web.live_rig import LiveRig, OpenDevices
+from rigctl.web.page import page_app
+from rigctl.web.server import Addresses, Place, serve_page
+from rigctl.web.sources import RunsOfFolder
+
+_RIG_FILE = ".toml"
+_REGIONS_FILE = "regions.toml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeRequest:
+    """A rig that is to be served.
+
+    Attributes
+    ----------
+    rig : str
+        Rig file, or a camera's address.
+    sessions, runs : Path
+        Folder of session files, and folder in which runs come to be.
+    """
+
+    rig: str
+    sessions: Path
+    runs: Path
+
+
+def serve(request: ServeRequest, place: Place, *, told: Callable[[Addresses], None]) -> None:
+    """Serve a page with hands until Ctrl-C. Sessions that it started go on without it.
+
+    Parameters
+    ----------
+    request : ServeRequest
+        What.
+    place : Place
+        Where the page is.
+    told : callable
+        Told its addresses once it is there.
+
+    Raises
+    ------
+    ConfigError
+        A file is wrong, a folder is missing, or nothing can listen at that place.
+    """
+    for name, folder in (("--sessions", request.sessions), ("--runs", request.runs)):
+        if not folder.is_dir():
+            raise ConfigError(f"{name} {folder}: there is no such folder")
+    sessions = _Sessions(request)
+    rig = LiveRig(lambda: _open_devices(request.rig), _polarizer(request.rig))
+    hands = Hands(
+        ask=sessions.ask,
+        rig=rig,
+        sessions=sessions.names,
+        plan=sessions.plan,
+        start=sessions.start,
+        write_regions=lambda body: _write_regions(request.runs / _REGIONS_FILE, body),
+    )
+    serve_page(page_app(RunsOfFolder(request.runs), hands), place, Access(), can_act=True, told=told)
+
+
+class _Sessions:
+    """Session files of a folder, and the runs that they become."""
+
+    def __init__(self, request: ServeRequest) -> None:
+        self._request = request
+
+    def names(self) -> tuple[str, ...]:
+        """Return the session files by name; other files of the folder that cannot be one are left out."""
+        if not self._request.rig.endswith(_RIG_FILE):
+            return ()
+        found = sorted(self._request.sessions.glob("*.toml"))
+        return tuple(file.name for file in found if b"[[take]]" in file.read_bytes())
+
+    def plan(self, name: str) -> str:
+        """Return what a session will take, in words; or raise what refuses it."""
+        prepared = prepare_session(self._acquire_request(name))
+        found = require_takeable(prepared, self._new_run(name), at_ns=None, until_ns=None)
+        need, steps = prepared.need, prepared.steps
+        minutes, seconds = divmod(round(need.duration_s), 60)
+        disk = "" if need.disk_bytes is None else f", {need.disk_bytes / 1e6:.0f} MB"
+        kinds = ", ".join(f"{sum(step.kind == kind for step in steps)} {kind}" for kind in ("dark", "flat", "scene"))
+        lines = [f"{name}: {len(steps)} frames ({kinds}), about {minutes} min {seconds} s{disk}"]
+        return "\n".join([*lines, *(doubt for doubt in prepared.doubts if doubt), *found.doubts, *found.light])
+
+    def start(self, name: str) -> str:
+        """Start the session of a file in a process of its own; return the name of its run."""
+        self.plan(name)
+        run = self._new_run(name)
+        self._spawn("acquire", self._request.rig, str(self._file(name)), "--out", str(run), log=run)
+        return run.name
+
+    def ask(self, name: str, what: Asked) -> None:
+        """Ask something of the session of a run; one that has ended is gone on with in a process of its own."""
+        run = self._run(name)
+        process = writing_process(run)
+        if process is not None:
+            ask_process(run, process, "go on" if what == "resume" else what)
+        elif what == "resume":
+            self._spawn("resume", str(run), log=run)
+        else:
+            raise RunFolderError(f"{name}: no session writes into this run")
+
+    def _spawn(self, *words: str, log: Path) -> None:
+        """Start rigctl so that it outlives this page; what it says goes into a file beside the run."""
+        with log.with_name(f"{log.name}.log").open("ab") as said:
+            subprocess.Popen(
+                [sys.executable, "-m", "rigctl", *words, "--ask", "hold"],
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=said,
+                start_new_session=True,
+            )
+
+    def _acquire_request(self, name: str) -> AcquireRequest:
+        return AcquireRequest(rig=Path(self._request.rig), session=self._file(name), asks_by_hold=True)
+
+    def _file(self, name: str) -> Path:
+        if name not in self.names():
+            raise ConfigError(f"{name!r}: there is no such session; there are {', '.join(self.names()) or 'none'}")
+        return self._request.sessions / name
+
+    def _run(self, name: str) -> Path:
+        known = {path.name: path for path in self._request.runs.iterdir() if path.is_dir()}
+        if name not in known:
+            raise RunFolderError(f"{name!r}: there is no such run")
+        return known[name]
+
+    def _new_run(self, name: str) -> Path:
+        return self._request.runs / f"{datetime.now(UTC):%Y-%m-%dT%H%M%SZ}-{Path(name).stem}"
+
+
+@contextmanager
+def _open_devices(what: str) -> Iterator[OpenDevices]:
+    if not what.endswith(_RIG_FILE):
+        with open_camera(what) as camera:
+            yield OpenDevices(camera=camera, stage=None)
+        return
+    with open_rig(load_rig(Path(what)), session_name="live") as rig:
+        rig.present("scene")
+        yield OpenDevices(camera=rig.camera, stage=rig.stage)
+
+
+def _polarizer(what: str) -> PolarizerSection:
+    return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else PolarizerSection(sense=1, offset_deg=0.0)
+
+
+def _write_regions(file: Path, body: bytes) -> str:
+    """Write regions; those that were there stay beside them as ``.bak``."""
+    try:
+        regions = RegionsFile.model_validate_json(body)
+    except ValidationError as error:
+        raise DataError(describe(Path("regions"), error)) from error
+    if file.exists():
+        file.replace(file.with_suffix(".toml.bak"))
+    write_durably(file, regions_text(regions).encode())
+    return file.name

@@ -1,0 +1,298 @@
+"""Devices at work for a page: a picture to focus by, or polarization as fast as the stage turns; nothing is stored."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Camera, Frame, RotationStage
+from rigctl.devices.focus import focus_of
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.rig_file import PolarizerSection
+from rigctl.web.pictures import CyclePictures, Picture, map_pictures, picture_of, smaller
+from rigctl.web.run_reader import MAPS, MOST_WIDTH
+
+VIEW = "view"
+TaskKind = Literal["rest", "preview", "polarimetry"]
+# Counts that a metered exposure aims at, as a share of the range.
+_AIM = 0.7
+_LEAST_ANGLES = 3
+_TURN_DEG = 180.0
+_TIMEOUT_S = 10.0
+_MS_PER_S = 1e3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenDevices:
+    """Devices that are open; no stage where there is none."""
+
+    camera: Camera
+    stage: RotationStage | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What the devices shall do.
+
+    Attributes
+    ----------
+    kind : str
+        "rest" closes the devices; "preview" takes picture after picture; "polarimetry" turns through the angles.
+    exposure_s : float
+        Integration time, above 0 [s].
+    gain_db : float
+        The camera's gain setting [dB].
+    angles_deg : tuple of float
+        Of the polarizer, for "polarimetry" [deg].
+    """
+
+    kind: TaskKind = "rest"
+    exposure_s: float = 0.01
+    gain_db: float = 0.0
+    angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveLook:
+    """What the devices do and see now.
+
+    Attributes
+    ----------
+    task : str
+        As in `Task`.
+    exposure_ms, gain_db : float
+        As set [ms], [dB].
+    sequence, maps_sequence : int
+        Number of the newest picture, and of the newest maps; 0 where there is none.
+    angle_deg : float or None
+        Of the polarizer at the newest picture, by readback [deg].
+    sharpness, best_sharpness : float
+        Of the newest picture and the largest since the task began; to be compared with itself only.
+    brightest, clipped : float
+        The 99.5 % quantile as a share of the range, and the share of saturated pixels.
+    proposed_ms : float or None
+        Exposure at which the brightest parts come to 70 % of the range [ms]; None where that cannot be told.
+    cycles_per_min : float or None
+        How fast the polarizer goes round.
+    dark_dn : float or None
+        Level without light that the maps subtract [DN]; None where none was taken at this exposure: DoLP reads too low.
+    width, height : int
+        Of the camera's picture.
+    problem : str
+        What stopped the task; empty where nothing did.
+    """
+
+    task: TaskKind = "rest"
+    exposure_ms: float = 10.0
+    gain_db: float = 0.0
+    sequence: int = 0
+    maps_sequence: int = 0
+    angle_deg: float | None = None
+    sharpness: float = 0.0
+    best_sharpness: float = 0.0
+    brightest: float = 0.0
+    clipped: float = 0.0
+    proposed_ms: float | None = None
+    cycles_per_min: float | None = None
+    dark_dn: float | None = None
+    width: int = 0
+    height: int = 0
+    problem: str = ""
+
+
+class LiveRig:
+    """Works in a thread of its own; with the task "rest" the devices are closed, so that a session can have them.
+
+    Parameters
+    ----------
+    opened : callable
+        Gives the open devices until its context is left.
+    polarizer : PolarizerSection
+        How the polarizer sits in the stage.
+    """
+
+    def __init__(self, opened: Callable[[], AbstractContextManager[OpenDevices]], polarizer: PolarizerSection) -> None:
+        self._opened, self._polarizer = opened, polarizer
+        self._changed = threading.Condition()
+        self._task = Task()
+        self._turn_to_deg: float | None = None
+        self._thread: threading.Thread | None = None
+        self._look = LiveLook()
+        self._counts: NDArray[np.uint16] | None = None
+        self._saturation_dn = 1.0
+        self._cycle: CyclePictures | None = None
+        self._dark: tuple[float, float] | None = None
+
+    def look(self) -> LiveLook:
+        """Return what the devices do and see now."""
+        with self._changed:
+            return self._look
+
+    def begin(self, task: Task) -> None:
+        """Let the devices do something else; "rest" returns once they are closed."""
+        with self._changed:
+            self._task = task
+            self._look = LiveLook(
+                task=task.kind,
+                exposure_ms=task.exposure_s * _MS_PER_S,
+                gain_db=task.gain_db,
+                sequence=self._look.sequence,
+                maps_sequence=self._look.maps_sequence,
+            )
+            self._changed.notify_all()
+            if task.kind != "rest" and (self._thread is None or not self._thread.is_alive()):
+                self._thread = threading.Thread(target=self._work, name="live rig", daemon=True)
+                self._thread.start()
+            thread = self._thread
+        if task.kind == "rest" and thread is not None:
+            thread.join(timeout=_TIMEOUT_S + task.exposure_s)
+
+    def turn(self, angle_deg: float) -> None:
+        """Turn the polarizer to an angle while a preview runs [deg]."""
+        with self._changed:
+            self._turn_to_deg = angle_deg
+
+    def take_dark(self) -> None:
+        """Take the newest picture for one without light: its mean is subtracted in the maps at this exposure.
+
+        Raises
+        ------
+        ConfigError
+            There is no picture.
+        """
+        with self._changed:
+            if self._counts is None or self._look.task == "rest":
+                raise ConfigError("begin a preview, cover the lens, and then take the dark level")
+            self._dark = (self._look.exposure_ms, float(self._counts.mean()))
+            self._look = replace(self._look, dark_dn=self._dark[1])
+
+    def newest_sequence(self, name: str) -> int | None:
+        """Return the number of the newest picture of a name; None where there is none."""
+        look = self.look()
+        number = look.maps_sequence if name in MAPS else look.sequence if name == VIEW else 0
+        return number or None
+
+    def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
+        """Return the newest picture or map of a name; None where there is none.
+
+        Raises
+        ------
+        DataError
+            The angles do not determine the maps.
+        """
+        with self._changed:
+            counts, cycle, saturation_dn = self._counts, self._cycle, self._saturation_dn
+        if name == VIEW and counts is not None:
+            return picture_of(counts, saturation_dn=saturation_dn, most_width=MOST_WIDTH, zebra=zebra)
+        if name not in MAPS or cycle is None:
+            return None
+        try:
+            return map_pictures(cycle, dolp_top=dolp_top)[name]
+        except ValueError as error:
+            raise DataError(f"no maps: {error}") from error
+
+    def _work(self) -> None:
+        try:
+            with self._opened() as devices:
+                while (task := self._wanted()).kind != "rest":
+                    self._do(devices, task)
+        except (DeviceError, ConfigError, DataError) as error:
+            with self._changed:
+                self._look = replace(self._look, task="rest", problem=str(error))
+                self._task = Task()
+
+    def _wanted(self) -> Task:
+        with self._changed:
+            return self._task
+
+    def _do(self, devices: OpenDevices, task: Task) -> None:
+        """Do one task until another is wanted."""
+        devices.camera.configure(exposure_s=task.exposure_s, gain_db=task.gain_db)
+        if task.kind == "preview":
+            while self._wanted() is task:
+                angle_deg = self._turned(devices.stage)
+                self._seen(self._frame(devices.camera, task), angle_deg)
+            return
+        if devices.stage is None or len(task.angles_deg) < _LEAST_ANGLES:
+            raise ConfigError("live polarimetry needs a stage, and three angles at least")
+        devices.stage.home()
+        while self._wanted() is task:
+            self._go_round(devices.camera, devices.stage, task)
+
+    def _go_round(self, camera: Camera, stage: RotationStage, task: Task) -> None:
+        began_s = time.monotonic()
+        frames: list[NDArray[np.float32]] = []
+        angles_deg: list[float] = []
+        for angle_deg in task.angles_deg:
+            if self._wanted() is not task:
+                return
+            angles_deg.append(self._move(stage, angle_deg))
+            frame = self._frame(camera, task)
+            frames.append(smaller(frame.counts, most_width=MOST_WIDTH))
+            self._seen(frame, angles_deg[-1])
+        self._went_round(frames, angles_deg, time.monotonic() - began_s)
+
+    def _turned(self, stage: RotationStage | None) -> float | None:
+        with self._changed:
+            wanted_deg, self._turn_to_deg = self._turn_to_deg, None
+            angle_deg = self._look.angle_deg
+        if stage is None or wanted_deg is None:
+            return angle_deg
+        if angle_deg is None:
+            stage.home()
+        return self._move(stage, wanted_deg)
+
+    def _move(self, stage: RotationStage, angle_deg: float) -> float:
+        """Turn the polarizer; return its angle by the stage's readback [deg]."""
+        polarizer = self._polarizer
+        position = stage.move_to(polarizer.sense * (angle_deg - polarizer.offset_deg)).position
+        return (polarizer.sense * position.angle_deg + polarizer.offset_deg) % _TURN_DEG
+
+    def _frame(self, camera: Camera, task: Task) -> Frame:
+        return camera.take_frame(timeout_s=task.exposure_s + _TIMEOUT_S)
+
+    def _seen(self, frame: Frame, angle_deg: float | None) -> None:
+        focus = focus_of(frame.counts, bit_depth=frame.settings.bit_depth)
+        exposure_ms = frame.settings.exposure_s * _MS_PER_S
+        with self._changed:
+            self._counts, self._saturation_dn = frame.counts, 2.0**frame.settings.bit_depth - 1.0
+            self._look = replace(
+                self._look,
+                sequence=self._look.sequence + 1,
+                exposure_ms=exposure_ms,
+                angle_deg=angle_deg,
+                sharpness=focus.sharpness,
+                best_sharpness=max(self._look.best_sharpness, focus.sharpness),
+                brightest=focus.brightest,
+                clipped=focus.saturated,
+                proposed_ms=_proposed_ms(exposure_ms, focus.brightest),
+                dark_dn=self._dark[1] if self._dark is not None and self._dark[0] == exposure_ms else None,
+                width=frame.counts.shape[1],
+                height=frame.counts.shape[0],
+            )
+
+    def _went_round(self, frames: Sequence[NDArray[np.float32]], angles_deg: Sequence[float], took_s: float) -> None:
+        ratio = self._polarizer.extinction_ratio
+        with self._changed:
+            self._cycle = CyclePictures(
+                frames=np.stack(frames),
+                angles_rad=np.deg2rad(angles_deg),
+                dark_dn=np.full(len(frames), self._look.dark_dn or 0.0),
+                extinction_ratio=np.inf if ratio is None else ratio,
+            )
+            self._look = replace(
+                self._look, maps_sequence=self._look.maps_sequence + 1, cycles_per_min=60.0 / max(took_s, 1e-3)
+            )
+
+
+def _proposed_ms(exposure_ms: float, brightest: float) -> float | None:
+    """Return the exposure that fills the range; of a picture that is saturated or black, a step towards it."""
+    if brightest >= 1.0:
+        return exposure_ms / 4.0
+    return exposure_ms * _AIM / brightest if brightest > 0.0 else None
