@@ -20,7 +20,7 @@ folder = Path(tempfile.mkdtemp())
 rig_text = (examples / "rig-roof.toml").read_text().replace("scene-roof.toml", f"{examples}/scene-roof.toml")
 
 # %%
-# One run an hour: the clock of the simulation begins then and does not wait.
+# One run every two hours: the clock of the simulation begins then and does not wait.
 
 runs = {}
 for hour in (16, 18, 20, 22):

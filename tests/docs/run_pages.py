@@ -20,6 +20,10 @@ from rigctl import cli
 from tests.docs.blocks import NOT_RUN, ROOT, Block, blocks_of, pages
 
 
+# Pages of that folder go on from a rig that has been set up; the others begin with nothing but the examples.
+_OF_A_RIG = "how-to"
+
+
 def run_pages(chosen: list[Path]) -> bool:
     """Run pages, print how long each took and every failure, and return whether there is none."""
     failures = 0
@@ -37,7 +41,11 @@ def run_page(page: Path, *, start: Path) -> tuple[str, list[str]]:
     blocks = [block for block in blocks_of(page) if runs(block)]
     if not blocks:
         return "", []
-    folder, begin_s = copy_of(start, start.parent / f"{page.stem}-{os.getpid()}"), time.monotonic()
+    begin_s, folder = time.monotonic(), start.parent / f"{page.stem}-{os.getpid()}"
+    if page.parent.name == _OF_A_RIG:
+        copy_of(start, folder)
+    else:
+        shutil.copytree(ROOT / "examples", folder / "examples")
     problems = run_blocks(blocks, folder)
     shutil.rmtree(folder)
     return f"{page.relative_to(ROOT)}: {len(blocks)} blocks, {time.monotonic() - begin_s:.1f} s", problems
