@@ -19,7 +19,6 @@ from pathlib import Path
 from rigctl import cli
 from tests.docs.blocks import NOT_RUN, ROOT, Block, blocks_of, pages
 
-
 # Pages of that folder go on from a rig that has been set up; the others begin with nothing but the examples.
 _OF_A_RIG = "how-to"
 
