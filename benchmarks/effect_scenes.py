@@ -22,8 +22,8 @@ from model.surface.tilt import Tilt
 SETTINGS = Settings(
     wavelengths=2,
     solver=SolverSettings(fine_layers=False, nodes=4, element_depth=0.2, tolerance=1e-3),
-    sky_zeniths=8,
-    sky_azimuths=8,
+    sky_zeniths=16,
+    sky_azimuths=14,
     hemisphere_tolerance=0.05,
     tiles_per_side=2,
     negligible_spread=0.0,

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.accuracy.evaluation.chain import ChainResult, evaluate, scenario_of
+from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading, Readings, differences, readings
 from model.accuracy.evaluation.settings import Settings
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect
+from model.effects.planner import LIGHT
 from model.prediction.quantity_table import SHARES, is_counts
 from model.scene.lit_scene import LitScene
 
@@ -35,7 +36,8 @@ class CheckedEffect:
     bound, actual
         Guaranteed and found.
     with_s, without_s
-        Time of the chain with all effects and without this one, nothing being kept from before [s].
+        Time of the chain with all effects and without this one, nothing being kept from before [s]; of an effect that
+        acts behind the lens, of the chain behind the lens.
     """
 
     effect: Effect
@@ -68,7 +70,7 @@ def check_effects(
     bounds
         Effects to leave out, with their bounds.
     make_store
-        Gives an empty store of lights; every evaluation has its own, so that times can be compared.
+        Gives an empty store of lights; every effect of the light has its own, so that times can be compared.
 
     Raises
     ------
@@ -77,12 +79,17 @@ def check_effects(
     """
     # Of the distribution of DoLP the error must not hide what is to be seen.
     settings = replace(settings, dolp_tolerance=min(settings.dolp_tolerance, _DOLP_TOLERANCE))
-    whole, whole_s = _evaluated(scene, settings, ALL, make_store())
+    store = make_store()
+    whole, whole_s = _evaluated(scene, settings, ALL, store)
+    # What acts behind the lens is compared by the time behind the lens: the light of the store is the same.
+    _, behind_s = _evaluated(scene, settings, ALL, store)
     found = []
     for effect, bound in bounds.items():
-        without, without_s = _evaluated(scene, settings, ALL - {effect}, make_store())
+        is_light = effect in LIGHT
+        without, without_s = _evaluated(scene, settings, ALL - {effect}, make_store() if is_light else store)
         actual = change(whole, without)
-        found.append(CheckedEffect(effect=effect, bound=bound, actual=actual, with_s=whole_s, without_s=without_s))
+        with_s = whole_s if is_light else behind_s
+        found.append(CheckedEffect(effect=effect, bound=bound, actual=actual, with_s=with_s, without_s=without_s))
     return tuple(found)
 
 
@@ -128,14 +135,13 @@ def kind_of(reading: Reading) -> str:
     return "deviations"
 
 
-def readings_of(result: ChainResult, scene: LitScene, store: LightStore) -> Readings:
+def readings_of(result: ChainResult) -> Readings:
     """Return all that a tolerance speaks of, of one evaluation."""
-    scenario = scenario_of(scene, result.settings, effects=result.effects, store=store)
-    return readings(scenario, result.predictions, result.detections)
+    return readings(result.scenario, result.predictions, result.detections)
 
 
 def _evaluated(
     scene: LitScene, settings: Settings, effects: frozenset[Effect], store: LightStore
 ) -> tuple[Readings, float]:
     result = evaluate(scene, settings, effects=effects, store=store)
-    return readings_of(result, scene, store), sum(result.stage_s.values())
+    return readings_of(result), sum(result.stage_s.values())

@@ -10,7 +10,7 @@ from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.budget_allocation import allocate
-from model.accuracy.planning.forecast import Forecast, forecast, seen
+from model.accuracy.planning.forecast import Forecast, forecast, seen, unused
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, Plan, settings_at
 from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.names import ALL, Effect
@@ -107,8 +107,10 @@ def predict(
         raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
     lights = LightStore() if store is None else store
     taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
-    ahead = forecast(scene)
-    plan = allocate(scene, ahead, dict.fromkeys(NUMERICAL_SETTINGS, 1.0), _first_aim(tolerance))
+    ahead = forecast(scene, effects)
+    left_out = unused(effects)
+    scales = {name: 0.0 if name in left_out else 1.0 for name in NUMERICAL_SETTINGS}
+    plan = allocate(scene, ahead, scales, _first_aim(tolerance))
     for rounds in range(1, _ROUNDS + 1):
         settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
         result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)

@@ -49,11 +49,54 @@ class Bound:
             detection=max(self.detection, other.detection),
         )
 
+    def tighter(self, other: "Bound") -> "Bound":
+        """Return the smaller of each."""
+        return Bound(
+            radiance=min(self.radiance, other.radiance),
+            ratios=min(self.ratios, other.ratios),
+            deviations=min(self.deviations, other.deviations),
+            detection=min(self.detection, other.detection),
+        )
+
+    def times(self, factor: float) -> "Bound":
+        """Return each multiplied by a factor, 0 or more."""
+        return Bound(
+            radiance=factor * self.radiance,
+            ratios=factor * self.ratios,
+            deviations=factor * self.deviations,
+            detection=factor * self.detection,
+        )
+
     def holds(self, actual: "Bound", *, rounding: float = 1e-9) -> bool:
         """Return whether an actual change is within the bound, with room for rounding."""
         return all(
             is_within <= limit + rounding for is_within, limit in zip(astuple(actual), astuple(self), strict=True)
         )
+
+
+# Where nothing is known.
+EVERYTHING = Bound(radiance=np.inf, ratios=np.inf, deviations=np.inf, detection=np.inf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """Change of a prediction where an effect is left out, as a coarse evaluation has it; nothing is promised.
+
+    Attributes
+    ----------
+    value
+        The change.
+    error
+        How far it may be off.
+    """
+
+    value: Bound
+    error: Bound
+
+    @property
+    def most(self) -> Bound:
+        """The change with its error."""
+        return self.value + self.error
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,14 +1,17 @@
 """Consequences of an effect: from changes of mean and covariance of a region to bounds of a prediction."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erfc
 
-from model.effects.bound import Bound, Disturbance
+from model.effects.bound import EVERYTHING, Bound, Disturbance
 from model.effects.radiance_bounds import RegionBounds, share_of
 
 FloatArray = NDArray[np.float64]
 
-_EVERYTHING = Bound(radiance=np.inf, ratios=np.inf, deviations=np.inf, detection=np.inf)
+_ANYTHING = replace(EVERYTHING, detection=0.0)
 # S0 falls this many deviations below its mean in one pixel of three million. Where that is nearer to zero than a
 # quarter of the mean nothing is guaranteed: the pixels' DoLP then has hardly any moments.
 _TAIL = 5.0
@@ -20,6 +23,8 @@ _LARGEST_SHARE = 0.3
 # Largest density of the distance of a normal vector from a point, times the least of its deviations. It is the Gaussian
 # surface of a ball: 0.59 about the mean, less elsewhere; a slab, the extreme of convex bodies known, has 0.80.
 _SURFACE = 1.0
+# Statistic of a background that is above in one pixel of 1e12.
+_HARDLY, _PASSED = 60.0, 1e-12
 # Means that are computed in two ways differ by rounding, a share of S0 of this size.
 _ROUNDING = 1e-14
 
@@ -53,7 +58,7 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
         return Bound()
     tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low if bounds.is_known else np.inf
     if not (tail < _LARGEST_TAIL and found.s0 < 0.5 and found.polarised < 0.5 and found.share < _LARGEST_SHARE):
-        return _EVERYTHING
+        return _ANYTHING
     shift = (found.s0 + found.polarised) / (1.0 - found.s0)
     divergence = _divergence(found.share)
     low, high = deviation_limits(bounds)
@@ -61,7 +66,7 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     spread = 2.0 * divergence + divergence**2 + found.share
     spread += _of_gradient(bounds, found, shift=shift, low=low, dolp_low=dolp_low)
     if not spread < 0.5:
-        return _EVERYTHING
+        return _ANYTHING
     moved = shift + (_ROUNDING if dolp_low > 0.0 else 0.0)
     snr = (moved / ((1.0 - tail) * dolp_low) if dolp_low > 0.0 else np.inf) if moved > 0.0 else 0.0
     return Bound(
@@ -88,7 +93,8 @@ def detection_bound(
     Target: two distributions whose covariances differ by x have a total variation of at most c / 2, two whose means
     differ by h deviations at most 0.4 h. Background: another mean is a shift of the target; another covariance moves
     the ellipsoid of detection by at most x sqrt(eta) of its deviations, and a normal vector lies within such a shell
-    with at most its width times the Gaussian surface of a ball over the least deviation of the target along it.
+    with at most its width times the Gaussian surface of a ball over the least deviation of the target along it. Where
+    the two differ in S0 by many deviations a target is missed so rarely, with and without, that nothing more changes.
 
     References
     ----------
@@ -98,12 +104,32 @@ def detection_bound(
         return 0.0
     if not (target.is_known and background.is_known):
         return np.inf
+    missed = _missed(target, of_target, background, of_background, eta=eta)
     if max(of_target.share, of_background.share) >= _LARGEST_SHARE:
-        return np.inf
+        return missed if missed < 1.0 else np.inf
     moved = _shift_in_deviations(of_target, target, target) + _shift_in_deviations(of_background, background, target)
     ratio = share_of(background.cov_high, target.noise_low) if of_background.share > 0.0 else 0.0
     shell = _SURFACE * np.sqrt(eta) * of_background.share * np.sqrt(ratio) if of_background.share > 0.0 else 0.0
-    return float(min(0.4 * moved + 0.5 * _divergence(of_target.share) + shell, 1.0))
+    return float(min(0.4 * moved + 0.5 * _divergence(of_target.share) + shell, missed, 1.0))
+
+
+def _missed(
+    target: RegionBounds, of_target: Disturbance, background: RegionBounds, of_background: Disturbance, *, eta: float
+) -> float:
+    """Largest chance of a miss with or without an effect, by S0 alone; of thresholds that background hardly passes."""
+    shifts = [
+        region.s0_high * (found.s0 + found.factor)
+        for region, found in ((target, of_target), (background, of_background))
+    ]
+    apart = max(target.s0_low - background.s0_high, background.s0_low - target.s0_high) - sum(shifts)
+    of_background_s0, of_target_s0 = (
+        np.sqrt(region.cov_high[0, 0] * (1.0 + found.share))
+        for region, found in ((background, of_background), (target, of_target))
+    )
+    clear = apart - np.sqrt(max(eta, _HARDLY)) * of_background_s0
+    if not (np.isfinite(clear) and clear > 0.0):
+        return 1.0
+    return float(erfc(clear / (np.sqrt(2.0) * of_target_s0))) + _PASSED if of_target_s0 > 0.0 else _PASSED
 
 
 def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:

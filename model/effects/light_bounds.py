@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from model.effects.air_bounds import depth
 from model.effects.bound import NOTHING, UNKNOWN, Disturbance
 from model.effects.radiance_bounds import RegionBounds
 from model.effects.sun_light import SunLight
 from model.scene.falloff import cosine_fourth
-from model.scene.lit_scene import LitScene
+from model.scene.lit_scene import Air, LitScene
 
 # Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
 _POWER = 4.2
@@ -26,17 +25,18 @@ def path_radiance(scene: LitScene, region: RegionBounds, light: SunLight) -> Dis
 def adjacency(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
 
-    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T <= (1 - b) tau / mu arrive.
+    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
     """
-    return _added(scene, region, light.adjacency) if scene.source in ("total", "path") else NOTHING
+    return _added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else NOTHING
 
 
 def field_of_view(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
-    """Return the largest difference over the field from the axis, as a shift of the mean and as a spread.
+    """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
 
     Notes
     -----
-    The beam's light is known at the axis, the middle, the edges and the corners, and may go twice as far between. The
+    The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
+    mean square is at most the largest difference of these. The
     reflected sky changes by at most 2 (1 / m + 4 / mu) of itself per radian, m being the rms slope, the path by
     2 / mu + 10.
     """
@@ -45,29 +45,34 @@ def field_of_view(scene: LitScene, region: RegionBounds, light: SunLight) -> Dis
     if not (region.is_known and light.spread < 1.0):
         return UNKNOWN
     moved = _moved(scene, region, light.spread, light.spread)
-    spread = region.to_channels(2.0 * (light.spread * region.s0_high) ** 2 * np.eye(3))
+    spread = region.to_channels((light.deviation * region.s0_high) ** 2 * np.eye(3))
     return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + region.spatial_share(spread))
 
 
-def wavelengths(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def wavelengths(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
 
     Notes
     -----
     Light L of a depth tau ~ lambda^-4.2 changes by at most K per relative wavelength, K = 4.2 (1 + 2 tau / mu0 +
     2 tau / mu_v), and its curvature is at most K (K + 5). At the mean of the band the slope drops out
-    (`model.atmosphere.spectral_rule`), and the variance of a band of half width d is at most d^2: K (K + 5) d^2 / 2.
+    (`model.atmosphere.spectral_rule`): with the variance v of the relative wavelength over the band K (K + 5) v / 2 of
+    all that the air scatters, but of no more than there may be of it. The transmittance T of the air below the camera,
+    of slant depth x, changes by 4.2 x per relative wavelength and its curvature is at most 4.2 x (4.2 x + 5); weighted
+    by the beam, whose own slope is at most K, it misses 4.2 x (4.2 x + 5 + 2 K) v / 2 of what is reflected.
     """
     if region.region.surface is None or scene.air is None or scene.view is None:
         return NOTHING
     air = scene.air
     if air.table is not None:
         return NOTHING
-    shortest, longest = air.band.limits_m
-    half = 0.5 * (longest / shortest - 1.0)
-    slants = 1.0 / np.cos(air.sun_zenith_rad) + 1.0 / np.cos(scene.view.zenith_rad)
-    steepness = _POWER * (1.0 + 2.0 * depth(air) * slants)
-    missed = 0.5 * steepness * (steepness + 5.0) * half**2
+    slant = 1.0 / np.cos(scene.view.zenith_rad)
+    steepness = _POWER * (1.0 + 2.0 * light.depth * (1.0 / np.cos(air.sun_zenith_rad) + slant))
+    way = _POWER * light.depth_below * slant
+    variance = _relative_variance(air)
+    scattered = min(region.counts_per_radiance * light.added / region.s0_low, 1.0) if region.is_known else 1.0
+    missed = 0.5 * variance * steepness * (steepness + 5.0) * scattered
+    missed += 0.5 * variance * way * (way + 5.0 + 2.0 * steepness)
     return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
 
 
@@ -89,13 +94,21 @@ def falloff(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturba
     return Disturbance(factor=1.0 / found.mean - 1.0, share=found.mean**-4 - 1.0 + region.spatial_share(apart))
 
 
-def _added(scene: LitScene, region: RegionBounds, radiance: float) -> Disturbance:
+def _relative_variance(air: Air) -> float:
+    """Variance over the band of the wavelength over its mean, by its inverse, as at the shortest wavelength."""
+    shares, inverse = air.band.shares, 1.0 / air.band.wavelength_m
+    mean = float(shares @ inverse / np.sum(shares))
+    variance = float(shares @ (inverse / mean - 1.0) ** 2 / np.sum(shares))
+    return variance * float((mean / np.min(inverse[shares > 0.0])) ** 2)
+
+
+def _added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
     if radiance == 0.0:
         return NOTHING
     if not (region.is_known and np.isfinite(radiance)):
         return UNKNOWN
     share = region.counts_per_radiance * radiance / region.s0_low
-    return _moved(scene, region, share, share) if share < 1.0 else UNKNOWN
+    return _moved(scene, region, share, dolp * share) if share < 1.0 else UNKNOWN
 
 
 def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -> Disturbance:

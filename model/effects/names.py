@@ -1,6 +1,7 @@
 """Names of the effects that a scene may call for beyond light on a surface and an ideal camera."""
 
 from enum import StrEnum
+from typing import Literal
 
 
 class Effect(StrEnum):
@@ -24,5 +25,8 @@ class Effect(StrEnum):
     FALLOFF = "off-axis falloff"
     ADJACENCY = "adjacency"
 
+
+# What decides whether an effect is left out: its bound, its estimate where that is the smaller, or nothing.
+EffectRule = Literal["safe", "estimated", "all"]
 
 ALL = frozenset(Effect)

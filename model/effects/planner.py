@@ -7,10 +7,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from model.effects.air_bounds import bound_air
-from model.effects.bound import Bound, Disturbance
+from model.effects.bound import EVERYTHING, Bound, Disturbance, Estimate
 from model.effects.bound_of_change import bound_of, detection_bound
 from model.effects.effect_models import EFFECT_MODELS
-from model.effects.names import ALL, Effect
+from model.effects.names import ALL, Effect, EffectRule
 from model.effects.radiance_bounds import RegionBounds, radiance_bounds
 from model.effects.sun_light import SunLight, beam_lighting, known_light, sun_light
 from model.scene.lit_scene import LitRegion, LitScene
@@ -18,6 +18,10 @@ from model.scene.scenario import RegionLight
 
 # Light of the regions where only these effects act.
 KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]
+# Estimates of effects with these bounds, those that cannot be had left out.
+Estimates = Callable[[Mapping[Effect, Bound]], Mapping[Effect, Estimate]]
+# A bound below this share of the tolerance needs no estimate.
+_SMALL = 0.5
 
 # Effects of the light before the lens: those that cost time.
 LIGHT = frozenset(effect for effect, entry in EFFECT_MODELS.items() if entry.of_light)
@@ -41,6 +45,10 @@ class Decision:
         In words.
     forced
         Whether the user decided.
+    acts_by_bound, acts_by_estimate
+        Whether it is computed by the rule "safe" and by the rule "estimated".
+    estimate
+        What leaving it out is estimated to change; None where that was not asked for, or nothing can tell.
     """
 
     effect: Effect
@@ -48,6 +56,14 @@ class Decision:
     bound: Bound
     reason: str
     forced: bool = False
+    acts_by_bound: bool = True
+    acts_by_estimate: bool = True
+    estimate: Estimate | None = None
+
+    @property
+    def most(self) -> Bound:
+        """The bound, or the estimate with its error where that is smaller."""
+        return self.bound if self.estimate is None else self.bound.tighter(self.estimate.most)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +77,16 @@ class EffectPlan:
     tolerance
         That the sum of what is left out had to stay within.
     spent
-        Sum of the bounds of what the planner left out.
+        Sum of what the planner left out may change: of bounds, or by the rule "estimated" of the smaller of bound and
+        estimate.
+    rule
+        By which it was decided.
     """
 
     decisions: tuple[Decision, ...]
     tolerance: float
     spent: Bound = field(default_factory=Bound)
+    rule: EffectRule = "safe"
 
     @property
     def active(self) -> frozenset[Effect]:
@@ -75,16 +95,30 @@ class EffectPlan:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks for every result: effects that a user left out and that may matter."""
-        return tuple(
-            f"{one.effect} is left out by request, though it may change numbers by {in_words(one.bound)}"
-            for one in self.decisions
-            if one.forced and not one.acts and one.bound.largest > 0.0
+        """Remarks for every result: what a user left out and may matter, and what was left out by an estimate."""
+        return (
+            *(
+                f"{one.effect} is left out by request, though it may change numbers by {in_words(one.bound)}"
+                for one in self.decisions
+                if one.forced and not one.acts and one.bound.largest > 0.0
+            ),
+            *(
+                f"{one.effect} is left out by an estimate: it changes numbers by {in_words(one.most)}; not guaranteed"
+                for one in self.decisions
+                if not one.forced and not one.acts and one.acts_by_bound
+            ),
         )
 
 
 def plan(
-    scene: LitScene, *, tolerance: float, forced: Mapping[Effect, bool] = _NO_CHOICE, known: KnownLight | None = None
+    scene: LitScene,
+    *,
+    tolerance: float,
+    forced: Mapping[Effect, bool] = _NO_CHOICE,
+    known: KnownLight | None = None,
+    rule: EffectRule = "safe",
+    estimates: Estimates | None = None,
+    every_estimate: bool = False,
 ) -> EffectPlan:
     """Return which effects a scene calls for.
 
@@ -99,6 +133,12 @@ def plan(
     known
         Gives the light of the regions where the effects of `LIGHT` are left out that are not in its argument. It is
         called once these are decided, for the bounds of the others; None: they are had from limits of the light.
+    rule
+        By bounds ("safe"), by estimates where these are smaller ("estimated"), or without a decision ("all").
+    estimates
+        Estimates effects, first those of `LIGHT`, then the others; None for no estimates.
+    every_estimate
+        Whether effects are estimated too that their bounds let be left out.
 
     Raises
     ------
@@ -112,16 +152,25 @@ def plan(
     """
     if not tolerance >= 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
+    choice = _Choice(tolerance=tolerance, forced=forced, rule=rule, estimates=estimates, every_estimate=every_estimate)
     limits = light_limits(scene)
-    of_light, spent = _decided(effect_bounds(scene, limits, LIGHT), Bound(), tolerance, forced)
+    of_light, spent = choice.decided(effect_bounds(scene, limits, LIGHT), _Spent())
     if known is not None and any(one.surface is not None for one in scene.regions):
-        left_out = {one.effect for one in of_light if not one.acts}
-        margin = sum(one.bound.radiance for one in of_light if not one.acts)
-        light = known(ALL - left_out)
+        left_out = [one for one in of_light if not one.acts]
+        margin = sum((one.bound if rule == "safe" else one.most).radiance for one in left_out)
+        light = known(ALL - {one.effect for one in left_out})
         limits = {one.name: known_light(one, margin=margin) for one in light} if np.isfinite(margin) else limits
-    others, spent = _decided(effect_bounds(scene, limits, ALL - LIGHT), spent, tolerance, forced)
+    others, spent = choice.decided(effect_bounds(scene, limits, ALL - LIGHT), spent)
     decisions = sorted([*of_light, *others], key=lambda one: one.bound.largest)
-    return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=spent)
+    used = {"safe": spent.by_bound, "estimated": spent.by_estimate, "all": Bound()}[rule]
+    return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=used, rule=rule)
+
+
+def plan_of_all(forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float = 0.0) -> EffectPlan:
+    """Return the plan in which every effect acts that is not left out by request; no bound is looked for."""
+    choice = _Choice(tolerance=tolerance, forced=forced, rule="all")
+    found, _ = choice.decided(dict.fromkeys(Effect, EVERYTHING), _Spent())
+    return EffectPlan(decisions=tuple(found), tolerance=tolerance, rule="all")
 
 
 def effect_bounds(
@@ -175,29 +224,81 @@ def in_words(bound: Bound) -> str:
     return ", ".join(parts) or "nothing"
 
 
-def _decide(effect: Effect, bound: Bound, spent: Bound, tolerance: float, choice: bool | None) -> Decision:
-    if choice is not None:
-        reason = "switched on by request" if choice else "left out by request"
-        return Decision(effect=effect, acts=choice, bound=bound, reason=reason, forced=True)
-    if bound.largest == 0.0:
-        return Decision(effect=effect, acts=False, bound=bound, reason="is not there")
-    total = spent + bound
-    if total.largest <= tolerance:
-        return Decision(effect=effect, acts=False, bound=bound, reason=f"sum {total.largest:.1e} <= {tolerance:.1e}")
-    unknown = "no useful bound" if np.isinf(bound.largest) else f"sum {total.largest:.1e} > {tolerance:.1e}"
-    return Decision(effect=effect, acts=True, bound=bound, reason=unknown)
+@dataclass(frozen=True, kw_only=True)
+class _Spent:
+    """Sum of what may change by what is left out, by either rule."""
+
+    by_bound: Bound = field(default_factory=Bound)
+    by_estimate: Bound = field(default_factory=Bound)
 
 
-def _decided(
-    bounds: Mapping[Effect, Bound], spent: Bound, tolerance: float, forced: Mapping[Effect, bool]
-) -> tuple[list[Decision], Bound]:
-    decisions = []
-    for effect in sorted(bounds, key=lambda one: bounds[one].largest):
-        decision = _decide(effect, bounds[effect], spent, tolerance, forced.get(effect))
-        decisions.append(decision)
-        if not decision.acts and not decision.forced:
-            spent = spent + decision.bound
-    return decisions, spent
+@dataclass(frozen=True, kw_only=True)
+class _Choice:
+    """What decides of an effect."""
+
+    tolerance: float
+    forced: Mapping[Effect, bool]
+    rule: EffectRule
+    estimates: Estimates | None = None
+    every_estimate: bool = False
+
+    def decided(self, bounds: Mapping[Effect, Bound], spent: _Spent) -> tuple[list[Decision], _Spent]:
+        """Return decisions by both rules, and what they spend."""
+        by_bound = self._left_out(bounds, spent.by_bound)
+        there = frozenset(one for one in bounds if bounds[one].largest > 0.0)
+        undecided = there - by_bound.effects - self.forced.keys()
+        found: Mapping[Effect, Estimate] = {}
+        if self.estimates is not None and (undecided or self.every_estimate):
+            least = 0.0 if self.every_estimate else _SMALL * self.tolerance
+            found = self.estimates({one: bounds[one] for one in there if bounds[one].largest > least})
+        most = {one: bound.tighter(found[one].most) if one in found else bound for one, bound in bounds.items()}
+        by_estimate = self._left_out(most, spent.by_estimate)
+        used = by_estimate if self.rule == "estimated" else by_bound
+        decisions = [
+            Decision(
+                effect=effect,
+                acts=self.forced.get(effect, self.rule == "all" or effect not in used.effects),
+                bound=bound,
+                reason=self._reason(effect, used),
+                forced=effect in self.forced,
+                acts_by_bound=effect not in by_bound.effects,
+                acts_by_estimate=effect not in by_estimate.effects,
+                estimate=found.get(effect),
+            )
+            for effect, bound in bounds.items()
+        ]
+        return decisions, _Spent(by_bound=by_bound.spent, by_estimate=by_estimate.spent)
+
+    def _left_out(self, most: Mapping[Effect, Bound], spent: Bound) -> "_LeftOut":
+        effects, sums = set(), {}
+        for effect in sorted(most.keys() - self.forced.keys(), key=lambda one: (most[one].largest, one)):
+            total = spent + most[effect]
+            sums[effect] = total.largest if most[effect].largest > 0.0 else 0.0
+            if sums[effect] <= self.tolerance:
+                effects.add(effect)
+                spent = total
+        return _LeftOut(effects=frozenset(effects), sums=sums, spent=spent)
+
+    def _reason(self, effect: Effect, used: "_LeftOut") -> str:
+        if effect in self.forced:
+            return "switched on by request" if self.forced[effect] else "left out by request"
+        if self.rule == "all":
+            return "every effect acts by request"
+        total = used.sums[effect]
+        if total == 0.0:
+            return "is not there"
+        if np.isinf(total):
+            return "no useful bound"
+        return f"sum {total:.1e} {'<=' if effect in used.effects else '>'} {self.tolerance:.1e}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LeftOut:
+    """Effects that a rule leaves out, the sums that each reached or would have, and the sum of what is left out."""
+
+    effects: frozenset[Effect]
+    sums: Mapping[Effect, float]
+    spent: Bound
 
 
 def _as_given(region: LitRegion) -> RegionLight:

@@ -189,12 +189,12 @@ def _texture_high(region: LitRegion, light: SunLight, *, s0_high: float, scale: 
 
 def _over_field(scene: LitScene, region: LitRegion, light: SunLight, *, s0_high: float, scale: float) -> FloatArray:
     """Upper bound of the covariance over the field of view, by geometry and by the lens."""
-    if not np.isfinite(s0_high * light.spread):
+    if not np.isfinite(s0_high * light.deviation):
         return np.full((3, 3), np.inf)
     lens = scene.imperfections.off_axis_falloff and region.part is not None
     var = cosine_fourth(region.part).var if lens and region.part is not None else 0.0
     geometry = np.zeros((3, 3)) if light.field_cov is None else scale**2 * light.field_cov
-    return np.asarray(geometry + 2.0 * s0_high**2 * (light.spread**2 + var) * np.eye(3))
+    return np.asarray(geometry + s0_high**2 * (light.deviation + np.sqrt(2.0 * var)) ** 2 * np.eye(3))
 
 
 def _spatial_high(

@@ -1,18 +1,19 @@
 """Light of the direct beam alone from a region to the camera: cheap, and the least that there is."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from model import geometry
 from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.unlit import unlit_solution
-from model.effects.air_bounds import AirBounds, depth_below, path_bound
-from model.scene.adjacency import BACKSCATTER
+from model.effects.air_bounds import AirBounds
 from model.scene.aperture_radiance import aperture_lights
-from model.scene.field_of_view import FieldPart, off_axis
+from model.scene.field_of_view import FieldPart, middle, off_axis
 from model.scene.illumination import illuminate
 from model.scene.lit_scene import Air, LitRegion, LitScene
 from model.scene.scenario import RegionLight
@@ -23,6 +24,10 @@ FloatArray = NDArray[np.float64]
 
 # Steps over the hemisphere in the search of the largest pBRDF, and what it is taken times for what they miss.
 _ZENITHS, _AZIMUTHS, _MISSED = 46, 31, 1.5
+# Under air as thick as this the sky sends so much that no sharper bound of it helps.
+_THIN = 0.05
+# Digits of an angle [rad] to which views are one.
+_DIGITS = 2
 # Over a field the beam's light is known at nine directions; between them it may go this much farther.
 _BETWEEN = 2.0
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
@@ -40,8 +45,14 @@ class SunLight:
         Of these.
     sky, path, adjacency
         Upper limits of what sky, path and surroundings add.
+    apart
+        Largest difference of the beam's light from its middle, of directions at which it is known.
     spread
-        Upper limit of the difference between a direction of the field and the axis, over S0.
+        Upper limit of the difference between a direction of the field and its middle, over S0.
+    deviation
+        Upper limit of the root of the mean square of that difference.
+    depth, depth_below
+        Largest optical depth in the band, of all air and of that below the camera.
     texture, field_cov
         Covariance of the texture and over the field, shape (3, 3), where they are known [(W m-2 sr-1)^2].
     """
@@ -54,7 +65,11 @@ class SunLight:
     sky: float = 0.0
     path: float = 0.0
     adjacency: float = 0.0
+    apart: float = 0.0
     spread: float = 0.0
+    deviation: float = 0.0
+    depth: float = np.inf
+    depth_below: float = np.inf
     texture: FloatArray | None = None
     field_cov: FloatArray | None = None
 
@@ -135,7 +150,9 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
     Notes
     -----
     Sky: a surface reflects at most the largest of F00 cos(theta_i) times the sum of the radiance over the sky, and for
-    polarised light twice that. The largest is sought on a grid with the mirror direction, and taken times 1.5.
+    polarised light twice that. The largest is sought on a grid with the mirror direction, and taken times 1.5. A level
+    surface reflects no more than the sum over that grid of F00 cos(theta_i) times the bound of the sky's radiance in
+    each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
 
     References
     ----------
@@ -156,41 +173,99 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
     beams = np.stack([light.reflected_sun for light in lights])
     normal_rad = geometry.angle_between_rad(tilt.normal, _toward(views))
     ground = 2.0 * np.pi * limits.ground_radiance if tilt.tilt_rad > 0.0 else 0.0
-    sky = 2.0 * largest_pbrdf(surface, normal_rad) * (limits.sky_actinic + ground)
-    path = max(_path(air, one, scene.sun_azimuth_rad) for one in views)
+    grid = _PbrdfGrid.of(surface, normal_rad)
+    sky = 2.0 * _MISSED * grid.largest * (limits.sky_actinic + ground)
+    if tilt.tilt_rad == 0.0 and limits.depth < _THIN:
+        sky = min(sky, 2.0 * _MISSED * _reflected_sky(grid, views, limits, air.sun_zenith_rad, scene.sun_azimuth_rad))
+    path = _path(limits, air, views, scene.sun_azimuth_rad)
     found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
-    spread = _spread(found, views, sky=sky, path=path, slope_rms=surface.slope_rms)
-    return replace(found, sky=sky, path=path, adjacency=_adjacency(scene, air, views, limits), spread=spread)
+    of_beam, of_rest = _spread(found, views, sky=sky, path=path, slope_rms=surface.slope_rms)
+    return replace(
+        found,
+        sky=sky,
+        path=path,
+        adjacency=_adjacency(scene, air, views, limits),
+        spread=_BETWEEN * of_beam + of_rest,
+        deviation=of_beam + of_rest,
+        depth=limits.depth,
+        depth_below=limits.depth_below(view.height_m),
+    )
 
 
 def field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
-    """Return the axis and, over a part of the field, its middle, the middles of its edges, and its corners."""
+    """Return the axis or, over a part of the field, its middle, the middles of its edges, and its corners."""
     if part is None:
         return (view,)
-    across, upward = (
-        (np.tan(low), 0.5 * (np.tan(low) + np.tan(high)), np.tan(high))
-        for low, high in ((part.left_rad, part.right_rad), (part.bottom_rad, part.top_rad))
+    across, upward = middle(part)
+    rights, ups = (
+        (np.tan(low), between, np.tan(high))
+        for low, between, high in ((part.left_rad, across, part.right_rad), (part.bottom_rad, upward, part.top_rad))
     )
-    return (view, *(off_axis(view, right=float(x), up=float(y)) for x in across for y in upward))
+    others = [(float(x), float(y)) for x in rights for y in ups if (x, y) != (across, upward)]
+    return tuple(off_axis(view, right=x, up=y) for x, y in ((across, upward), *others))
 
 
-def largest_pbrdf(surface: Surface, theta_r_rad: FloatArray) -> float:
-    """Return the largest of F00 cos(theta_i) over the sky, for the worst of some views [sr-1].
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PbrdfGrid:
+    """F00 cos(theta_i) over the sky for some views [sr-1].
 
-    Parameters
+    Attributes
     ----------
-    theta_r_rad
-        Angles of the views from its normal, shape (K,) [rad].
+    zenith_rad, azimuth_rad
+        Angles from the normal and from the plane of the view, half of it, rising.
+    values
+        View's angle from the normal to the values, shape (zeniths, azimuths).
     """
-    grid = np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS)
-    near = surface.slope_rms * np.linspace(-3.0, 3.0, 13)
-    zenith = np.unique(np.clip(np.concatenate([grid, *(one + near for one in theta_r_rad)]), 0.0, 0.5 * np.pi - 1e-6))
-    azimuth = np.unique(np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)]))
-    found = [
-        mueller(zenith[:, np.newaxis], one, azimuth, surface=surface)[..., 0, 0] * np.cos(zenith)[:, np.newaxis]
-        for one in sorted({round(float(angle), 3) for angle in theta_r_rad})
-    ]
-    return float(_MISSED * np.max(found))
+
+    zenith_rad: FloatArray
+    azimuth_rad: FloatArray
+    values: Mapping[float, FloatArray]
+
+    @classmethod
+    def of(cls, surface: Surface, theta_r_rad: FloatArray) -> "_PbrdfGrid":
+        """Return the grid with the mirror directions of views at some angles from the normal, shape (K,) [rad]."""
+        grid, near = np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), surface.slope_rms * np.linspace(-3.0, 3.0, 13)
+        angles = sorted({_rounded(float(angle)) for angle in theta_r_rad})
+        zenith = np.concatenate([grid, *(one + near for one in angles)])
+        zenith = np.unique(np.clip(zenith, 0.0, 0.5 * np.pi - 1e-6))
+        azimuth = np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)])
+        azimuth = np.unique(np.clip(azimuth, 0.0, np.pi))
+        weight = np.cos(zenith)[:, np.newaxis]
+        values = {
+            one: mueller(zenith[:, np.newaxis], one, azimuth, surface=surface)[..., 0, 0] * weight for one in angles
+        }
+        return cls(zenith_rad=zenith, azimuth_rad=azimuth, values=values)
+
+    @property
+    def largest(self) -> float:
+        """The largest of all."""
+        return float(max(np.max(values) for values in self.values.values()))
+
+
+def _rounded(angle_rad: float) -> float:
+    """Return an angle to digits at which lobes differ by less than what the grid is multiplied by."""
+    return round(angle_rad, _DIGITS)
+
+
+def _reflected_sky(
+    grid: _PbrdfGrid, views: tuple[View, ...], limits: AirBounds, sun_zenith_rad: float, sun_azimuth_rad: float
+) -> float:
+    """Largest over the views of the sum of F00 cos(theta_i) times the bound of the sky over its directions."""
+    zenith, azimuth = grid.zenith_rad[:, np.newaxis], grid.azimuth_rad
+    found = []
+    for angle, off_rad in {(_rounded(one.zenith_rad), round(sun_azimuth_rad - one.azimuth_rad, 2)) for one in views}:
+        both_sides = np.zeros(())
+        for side in (azimuth, -azimuth):
+            toward = np.cos(zenith) * np.cos(sun_zenith_rad) + np.sin(zenith) * np.sin(sun_zenith_rad) * np.cos(
+                side - off_rad
+            )
+            scattering = np.arccos(np.clip(toward, -1.0, 1.0))
+            both_sides = both_sides + limits.sky(
+                zenith_rad=np.broadcast_to(zenith, scattering.shape), scattering_rad=scattering
+            )
+        rows = trapezoid(grid.values[angle] * both_sides, azimuth, axis=-1)
+        found.append(float(trapezoid(rows * np.sin(grid.zenith_rad), grid.zenith_rad)))
+    return max(found)
 
 
 def black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
@@ -203,7 +278,8 @@ def _beams_between(beams: FloatArray, *, is_counted: bool) -> SunLight:
     """Limits of the beam's light between directions at which it is known; none where it does not count."""
     if not is_counted:
         return SunLight(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
-    apart = (_BETWEEN - 1.0) * float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
+    known = float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
+    apart = (_BETWEEN - 1.0) * known
     polarised = np.hypot(beams[:, 1], beams[:, 2])
     # A channel gets at most half of S0 and of the polarised light, 0.71 of the length of a change.
     reach = np.array([2.0 * apart, 0.0, 0.0])
@@ -214,46 +290,46 @@ def _beams_between(beams: FloatArray, *, is_counted: bool) -> SunLight:
         s0_high=float(beams[:, 0].max()) + apart,
         polarised_low=max(float(polarised.min()) - apart, 0.0),
         polarised_high=float(polarised.max()) + apart,
+        apart=known,
     )
 
 
-def _spread(light: SunLight, views: tuple[View, ...], *, sky: float, path: float, slope_rms: float) -> float:
-    """Largest difference over the field from the axis, over S0.
+def _spread(
+    light: SunLight, views: tuple[View, ...], *, sky: float, path: float, slope_rms: float
+) -> tuple[float, float]:
+    """Largest difference over the field from its middle, over S0: of the beam where it is known, and of the rest.
 
     The reflected sky changes with the view as fast as the lobe is narrow; it is at most all of the light.
     """
     if len(views) == 1:
-        return 0.0
+        return 0.0, 0.0
     if light.s0_low <= 0.0:
-        return np.inf
+        return np.inf, 0.0
     toward = _toward(views)
     angle = float(np.max(geometry.angle_between_rad(toward[0], toward[1:])))
     slant = 1.0 / min(float(np.cos(view.zenith_rad)) for view in views)
-    of_beam = _BETWEEN * float(np.max(np.linalg.norm(light.beams - light.beams[0], axis=-1))) / light.s0_low
+    of_beam = light.apart / light.s0_low
     of_sky = angle * 2.0 * (1.0 / slope_rms + 4.0 * slant) * min(1.0, sky / light.s0_low)
     of_path = angle * (2.0 * slant + 10.0) * min(1.0, path / light.s0_low)
-    return of_beam + of_sky + of_path
+    return of_beam, of_sky + of_path
 
 
-def _path(air: Air, view: View, sun_azimuth_rad: float) -> float:
+def _path(limits: AirBounds, air: Air, views: tuple[View, ...], sun_azimuth_rad: float) -> float:
     sun = geometry.direction(zenith_rad=air.sun_zenith_rad, azimuth_rad=sun_azimuth_rad)
-    camera = geometry.direction(zenith_rad=view.zenith_rad, azimuth_rad=view.azimuth_rad)
-    return path_bound(
-        air,
-        height_m=view.height_m,
-        view_zenith_rad=view.zenith_rad,
-        scattering_rad=float(geometry.angle_between_rad(-sun, camera)),
+    return limits.path(
+        height_m=views[0].height_m,
+        view_zenith_rad=np.array([view.zenith_rad for view in views]),
+        scattering_rad=geometry.angle_between_rad(-sun, _toward(views)),
     )
 
 
 def _adjacency(scene: LitScene, air: Air, views: tuple[View, ...], limits: AirBounds) -> float:
-    """Since T^b - T is the integral of -ln(T) T^x over x from b to 1, it is at most (1 - b) (-ln T), and at most 1."""
+    """Most that the surroundings add: T^b - T of their light beyond that of the mean ground (`AirBounds.mixed_in`)."""
     around = scene.imperfections.surround_albedo
     if around is None or around == air.ground_albedo:
         return 0.0
-    (height_m,) = {view.height_m for view in views}
     slant = 1.0 / min(float(np.cos(view.zenith_rad)) for view in views)
-    mixed = min((1.0 - BACKSCATTER) * depth_below(air, height_m=height_m) * slant, 1.0) if height_m > 0.0 else 0.0
+    mixed = limits.mixed_in(height_m=views[0].height_m, slant=slant)
     return abs(around - air.ground_albedo) / np.pi * limits.received * mixed if mixed > 0.0 else 0.0
 
 

@@ -1,7 +1,7 @@
 """Radiance at the aperture: reflected sun, reflected sky and path, kept apart."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,11 @@ class ApertureLight:
     def total(self) -> FloatArray:
         """All of it, [MK14] eq. (6)."""
         return self.reflected + self.path
+
+    def with_parts(self, *, skylight: bool, path: bool) -> "ApertureLight":
+        """Return the same light without what the sky or the path sends."""
+        found = self if path else replace(self, path=np.zeros(3))
+        return found if skylight else replace(found, reflected_sky=np.zeros(3), error=0.0, rules=_NO_RULES)
 
 
 def aperture_lights(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from model.moments import Moments
 from model.scene.aperture_radiance import ApertureLight
-from model.scene.field_of_view import FieldPart, Tile, TileRule, off_axis, tiles
+from model.scene.field_of_view import FieldPart, Tile, TileRule, middle, off_axis, tiles
 from model.scene.hemisphere import Rules
 from model.scene.view import View
 
@@ -53,6 +53,12 @@ class FieldLight:
     def mean(self, source: Source = "total") -> FloatArray:
         """Return the mean Stokes radiance of the tiles, shape (3,), [MK14] eq. (8)."""
         return np.asarray(np.array(self.weights) @ self._values(source))
+
+    def with_parts(self, *, skylight: bool, path: bool) -> "FieldLight":
+        """Return the same light without what the sky or the path sends."""
+        lights = tuple(one.with_parts(skylight=skylight, path=path) for one in self.lights)
+        finer = {place: one.with_parts(skylight=skylight, path=path) for place, one in self.finer.items()}
+        return replace(self, lights=lights, finer=finer)
 
     def moments(
         self,
@@ -140,10 +146,7 @@ def light_over_field(
     """
     if part is None:
         return FieldLight(lights=lights_at((view,), None), weights=(1.0,), spread=0.0)
-    across, upward = (
-        0.5 * (np.tan(low) + np.tan(high))
-        for low, high in ((part.left_rad, part.right_rad), (part.bottom_rad, part.top_rad))
-    )
+    across, upward = middle(part)
     (centre,) = lights_at((off_axis(view, right=across, up=upward),), None)
     edges = [(np.tan(x), upward) for x in (part.left_rad, part.right_rad)]
     edges += [(across, np.tan(y)) for y in (part.bottom_rad, part.top_rad)]

@@ -149,6 +149,15 @@ def tiles(part: FieldPart, view: View, *, per_side: int, rule: TileRule = "gauss
     )
 
 
+def middle(part: FieldPart) -> tuple[float, float]:
+    """Return the tangents of the angles from the axis to the middle of a part of the field, to the right and up."""
+    across, upward = (
+        0.5 * float(np.tan(low) + np.tan(high))
+        for low, high in ((part.left_rad, part.right_rad), (part.bottom_rad, part.top_rad))
+    )
+    return across, upward
+
+
 def off_axis(view: View, *, right: float, up: float) -> View:
     """Return the view of the ground that a camera sees beside its axis.
 

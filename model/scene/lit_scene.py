@@ -132,7 +132,7 @@ class LightParts:
     Attributes
     ----------
     field_of_view
-        Over a region's part of the field; without it, in the axis alone.
+        Over a region's part of the field; without it, in the middle of that alone.
     skylight
         Reflected by the regions.
     path_radiance

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rigctl.console.terminal import print_json, progress, results
+from rigctl.files.choices import EffectRule
 
 # A bound that does not hold is a fault of the program's own.
 _EXIT_VIOLATION = 70
@@ -16,7 +17,15 @@ def command(
     tolerance: Annotated[
         float, typer.Option(metavar="T", min=1e-9, max=1.0, help="Of a prediction; effects may take half of it.")
     ] = 0.01,
-    verify: Annotated[bool, typer.Option("--verify", help="Evaluate what is left out, and its time.")] = False,
+    rule: Annotated[
+        EffectRule,
+        typer.Option(
+            "--effects", metavar="RULE", help="Leave out by bounds (safe), by estimates (estimated), or not (all)."
+        ),
+    ] = "safe",
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Evaluate every effect, acting or not: what it changes, and its time.")
+    ] = False,
     switched_on: Annotated[list[str] | None, typer.Option("--with", metavar="NAME", help="Let an effect act.")] = None,
     left_out: Annotated[
         list[str] | None, typer.Option("--without", metavar="NAME", help="Leave an effect out, whatever its bound.")
@@ -30,7 +39,8 @@ def command(
 
     An effect is left out while the sum of the bounds of all that is stays within half of the tolerance. Bounds: of
     radiance and counts (relative), of DoLP, S1/S0, S2/S0 (absolute), of deviations and SNR (relative), of probabilities
-    of detection (absolute). --verify evaluates the chain with and without; a bound that does not hold is an error.
+    of detection (absolute). Beside the bound stands an estimate by a coarse evaluation, with its error; --effects says
+    which of both decides. --verify evaluates the chain with and without each; a bound that does not hold is an error.
 
     Example: rigctl effects examples/scene-panels.toml --tolerance 0.02 --verify
     """
@@ -45,6 +55,7 @@ def command(
         switched_on=switched_on or (),
         left_out=left_out or (),
         noise=noise,
+        rule=rule,
     )
     checked = planned.verification
     if as_json:

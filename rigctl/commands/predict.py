@@ -10,7 +10,7 @@ import typer
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError
-from rigctl.files.choices import Engine, LightPart, SnrKind
+from rigctl.files.choices import EffectRule, Engine, LightPart, SnrKind
 from rigctl.reports.writers.terminal_table import terminal_table
 
 if TYPE_CHECKING:
@@ -61,6 +61,14 @@ def command(
         bool,
         typer.Option("--estimated-only", help="With --tolerance: aerosol = spheres too; its errors are no promises."),
     ] = False,
+    rule: Annotated[
+        EffectRule | None,
+        typer.Option(
+            "--effects",
+            metavar="RULE",
+            help="With --tolerance: effects go by bounds (safe, the default), by estimates (estimated), or act (all).",
+        ),
+    ] = None,
     switched_on: Annotated[
         list[str] | None, typer.Option("--with", metavar="NAME", help="Let an effect act (rigctl effects lists them).")
     ] = None,
@@ -106,6 +114,8 @@ def command(
         raise ConfigError("--tolerance: goes with one --sweep; a grid takes the settings of the scene file")
     if estimated_only and tolerance is None:
         raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
+    if rule is not None and (tolerance is None or ranges):
+        raise ConfigError("--effects: is of one prediction to a tolerance; give --tolerance T, and no --sweep")
     if tolerance is not None and uncertainty:
         raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
     request = PredictRequest(
@@ -116,6 +126,7 @@ def command(
         engine=engine,
         switched_on=tuple(switched_on or ()),
         left_out=tuple(left_out or ()),
+        rule=rule or "safe",
         changes=parse_changes(changes or ()),
         roc=roc,
     )

@@ -16,6 +16,9 @@ ScaleKind = Literal["absolute", "panel", "free"]
 # Parts of the light of a material, as `model.scene.field_light.Source` has them.
 LightPart = Literal["total", "reflected", "reflected_sun", "reflected_sky", "path"]
 
+# What decides whether an effect is left out, as `model.effects.names.EffectRule` has it.
+EffectRule = Literal["safe", "estimated", "all"]
+
 # Vectors that the RX detector works on: Stokes parameters, or the counts behind each angle of the polarizer.
 RocKind = Literal["stokes", "intensity"]
 ROC_KINDS: tuple[RocKind, ...] = get_args(RocKind)

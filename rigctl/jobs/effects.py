@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from model.effects.names import EffectRule
 from model.effects.planner import EffectPlan
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.files.scene_file import load_scene
@@ -21,7 +22,7 @@ class PlannedEffects:
     plan : EffectPlan
         The decisions.
     verification : Verification or None
-        What leaving out truly changes, where that was asked for.
+        What leaving out each truly changes, where that was asked for.
     remarks : tuple of str
         What is assumed.
     """
@@ -39,6 +40,7 @@ def plan_scene_effects(
     switched_on: Sequence[str] = (),
     left_out: Sequence[str] = (),
     noise: Path | None = None,
+    rule: EffectRule = "safe",
 ) -> PlannedEffects:
     """Return which effects a scene calls for, and why.
 
@@ -49,11 +51,13 @@ def plan_scene_effects(
     tolerance : float
         Of a prediction, 1e-9 to 1; effects may take half of it.
     verify : bool
-        Evaluate what is left out, and its time.
+        Evaluate every effect, whether it acts or not, and its time.
     switched_on, left_out : sequence of str
         Names of effects that are forced.
     noise : Path or None
         Noise calibration, in place of the assumed noise.
+    rule : {"safe", "estimated", "all"}
+        By bounds, by estimates, or without leaving out what is there.
 
     Raises
     ------
@@ -62,7 +66,7 @@ def plan_scene_effects(
     """
     chosen = with_choices(load_scene(scene), switched_on=switched_on, left_out=left_out)
     record = scene_of_file(chosen, None if noise is None else read_noise_file(noise))
-    planned = plan_effects(record, tolerance=tolerance)
+    planned = plan_effects(record, tolerance=tolerance, rule=rule, every_estimate=True)
     return PlannedEffects(
         plan=planned.plan, verification=verify_effects(planned) if verify else None, remarks=planned.remarks
     )

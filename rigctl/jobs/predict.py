@@ -19,7 +19,7 @@ from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
 from rigctl.comparison.remarks import model_warnings
 from rigctl.comparison.scale import with_panel_scale
-from rigctl.files.choices import Engine, LightPart, RocKind, SnrKind
+from rigctl.files.choices import EffectRule, Engine, LightPart, RocKind, SnrKind
 from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.numbers.utc_time import utc_text
 from rigctl.prediction.performance import Performance, performance_of
@@ -50,6 +50,8 @@ class PredictRequest:
         What solves the sky.
     switched_on, left_out : tuple of str
         Effects that act, or do not, whatever they change.
+    rule : {"safe", "estimated", "all"}
+        What decides of the others where a tolerance leaves any out: bounds, estimates, or nothing.
     changes : mapping
         Numbers of the scene in the place of those of the file and of the calibrations, by their keys.
     roc : str or None
@@ -63,6 +65,7 @@ class PredictRequest:
     engine: Engine = "own"
     switched_on: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    rule: EffectRule = "safe"
     changes: Mapping[str, float] = field(default_factory=dict)
     roc: str | None = None
 
@@ -171,7 +174,7 @@ def predict_scene_to(
     """
     predictor, doubts = _predictor(request)
     pair = _pair(request, predictor)
-    effects = predictor.effect_plan(tolerance)
+    effects = predictor.effect_plan(tolerance, rule=request.rule)
     found = predictor.to_tolerance(tolerance, effects=effects, estimated_only=estimated_only)
     return PredictedToTolerance(
         found=found,

@@ -6,11 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.accuracy.effect_estimates import estimate_effects
 from model.accuracy.evaluation.chain import Clock
 from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction
 from model.accuracy.predict_to_tolerance import predict as predict_to
 from model.accuracy.series_to_tolerance import SeriesPrediction, predict_series
-from model.effects.planner import EffectPlan, plan
+from model.effects.bound import Bound, Estimate
+from model.effects.names import Effect, EffectRule
+from model.effects.planner import LIGHT, EffectPlan, plan, plan_of_all
 from model.prediction.prediction import RegionPrediction, predict
 from model.prediction.rig_errors import predict_with_errors
 from model.scene.field_light import FieldLight, Source
@@ -167,8 +170,10 @@ class ScenePredictor:
             raise ConfigError(f"scene {of.name}: {error}") from error
         return lit_scene(of, sensor=sensor, readout=self._readout, source=self._source)
 
-    def effect_plan(self, tolerance: float) -> EffectPlan:
+    def effect_plan(self, tolerance: float, *, rule: EffectRule = "safe") -> EffectPlan:
         """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
+
+        By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds.
 
         Raises
         ------
@@ -177,8 +182,17 @@ class ScenePredictor:
         """
         # The least tolerance has nothing to share.
         share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
+        lit, forced = self.lit_scene(), forced_effects(self.scene)
+        if rule == "all":
+            return plan_of_all(forced, tolerance=share)
+
+        def estimated(bounds: Mapping[Effect, Bound]) -> dict[Effect, Estimate]:
+            of_light = {effect: bound for effect, bound in bounds.items() if effect in LIGHT}
+            return estimate_effects(lit, of_light, limit=share, store=self._light.lights)
+
         try:
-            return plan(self.lit_scene(), tolerance=share, forced=forced_effects(self.scene))
+            estimates = estimated if rule == "estimated" else None
+            return plan(lit, tolerance=share, forced=forced, rule=rule, estimates=estimates)
         except ValueError as error:
             raise ConfigError(f"scene {self.scene.name}: {error}") from error
 

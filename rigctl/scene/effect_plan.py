@@ -1,11 +1,14 @@
 """Planning of effects: those that a scene calls for, and what leaving the others out truly changes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
+from model.accuracy.effect_estimates import estimate_effects
 from model.accuracy.evaluation.chain import scenario_of
 from model.accuracy.evaluation.settings import Settings
-from model.effects.names import ALL, Effect
+from model.effects.bound import Bound, Estimate
+from model.effects.names import ALL, Effect, EffectRule
 from model.effects.planner import EffectPlan, plan
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
@@ -42,12 +45,12 @@ class PlannedScene:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verification:
-    """Effects that are left out, evaluated.
+    """All effects, evaluated one at a time, whether they act or not.
 
     Attributes
     ----------
     checked
-        One for each that is left out.
+        One for each.
     all_s, planned_s
         Time of the whole chain with all effects and with those that act, nothing being kept from before [s].
     """
@@ -62,8 +65,28 @@ class Verification:
         return tuple(one for one in self.checked if not one.holds)
 
 
-def plan_effects(scene: Scene, *, tolerance: float, light: SceneLight | None = None) -> PlannedScene:
+def plan_effects(
+    scene: Scene,
+    *,
+    tolerance: float,
+    rule: EffectRule = "safe",
+    every_estimate: bool = False,
+    light: SceneLight | None = None,
+) -> PlannedScene:
     """Return which effects a scene calls for at a tolerance, of which these may take one half.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    tolerance
+        Of a prediction.
+    rule
+        By bounds, by estimates, or not at all.
+    every_estimate
+        Whether effects are estimated too that need no estimate for the decision.
+    light
+        Keeps skies between calls.
 
     Raises
     ------
@@ -77,22 +100,33 @@ def plan_effects(scene: Scene, *, tolerance: float, light: SceneLight | None = N
     def known(effects: frozenset[Effect]) -> tuple[RegionLight, ...]:
         return scenario_of(lit, settings, effects=effects, store=computer.lights).regions
 
+    def estimated(bounds: Mapping[Effect, Bound]) -> dict[Effect, Estimate]:
+        return estimate_effects(lit, bounds, store=computer.lights)
+
     try:
-        found = plan(lit, tolerance=SHARE * tolerance, forced=forced_effects(scene), known=known)
+        found = plan(
+            lit,
+            tolerance=SHARE * tolerance,
+            forced=forced_effects(scene),
+            known=known,
+            rule=rule,
+            estimates=estimated if rule == "estimated" or every_estimate else None,
+            every_estimate=every_estimate,
+        )
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}: {error}") from error
     return PlannedScene(scene=lit, settings=settings, plan=found, remarks=(*scene.remarks, *found.remarks))
 
 
 def verify_effects(planned: PlannedScene) -> Verification:
-    """Return what leaving out each effect that is left out truly changes.
+    """Return what leaving out each effect truly changes, whether it acts or not.
 
     Raises
     ------
     ConfigError
         A number is outside its range.
     """
-    bounds = {one.effect: one.bound for one in planned.plan.decisions if not one.acts}
+    bounds = {one.effect: one.bound for one in planned.plan.decisions}
     try:
         return Verification(
             checked=check_effects(planned.scene, planned.settings, bounds),

@@ -8,7 +8,7 @@ from math import isqrt
 import numpy as np
 
 from model.accuracy.estimates.light_error import LightError
-from model.accuracy.estimates.sensitivity import Changes, changes, grown, over_field, steps
+from model.accuracy.estimates.sensitivity import NO_STEPS, Changes, changes, grown, over_field, steps
 from model.accuracy.evaluation.chain import ChainResult, region_light
 from model.accuracy.evaluation.quantities import Reading, readings
 from model.accuracy.planning.numerical_settings import DOLP, ROC, TILES
@@ -83,14 +83,17 @@ def _of_region(
     scene: LitScene, result: ChainResult, region: RegionLight, errors: Mapping[str, LightError], *, tolerance: float
 ) -> Iterator[tuple[str, Changes]]:
     """Yield settings and their changes: by their errors, by the differences of these over the field, by the tiles."""
+    errors = {setting: error for setting, error in errors.items() if not error.is_nothing}
     differ = sum((error.field for error in errors.values()), np.zeros(3))
-    stepped = steps(region, tolerance=tolerance)
+    stepped = steps(region, tolerance=tolerance) if errors else NO_STEPS
     others: dict[str, RegionLight] = {}
     is_known = bool(np.all(np.isfinite(differ)))
     if is_known and np.any(differ):
         others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
     if (finer := on_more_tiles(scene, result, region.name)) is not None:
         others[TILES] = finer
+    if not errors and not others:
+        return
     found = changes(scene, result, region.name, (*stepped.lights, *others.values()))
     moves = stepped.per_unit(found[: len(stepped.lights)])
     changed = dict(zip(others, found[len(stepped.lights) :], strict=True))

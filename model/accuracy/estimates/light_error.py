@@ -11,7 +11,15 @@ from model.accuracy.estimates.refined_reference import Pair, ends_of_band, refin
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import Settings
-from model.accuracy.planning.numerical_settings import HEMISPHERE, NUMERICAL_SETTINGS, SKY_GRID, WAVELENGTHS, Plan
+from model.accuracy.planning.forecast import unused
+from model.accuracy.planning.numerical_settings import (
+    HEMISPHERE,
+    NUMERICAL_SETTINGS,
+    SKY_GRID,
+    STREAMS,
+    WAVELENGTHS,
+    Plan,
+)
 from model.accuracy.planning.spectral_error import SpectralError, spectral_error
 from model.scene.aperture_radiance import ApertureLight
 from model.scene.field_light import FieldLight, Source
@@ -64,6 +72,11 @@ class LightError:
     apart: FloatArray
     field: FloatArray
 
+    @property
+    def is_nothing(self) -> bool:
+        """True if there is no error at all."""
+        return not (np.any(self.together) or np.any(self.apart) or np.any(self.field))
+
 
 _NO_ROWS = np.zeros((0, 3))
 _NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=np.zeros(3))
@@ -86,12 +99,17 @@ def light_errors(
         Solves the refined references.
     tolerance
         That is asked for; what is far below it need not be looked at closely.
+
+    Notes
+    -----
+    A setting of which the effects that act make no use has no error: what leaving an effect out changes is bounded
+    elsewhere.
     """
     found: dict[str, dict[str, LightError]] = {setting: {} for setting in NUMERICAL_SETTINGS}
     if result.illumination is None or scene.air is None:
         return found
-    lighting = result.illumination.lighting
-    pairs = refined_references(scene.air, plan, result.settings, lighting, store)
+    lighting, idle = result.illumination.lighting, unused(result.effects)
+    pairs = {} if STREAMS in idle else refined_references(scene.air, plan, result.settings, lighting, store)
     skies = {setting: _difference(pair) for setting, pair in pairs.items()}
     skies_of_ends = tuple(end.sky for end in ends_of_band(lighting))
     grid = _Grid(skies=skies_of_ends, settings=result.settings, illumination=result.illumination)
@@ -102,8 +120,10 @@ def light_errors(
         lines = lines_of_sight(scene, region, light)
         for setting, pair in pairs.items():
             found[setting][region.name] = _between(pair, skies[setting], lines, scene.source)
-        if scene.air.state is not None:
+        if scene.air.state is not None and WAVELENGTHS not in idle:
             found[WAVELENGTHS][region.name] = _of_wavelengths(scene.air, result.settings, lines, scene.source)
+        if HEMISPHERE in idle:
+            continue
         found[SKY_GRID][region.name] = _of_grid(grid, light, lines, scene.source, tolerance=tolerance)
         found[HEMISPHERE][region.name] = _of_hemisphere(lines, grid.largest, scene.source)
     return found

@@ -46,6 +46,9 @@ class Steps:
         return tuple({key: change / size for key, change in each.items()} for each, size in pairs)
 
 
+NO_STEPS = Steps(sizes=np.zeros(0), lights=())
+
+
 def steps(region: RegionLight, *, tolerance: float) -> Steps:
     """Return steps small beside what bends the curve of a quantity, and large beside its rounding; none in the dark.
 
@@ -62,7 +65,7 @@ def steps(region: RegionLight, *, tolerance: float) -> Steps:
     """
     size = max(_STEP * tolerance, _LEAST_STEP) * abs(float(region.stokes_radiance[0]))
     if size == 0.0:
-        return Steps(sizes=np.zeros(0), lights=())
+        return NO_STEPS
     sizes = np.array([_step(region, component, size) for component in range(3)])
     lights = tuple(_moved(region, component, step) for component, step in enumerate(sizes.tolist()))
     return Steps(sizes=sizes, lights=lights)

@@ -18,7 +18,7 @@ from model.atmosphere.solver import solve
 from model.atmosphere.transfer.layers import Layer
 from model.scene.aperture_radiance import ApertureLight, aperture_lights
 from model.scene.field_light import FieldLight, light_over_field, light_over_tiles
-from model.scene.field_of_view import FieldPart
+from model.scene.field_of_view import FieldPart, middle, off_axis
 from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination, illuminate
 from model.scene.lit_scene import ALL_LIGHT, Air, LightParts, LitRegion
@@ -59,6 +59,9 @@ def _facts(layer: Layer) -> Hashable:
 
 # A sky is asked for again by the next region, the next geometry, or not at all; lights by a sweep or a derivative.
 _SKIES, _LIGHTS = 16, 512
+
+# Light that varies by less over a field is the same throughout, whatever parts of it count.
+_NEVER = 1e-9
 
 Made = TypeVar("Made")
 
@@ -144,12 +147,23 @@ class LightStore:
         ValueError
             The region's radiance is given, or a number is outside its range.
         """
-        part = region.part if parts.field_of_view else None
-        key = (
-            _sky_key(air, settings, parts),
-            (sun_azimuth_rad, view, region.surface, region.tilt, part),
-            (settings.hemisphere_tolerance, settings.tiles_per_side, settings.tile_rule, settings.negligible_spread),
-        )
+        part = region.part
+        if part is not None and not parts.field_of_view:
+            across, upward = middle(part)
+            view, part = off_axis(view, right=across, up=upward), None
+
+        def key_of(parts: LightParts) -> object:
+            return (
+                _sky_key(air, settings, parts),
+                (sun_azimuth_rad, view, region.surface, region.tilt, part, parts.skylight, parts.path_radiance),
+                (settings.hemisphere_tolerance, settings.tiles_per_side, settings.tile_rule),
+                settings.negligible_spread,
+            )
+
+        whole, key = replace(parts, skylight=True, path_radiance=True), key_of(parts)
+        if parts != whole and settings.negligible_spread <= _NEVER and key_of(whole) in self._lights:
+            # What is left out of light that is known needs no computing.
+            return self._lights[key_of(whole)].with_parts(skylight=parts.skylight, path=parts.path_radiance)
 
         def made() -> FieldLight:
             illumination = self.illumination(air, settings, sun_azimuth_rad=sun_azimuth_rad, parts=parts)
@@ -261,7 +275,7 @@ def _sky_key(air: Air, settings: Settings, parts: LightParts) -> object:
         settings.sky_zeniths,
         settings.sky_azimuths,
     )
-    return (air.key, numbers, parts.skylight, parts.path_radiance)
+    return (air.key, numbers, parts.skylight, _scatters(parts))
 
 
 def _black(*, zenith_rad: object, phi_rad: object) -> np.ndarray:

@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.planning.numerical_settings import (
+    HEMISPHERE,
+    LAYERS,
     NUMERICAL_SETTINGS,
+    SKY_GRID,
     STREAMS,
     TILES,
     WAVELENGTHS,
@@ -21,6 +24,7 @@ from model.accuracy.planning.numerical_settings import (
 )
 from model.accuracy.planning.spectral_error import spectral_errors
 from model.atmosphere.profile import column
+from model.effects.names import ALL, Effect
 from model.quadrature import gauss_legendre
 from model.scene.lit_scene import Air, LitScene
 
@@ -51,13 +55,15 @@ class Forecast:
         return sum(scales[name] * self.errors[name][level] for name, level in plan.items())
 
 
-def forecast(scene: LitScene) -> Forecast:
+def forecast(scene: LitScene, effects: frozenset[Effect] = ALL) -> Forecast:
     """Return the likely errors and efforts of all levels of all settings.
 
     Parameters
     ----------
     scene
         To be predicted.
+    effects
+        That act; without that of the wavelengths nothing is asked of the band.
 
     Notes
     -----
@@ -66,12 +72,32 @@ def forecast(scene: LitScene) -> Forecast:
     """
     errors = {name: tuple(level.error for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}
     efforts = {name: tuple(level.effort for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}
-    found = [_of_wavelengths(air) for air in _computed(scene)]
+    found = [_of_wavelengths(air) for air in _computed(scene) if Effect.WAVELENGTHS in effects]
     if found:
         errors[WAVELENGTHS] = tuple(max(each) for each in zip(*(error for error, _ in found), strict=True))
         efforts[WAVELENGTHS] = tuple(max(each) for each in zip(*(effort for _, effort in found), strict=True))
+    if _computed(scene):
         errors[STREAMS] = _of_streams(max(_asymmetry(air) for air in _computed(scene)))
     return Forecast(errors=errors, efforts=efforts)
+
+
+def unused(effects: frozenset[Effect]) -> frozenset[str]:
+    """Return the settings that say nothing where only some effects act: each is then at its lowest level.
+
+    Parameters
+    ----------
+    effects
+        That act.
+    """
+    rests_on = {
+        WAVELENGTHS: {Effect.WAVELENGTHS},
+        TILES: {Effect.FIELD_OF_VIEW},
+        SKY_GRID: {Effect.SKYLIGHT},
+        HEMISPHERE: {Effect.SKYLIGHT},
+        STREAMS: {Effect.SKYLIGHT, Effect.PATH_RADIANCE},
+        LAYERS: {Effect.SKYLIGHT, Effect.PATH_RADIANCE},
+    }
+    return frozenset(setting for setting, needed in rests_on.items() if not needed & effects)
 
 
 def seen(ahead: Forecast, scene: LitScene, result: ChainResult) -> Forecast:

@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict, dataclass
 from functools import partial
 
+from model.accuracy.effect_check import CheckedEffect
 from model.effects.bound import Bound
 from model.effects.effect_models import EFFECT_MODELS
 from model.effects.names import Effect
@@ -20,21 +21,23 @@ _KINDS = ("radiance", "ratios", "deviations", "detection")
 @dataclass(frozen=True, kw_only=True)
 class _EffectRow:
     decision: Decision
-    actual: Bound | None = None
+    checked: CheckedEffect | None = None
 
 
 def effects_table(plan: EffectPlan, checked: Verification | None) -> Table[_EffectRow]:
-    """Return the effects, with what those left out truly change where that was found out."""
-    found = _actual(checked)
+    """Return the effects: bound, estimate and both decisions, and the true change where that was found out."""
+    found = _by_effect(checked)
     columns: tuple[Column[_EffectRow], ...] = (
         Column(title="effect", text=_name, left=True),
-        Column(title="decision", text=lambda row: "acts" if row.decision.acts else "left out", left=True),
+        Column(title="here", text=lambda row: _said(row.decision.acts), left=True),
+        Column(title="safe", text=lambda row: _said(row.decision.acts_by_bound), left=True),
+        Column(title="est.", text=lambda row: _said(row.decision.acts_by_estimate), left=True),
         *(Column(title=kind, text=partial(_limit, kind=kind), unbroken=True) for kind in _KINDS),
         Column(title="reason", text=lambda row: row.decision.reason, left=True),
-        Column(title="cost", text=lambda row: EFFECT_MODELS[row.decision.effect].cost, left=True),
+        Column(title="cost" if checked is None else "time", text=_cost, left=True),
     )
-    rows = tuple(_EffectRow(decision=one, actual=found.get(one.effect)) for one in plan.decisions)
-    return Table(title=_title(plan), columns=columns, rows=rows)
+    rows = tuple(_EffectRow(decision=one, checked=found.get(one.effect)) for one in plan.decisions)
+    return Table(title=_title(plan, checked), columns=columns, rows=rows)
 
 
 def taken_table(found: EffectsTaken) -> Table[_EffectRow]:
@@ -56,8 +59,9 @@ def taken_table(found: EffectsTaken) -> Table[_EffectRow]:
 
 def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Json]:
     """Return the same as JSON holds it; a bound that is not known is null."""
-    found = _actual(checked)
+    found = _by_effect(checked)
     content: dict[str, Json] = {
+        "rule": plan.rule,
         "tolerance": plan.tolerance,
         "spent": _numbers(plan.spent),
         "effects": [_entry(one, found.get(one.effect)) for one in plan.decisions],
@@ -73,12 +77,13 @@ def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Js
 def left_out_line(plan: EffectPlan) -> str:
     """Return in words what was left out though it is there."""
     names = [one.effect.value for one in plan.decisions if not one.acts and one.bound.largest > 0.0 and not one.forced]
+    surely = "together they change no number by more than"
+    if plan.rule == "estimated":
+        surely = "together they are estimated, errors included, to change no number by more than"
     if not names:
         asked = any(one.forced and not one.acts and one.bound.largest > 0.0 for one in plan.decisions)
         return "effects: every other effect of the scene acts" if asked else "effects: every effect of the scene acts"
-    return (
-        f"effects left out: {', '.join(names)}; together they change no number by more than {size(plan.spent.largest)}"
-    )
+    return f"effects left out: {', '.join(names)}; {surely} {size(plan.spent.largest)}"
 
 
 def saved_line(checked: Verification) -> str:
@@ -90,15 +95,28 @@ def saved_line(checked: Verification) -> str:
     )
 
 
-def _title(plan: EffectPlan) -> str:
+def _title(plan: EffectPlan, checked: Verification | None) -> str:
+    truth = "" if checked is None else "; in brackets what does change"
     return (
-        f"effects: most that each kind of number can change if left out (in brackets: does change; any: no bound).\n"
-        f"Left out while the sums stay within {plan.tolerance:.2g}; {plan.spent.largest:.2g} of it is spent"
+        f"effects: most that each kind of number can change if one is left out (any: no bound); ~ what a coarse\n"
+        f"evaluation estimates, with its error{truth}. By the rule {plan.rule}: left out while the sums stay within "
+        f"{plan.tolerance:.2g};\n{plan.spent.largest:.2g} of it is spent"
     )
 
 
-def _actual(checked: Verification | None) -> dict[Effect, Bound]:
-    return {} if checked is None else {one.effect: one.actual for one in checked.checked}
+def _by_effect(checked: Verification | None) -> dict[Effect, CheckedEffect]:
+    return {} if checked is None else {one.effect: one for one in checked.checked}
+
+
+def _said(acts: bool) -> str:
+    return "acts" if acts else "out"
+
+
+def _cost(row: _EffectRow) -> str:
+    """Return the effort of computing an effect, and what it took where that was measured."""
+    if row.checked is None:
+        return EFFECT_MODELS[row.decision.effect].cost
+    return f"{1e3 * max(row.checked.with_s - row.checked.without_s, 0.0):.2g} ms"
 
 
 def _name(row: _EffectRow) -> str:
@@ -106,9 +124,13 @@ def _name(row: _EffectRow) -> str:
 
 
 def _limit(row: _EffectRow, *, kind: str) -> str:
-    """Return the most that a kind of number can change, and in brackets what it does change."""
-    limit = _number(getattr(row.decision.bound, kind))
-    return limit if row.actual is None else f"{limit} ({_number(getattr(row.actual, kind))})"
+    """Return the most that a kind of number can change, below it the estimate, and in brackets what it does change."""
+    lines, estimate = [_number(getattr(row.decision.bound, kind))], row.decision.estimate
+    if estimate is not None and getattr(estimate.value, kind) > 0.0:
+        lines.append(f"~{_number(getattr(estimate.value, kind))} +- {_number(getattr(estimate.error, kind))}")
+    if row.checked is not None and (getattr(row.checked.actual, kind) > 0.0 or len(lines) > 1):
+        lines.append(f"({_number(getattr(row.checked.actual, kind))})")
+    return "\n".join(lines)
 
 
 def _taken(one: Decision, taken: frozenset[Effect]) -> str:
@@ -117,7 +139,7 @@ def _taken(one: Decision, taken: frozenset[Effect]) -> str:
     return "yes" if one.bound.largest > 0.0 or one.acts else NOTHING
 
 
-def _entry(decision: Decision, actual: Bound | None) -> dict[str, Json]:
+def _entry(decision: Decision, checked: CheckedEffect | None) -> dict[str, Json]:
     facts = EFFECT_MODELS[decision.effect]
     entry: dict[str, Json] = {
         "effect": decision.effect.value,
@@ -128,8 +150,19 @@ def _entry(decision: Decision, actual: Bound | None) -> dict[str, Json]:
         "changes": facts.changes,
         "place": facts.place,
         "cost": facts.cost,
+        "safe": {"acts": decision.acts_by_bound},
+        "estimated": {
+            "acts": decision.acts_by_estimate,
+            "value": None if decision.estimate is None else _numbers(decision.estimate.value),
+            "error": None if decision.estimate is None else _numbers(decision.estimate.error),
+        },
     }
-    return entry if actual is None else entry | {"actual": _numbers(actual)}
+    if checked is None:
+        return entry
+    return entry | {
+        "actual": _numbers(checked.actual),
+        "time_s": {"with": checked.with_s, "without": checked.without_s},
+    }
 
 
 def _numbers(bound: Bound) -> dict[str, float | None]:

@@ -111,10 +111,10 @@ def test_planner_and_accuracy_share_a_tolerance():
     assert found.result.effects == plan.active
 
 
-def test_verification_counts_what_is_left_out_only():
+def test_verification_counts_every_effect():
     planned = plan_effects(scene_of_file(load_scene(PANELS)), tolerance=0.02)
     checked = verify_effects(planned)
-    assert {one.effect for one in checked.checked} == ALL - planned.plan.active
+    assert {one.effect for one in checked.checked} == ALL
     assert checked.violations == ()
 
 
@@ -127,3 +127,37 @@ def test_what_is_left_out_by_request_is_not_said_to_act(capsys):
     shown = " ".join(capsys.readouterr().err.split())
     assert "every effect of the scene acts" not in shown
     assert "left out by request: texture" in shown
+
+
+def test_both_decisions_stand_beside_bound_and_estimate(capsys):
+    found = answer(capsys, PANELS, "--effects", "estimated")
+    assert found["rule"] == "estimated"
+    for one in found["effects"]:
+        assert one["acts"] == one["estimated"]["acts"]
+        # What a bound lets be left out, the smaller of bound and estimate does too.
+        assert one["safe"]["acts"] or not one["estimated"]["acts"]
+
+
+def test_all_effects_act_where_nothing_decides(capsys):
+    found = answer(capsys, PANELS, "--effects", "all")
+    assert all(one["acts"] for one in found["effects"])
+    assert main(["predict", str(PANELS), "--tolerance", "0.02", "--effects", "all", "--json"]) == 0
+    effects = json.loads(capsys.readouterr().out)["effects"]
+    assert effects["rule"] == "all"
+    assert all(one["acts"] for one in effects["effects"])
+
+
+def test_a_rule_without_a_tolerance_is_refused(capsys):
+    assert main(["predict", str(PANELS), "--effects", "estimated"]) == 2
+    assert "--tolerance" in capsys.readouterr().err
+
+
+def test_what_the_estimate_leaves_out_is_said_not_to_be_guaranteed(capsys):
+    scene = EXAMPLES / "scene-airborne.toml"
+    arguments = ["--tolerance", "0.1", "--effects", "estimated", "--json"]
+    assert main(["predict", str(scene), *arguments]) == 0
+    content = json.loads(capsys.readouterr().out)
+    by_estimate = [one["effect"] for one in content["effects"]["effects"] if not one["acts"] and one["safe"]["acts"]]
+    assert by_estimate
+    for name in by_estimate:
+        assert any(f"{name} is left out by an estimate" in remark for remark in content["remarks"])
