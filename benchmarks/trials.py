@@ -1,7 +1,7 @@
 """Long trials, run by `make trials`: uncertainty over many seeds, kills, power cuts, old pictures, lossy networks.
 
 Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--lost-terminals 50]
-    [--day-cycles 35] [--monkey-cases 5000] [--cuts 50] [--turns 100] [--lossy-frames 100] [--processes 3]
+    [--hard-times 5] [--day-cycles 35] [--monkey-cases 5000] [--cuts 50] [--turns 100] [--lossy-frames 100] [--processes 3]
 """
 
 import argparse
@@ -12,6 +12,7 @@ from benchmarks.loop_disk import why_not
 from benchmarks.trial_damaged_runs import run_damaged
 from benchmarks.trial_day import run_day
 from benchmarks.trial_effects import run_effects
+from benchmarks.trial_hard_times import run_hard_times
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_inputs import run_inputs
 from benchmarks.trial_kills import run_kills, run_lost_terminals
@@ -36,6 +37,7 @@ def main() -> int:
     parser.add_argument("--roof-seeds", type=int, default=40)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--lost-terminals", type=int, default=50)
+    parser.add_argument("--hard-times", type=int, default=5)
     parser.add_argument("--day-cycles", type=int, default=35)
     parser.add_argument("--monkey-cases", type=int, default=5000)
     parser.add_argument("--cuts", type=int, default=50)
@@ -51,6 +53,7 @@ def main() -> int:
     sound &= run_monkey(arguments.monkey_cases)
     sound &= run_kills(arguments.kills)
     sound &= run_lost_terminals(arguments.lost_terminals)
+    sound &= run_hard_times(arguments.hard_times)
     sound &= run_day(arguments.day_cycles)
     reason = why_not()
     if reason is None:
