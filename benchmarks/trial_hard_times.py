@@ -79,7 +79,7 @@ def stopped_process(folder: Path, draws: random.Random) -> list[str]:
 
 
 def simulator_goes(folder: Path, draws: random.Random) -> list[str]:
-    """Kill the simulator of camera and stage, often in mid-move: its terminal closes, the camera is silent; both return."""
+    """Kill the simulator of camera and stage, often in mid-move: a terminal closes, a camera is silent; both return."""
     try:
         load_aravis()
     except NotConnectedError:

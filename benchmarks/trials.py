@@ -1,7 +1,8 @@
 """Long trials, run by `make trials`: uncertainty over many seeds, kills, power cuts, old pictures, lossy networks.
 
 Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--lost-terminals 50]
-    [--hard-times 5] [--day-cycles 35] [--monkey-cases 5000] [--cuts 50] [--turns 100] [--lossy-frames 100] [--processes 3]
+    [--hard-times 5] [--day-cycles 35] [--monkey-cases 5000] [--cuts 50] [--turns 100] [--lossy-frames 100]
+    [--processes 3]
 """
 
 import argparse
