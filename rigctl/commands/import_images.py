@@ -116,12 +116,19 @@ def command(
 
 
 def _report(run: Path, imported: "Imported", *, as_json: bool) -> None:
+    from rigctl.measurement.run_diagnosis import fault_lines
+    from rigctl.reports.tables.comparison_json import diagnosis_json
+
     if as_json:
         files = [record.file for record in imported.frames]
-        print_json({"run": str(run), "frames": files, "remarks": list(imported.remarks)})
+        content = {"run": str(run), "frames": files, "remarks": list(imported.remarks)}
+        print_json(content | {"diagnosis": diagnosis_json(imported.diagnosis)})
         return
     first = imported.frames[0]
     size = f"{first.width} x {first.height} pixels, {first.bit_depth} bits"
     results().print(f"{run}: {len(imported.frames)} {first.kind} frames of {size}", markup=False)
     for remark in imported.remarks:
         results().print(f"  note: {remark}", markup=False)
+    if first.kind == "scene":
+        for line in fault_lines(imported.diagnosis):
+            results().print(f"  first look: {line}", markup=False)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rigctl.console.destination_options import summary_page
-from rigctl.console.terminal import print_json, progress
+from rigctl.console.terminal import print_json, progress, results
 
 
 def command(
@@ -15,17 +15,23 @@ def command(
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; RUN-summary.html if left out.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
-    """Write a page on how a session went: contact sheet, counts and drift by angle, sun track, events.
+    """Write a page on how a session went: contact sheet, counts and drift by angle, faults of the frames, sun, events.
 
     Example: rigctl summary runs/2026-05-04
     """
     from rigctl.jobs.summary import summarise_session
+    from rigctl.measurement.run_diagnosis import fault_lines
+    from rigctl.reports.tables.comparison_json import diagnosis_json
 
     page = summary_page(run) if out is None else out
-    history = summarise_session(run, page)
+    found = summarise_session(run, page)
+    history = found.history
     if as_json:
         kinds = Counter[str](record.kind for record in history.run.frames)
         events = Counter(event.event for event in history.events)
-        print_json({"run": str(run), "page": str(page), "frames": kinds, "events": events})
+        content = {"run": str(run), "page": str(page), "frames": kinds, "events": events}
+        print_json(content | {"diagnosis": diagnosis_json(found.diagnosis)})
         return
+    for line in fault_lines(found.diagnosis):
+        results().print(line, markup=False)
     progress().print(f"summary: {page}", markup=False)

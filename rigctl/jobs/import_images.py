@@ -13,6 +13,7 @@ from rigctl.imports.image_scale import Scale, find_scale
 from rigctl.imports.image_survey import Survey, SurveyedImage, survey_images
 from rigctl.imports.import_request import ImportRequest, request_problems
 from rigctl.imports.imported_frames import JPEG, axis_deg, frames_of
+from rigctl.measurement.run_diagnosis import RunDiagnosis, quick_diagnosis, undiagnosed
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter
@@ -33,10 +34,13 @@ class Imported:
         The new frames.
     remarks : tuple of str
         What was recognised in the files and what the user should know.
+    diagnosis : RunDiagnosis
+        What the frames say of their own faults at a first look.
     """
 
     frames: tuple[FrameRecord, ...]
     remarks: tuple[str, ...]
+    diagnosis: RunDiagnosis
 
 
 def import_images(request: ImportRequest) -> Imported:
@@ -68,7 +72,19 @@ def import_images(request: ImportRequest) -> Imported:
         with RunWriter.append(request.run) as writer:
             frames = _write(writer, request, survey, scale, present.frames)
     return Imported(
-        frames=frames, remarks=(*scale.remarks, *_file_remarks(survey, scale), *_angle_remarks(request, survey))
+        frames=frames,
+        remarks=(*scale.remarks, *_file_remarks(survey, scale), *_angle_remarks(request, survey)),
+        diagnosis=_first_look(request, survey),
+    )
+
+
+def _first_look(request: ImportRequest, survey: Survey) -> RunDiagnosis:
+    if request.kind != "scene":
+        return undiagnosed(f"the files are {request.kind} frames")
+    return (
+        undiagnosed("fewer than three axes")
+        if _angle_remarks(request, survey)
+        else quick_diagnosis(read_run(request.run))
     )
 
 

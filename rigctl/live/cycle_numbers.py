@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict, fields
 
 import numpy as np
 
@@ -10,9 +11,11 @@ from model.processing import dolp
 from model.processing.reconstruction import design, stokes_moments
 from model.stokes import aolp_rad
 from model.stokes import dolp as degree_of_polarization
+from rigctl.files.session_file import PICTURE
 from rigctl.live.frame_summary import FrameSummary
 from rigctl.live.light_levels import Level, LightLevels
-from rigctl.live.live_status import Estimate, RegionPolarization
+from rigctl.live.live_status import Estimate, LiveDiagnosis, LiveFault, RegionPolarization
+from rigctl.measurement.run_diagnosis import diagnose_pictures
 
 _LEAST_ANGLES = 3
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -83,3 +86,42 @@ def _sigma(stokes: Moments) -> float | None:
     """Return the deviation of DoLP; None where it does not exist."""
     sigma = float(dolp.moments(stokes.mean, stokes.cov, tolerance=_TOLERANCE).std)
     return sigma if math.isfinite(sigma) else None
+
+
+def cycle_diagnosis(
+    frames: Sequence[FrameSummary], *, levels: LightLevels, extinction_ratio: float | None
+) -> LiveDiagnosis | None:
+    """Return what a whole cycle says of its faults, from its coarse pictures; None where there are none.
+
+    Parameters
+    ----------
+    frames : sequence of FrameSummary
+        Of one exposure, in the order in which they were taken.
+    levels : LightLevels
+        With the dark level.
+    extinction_ratio : float or None
+        Of the polarizer; None is taken for an ideal one.
+    """
+    seen = [frame for frame in frames if frame.measured_deg is not None]
+    coarse = [frame.coarse for frame in seen if frame.coarse is not None]
+    if not coarse or len(coarse) < len(seen) or len({frame.angle_deg for frame in seen}) < _LEAST_ANGLES:
+        return None
+    pictures = np.array([picture.counts_dn for picture in coarse]) - levels.dark_dn(PICTURE, seen[0].exposure_s)
+    usable = np.asarray(np.isfinite(pictures).all(axis=0))
+    pictures = np.where(usable, pictures, 0.0)
+    angles_rad = np.deg2rad([frame.measured_deg or 0.0 for frame in seen])
+    plan = design(angles_rad, np.inf if extinction_ratio is None else extinction_ratio)
+    found = diagnose_pictures(
+        plan,
+        pictures,
+        usable,
+        angles_rad=angles_rad % (2.0 * np.pi),
+        times=[float(place) for place in range(len(seen))],
+        step=1.0,
+        means={PICTURE: pictures[:, usable].mean(axis=1)} if usable.any() else {},
+        side_pixels=coarse[0].side_pixels,
+    )
+    named = [asdict(term) for term in found.named]
+    known = {field.name for field in fields(LiveFault)}
+    terms = tuple(LiveFault(**{key: value for key, value in term.items() if key in known}) for term in named)
+    return LiveDiagnosis(terms=terms, first=None if found.first is None else found.first.name, reason=found.reason)

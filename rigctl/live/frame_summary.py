@@ -3,11 +3,25 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rigctl.live.region_means import PixelMean
+from rigctl.measurement.run_diagnosis import coarse_pictures
 from rigctl.runs.frame_record import FrameRecord
 
 # More than this and the means of a frame say little.
 _MOST_SATURATED = 0.01
+# Squares that a whole cycle is diagnosed from while the session runs.
+_COARSE_PIXELS = 20_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CoarsePicture:
+    """Mean counts of squares of pixels, NaN where one of them is saturated or missing; side of a square [pixel]."""
+
+    counts_dn: NDArray[np.float64]
+    side_pixels: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +46,8 @@ class FrameSummary:
         Share of saturated pixels.
     means : mapping
         Mean counts of the picture and of its regions, by name.
+    coarse : CoarsePicture or None
+        The picture in some 20000 squares.
     """
 
     kind: str
@@ -43,10 +59,16 @@ class FrameSummary:
     time_s: float
     saturated_fraction: float
     means: Mapping[str, PixelMean]
+    coarse: CoarsePicture | None = None
 
 
 def frame_summary(
-    record: FrameRecord, means: Mapping[str, PixelMean], *, time_s: float, saturated_fraction: float
+    record: FrameRecord,
+    means: Mapping[str, PixelMean],
+    *,
+    time_s: float,
+    saturated_fraction: float,
+    coarse: CoarsePicture | None = None,
 ) -> FrameSummary:
     """Return what a frame shows, by its record and the means of its counts."""
     target_deg = record.polarizer_angle_target_deg
@@ -60,7 +82,17 @@ def frame_summary(
         time_s=time_s,
         saturated_fraction=saturated_fraction,
         means=means,
+        coarse=coarse,
     )
+
+
+def coarse_picture(counts: NDArray[np.uint16], record: FrameRecord) -> CoarsePicture:
+    """Return the mean counts of squares of the pixels of a frame, some 20000 of them."""
+    bad = counts >= record.saturation_dn
+    if record.missing_dn is not None:
+        bad |= counts == record.missing_dn
+    means, good, side = coarse_pictures(counts[None].astype(np.float64), ~bad, most_pixels=_COARSE_PIXELS)
+    return CoarsePicture(counts_dn=np.where(good, means[0], np.nan), side_pixels=side)
 
 
 def of_one_exposure(frames: Sequence[FrameSummary]) -> tuple[FrameSummary, ...]:

@@ -3,11 +3,19 @@
 import threading
 
 from rigctl.files.session_file import PICTURE
-from rigctl.live.cycle_numbers import polarization, sum_rule
+from rigctl.live.cycle_numbers import cycle_diagnosis, polarization, sum_rule
 from rigctl.live.drift import Drift, drift_of
 from rigctl.live.frame_summary import FrameSummary, of_one_exposure
 from rigctl.live.light_levels import LightLevels
-from rigctl.live.live_status import AngleNumbers, CyclePlace, DarkLevel, LiveContent, RegionDrift, RegionPolarization
+from rigctl.live.live_status import (
+    AngleNumbers,
+    CyclePlace,
+    DarkLevel,
+    LiveContent,
+    LiveDiagnosis,
+    RegionDrift,
+    RegionPolarization,
+)
 from rigctl.live.mean_noise import MeanNoise
 
 _MS_PER_S = 1000.0
@@ -37,6 +45,7 @@ class LiveNumbers:
         self._under_way: list[FrameSummary] = []
         self._cycle: tuple[FrameSummary, ...] = ()
         self._drift: Drift | None = None
+        self._diagnosed: tuple[tuple[FrameSummary, ...], LiveDiagnosis | None] = ((), None)
 
     def add(self, frame: FrameSummary, *, ends_cycle: bool) -> Drift | None:
         """Take in a frame; return the drift of the light at the end of a cycle, where it can be told."""
@@ -78,7 +87,15 @@ class LiveNumbers:
                 sum_rule=sum_rule(frames, region=PICTURE, levels=levels),
                 regions=self._regions(frames),
                 drift=self._region_drift(),
+                diagnosis=self._diagnosis(),
             )
+
+    def _diagnosis(self) -> LiveDiagnosis | None:
+        """Return what the last whole cycle says of its faults; made once for each."""
+        if self._diagnosed[0] is not self._cycle:
+            found = cycle_diagnosis(self._cycle, levels=self._levels, extinction_ratio=self._extinction_ratio)
+            self._diagnosed = (self._cycle, found)
+        return self._diagnosed[1]
 
     def _regions(self, frames: tuple[FrameSummary, ...]) -> dict[str, RegionPolarization]:
         found = {

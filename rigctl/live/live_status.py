@@ -90,6 +90,31 @@ class RegionDrift:
     over_s: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class LiveFault:
+    """A fault that the frames of a cycle show, as the diagnosis of a run has it."""
+
+    name: str
+    angle_deg: float | None
+    value: float | None
+    std_error: float | None
+    unit: str
+    testable: bool
+    reason: str
+    confused_with: tuple[str, ...]
+    dolp_shift: float | None
+    aolp_shift_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveDiagnosis:
+    """What the last whole cycle says of its faults: those found, the strongest first, or why nothing can be said."""
+
+    terms: tuple[LiveFault, ...]
+    first: str | None
+    reason: str
+
+
 @with_config(ConfigDict(allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class LiveContent:
@@ -101,6 +126,7 @@ class LiveContent:
     sum_rule: Estimate | None = None
     regions: dict[str, RegionPolarization]
     drift: RegionDrift | None
+    diagnosis: LiveDiagnosis | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from rigctl.live.live_status import AngleNumbers, DarkSource, Estimate, LiveContent, RegionDrift
+from rigctl.live.live_status import AngleNumbers, DarkSource, Estimate, LiveContent, LiveFault, RegionDrift
 
 _SIGNS = "+/-"
 
@@ -20,6 +20,15 @@ def live_lines(live: LiveContent) -> Iterator[str]:
         yield f"dark level {live.dark.source}"
     if live.drift is not None:
         yield _drift(live.drift)
+    if live.diagnosis is not None:
+        yield from (f"the cycle shows {_fault(fault)}" for fault in live.diagnosis.terms)
+
+
+def _fault(fault: LiveFault) -> str:
+    place = "" if fault.angle_deg is None else f" at {fault.angle_deg:g} deg"
+    size = f"{fault.value or 0.0:+.3g} {_SIGNS} {fault.std_error or 0.0:.2g} {fault.unit}"
+    moves = "" if fault.dolp_shift is None else f", moves DoLP of the picture by {fault.dolp_shift:+.4f}"
+    return f"{fault.name}{place}  {size}{moves}"
 
 
 def _of_angle(numbers: AngleNumbers) -> str:

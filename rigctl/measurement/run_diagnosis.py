@@ -1,7 +1,7 @@
 """What a run says of its own faults: the one diagnosis that stokes, compare and summary show."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +10,21 @@ from model.processing.diagnosis.causes import PER_FRAME
 from model.processing.diagnosis.consequences import consequence
 from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
 from model.processing.reconstruction import Design, design
-from rigctl.measurement.measurement import Measurement, signal_of_cycle
+from rigctl.errors import ConfigError, DataError
+from rigctl.measurement.measurement import Measurement, measure, signal_of_cycle
+from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 
 # Half turns are looked at frame by frame as long as there are no more frames than this.
 _MOST_FRAMES = 16
+# A first look takes squares of larger pictures as one pixel, and reads no more counts than this.
+QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
 # A power law's size is that of its exponent less one.
 _EXPONENT = "exponent - 1"
 # What walks leaves the mean of an even region where it is.
 _OF_EDGES = ("shift", "wobble")
+_OF_PAIRS = "throughput of pairs"
 _DEG_PER_RAD = float(np.degrees(1.0))
 UNSEEN = (
     "a dark level, a gain or a turn that all frames have in common is light that could have been: nothing in a run of "
@@ -110,20 +115,119 @@ class RunDiagnosis:
         return next((term for term in self.terms if term.name == name), None)
 
 
-def diagnose_run(measurement: Measurement) -> RunDiagnosis:
-    """Return what the redundancy of a run's angles says of its faults."""
+def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) -> RunDiagnosis:
+    """Return what the redundancy of a run's angles says of its faults.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Of the run.
+    most_pixels : int or None
+        Of a picture: squares of larger ones are taken as one pixel, which is faster and sees small shifts less well.
+    """
     plan, pictures, angles_rad, times = _frames(measurement)
     usable = ~(measurement.saturated | measurement.missing)
+    means = dict(_means(measurement, pictures, usable))
+    seen, seen_usable, side = coarse_pictures(pictures, usable, most_pixels=most_pixels or usable.size)
     step = float(measurement.grid.to_unit.max())
+    return diagnose_pictures(
+        plan, seen, seen_usable, angles_rad=angles_rad, times=times, step=step, means=means, side_pixels=side
+    )
+
+
+def diagnose_pictures(
+    plan: Design,
+    pictures: FloatArray,
+    usable: NDArray[np.bool_],
+    *,
+    angles_rad: FloatArray,
+    times: Sequence[float],
+    step: float,
+    means: Mapping[str, FloatArray],
+    side_pixels: int = 1,
+) -> RunDiagnosis:
+    """Return what pictures say of their faults.
+
+    Parameters
+    ----------
+    plan, pictures, usable, angles_rad, times, step
+        As the model's `diagnose` takes them.
+    means : mapping
+        Region to its mean behind each frame.
+    side_pixels : int
+        Of a pixel of the pictures, in pixels of the camera.
+    """
     found = diagnose(plan, pictures, usable, angles_rad=angles_rad, times=times, step=step)
     angles_deg = tuple(float(angle) for angle in np.degrees(angles_rad).round(6) % 360.0)
-    means = dict(_means(measurement, pictures, usable))
+    terms = tuple(_term(term, found, plan, angles_deg, means, side_pixels) for term in found.terms)
     return RunDiagnosis(
-        terms=tuple(_term(term, found, plan, angles_deg, means) for term in found.terms),
+        terms=terms if side_pixels == 1 else _told_coarsely(terms),
         reason=found.reason,
         angles_deg=angles_deg,
         found=found,
     )
+
+
+def _told_coarsely(terms: tuple[FaultTerm, ...]) -> tuple[FaultTerm, ...]:
+    """Return terms of coarse pictures: edges off by part of a pixel blur what tells one throughput from a pair's."""
+    if all(term.name != _OF_PAIRS for term in terms):
+        return terms
+    return tuple(
+        replace(term, confused_with=(*term.confused_with, _OF_PAIRS))
+        if term.name == "throughput" and term.named and _OF_PAIRS not in term.confused_with
+        else term
+        for term in terms
+    )
+
+
+def quick_diagnosis(run: Run, *, most_pixels: int = QUICK_PIXELS) -> RunDiagnosis:
+    """Return what a run says of its faults at a first look; with a reason where it cannot be looked at.
+
+    Parameters
+    ----------
+    run : Run
+        Frames of any kind.
+    most_pixels : int
+        As `diagnose_run` takes it.
+    """
+    scenes = [record for record in run.frames if record.kind == "scene"]
+    if not scenes:
+        return undiagnosed("there are no scene frames")
+    if sum(record.width * record.height for record in scenes) > _MOST_COUNTS:
+        return undiagnosed("so many frames of this size are not read for a first look; rigctl stokes does")
+    try:
+        return diagnose_run(measure(run, regions=[]), most_pixels=most_pixels)
+    except (DataError, ConfigError, ValueError, ArithmeticError) as error:
+        return undiagnosed(str(error))
+
+
+def undiagnosed(reason: str) -> RunDiagnosis:
+    """Return that nothing can be said of a run, and why."""
+    nothing = Diagnosis(terms=(), first=None, reason=reason, faults=None, light=0.0)
+    return RunDiagnosis(terms=(), reason=reason, angles_deg=(), found=nothing)
+
+
+def coarse_pictures(
+    pictures: FloatArray, usable: NDArray[np.bool_], *, most_pixels: int
+) -> tuple[FloatArray, NDArray[np.bool_], int]:
+    """Return pictures of squares of pixels, which of these are usable whole, and their side; as given if small."""
+    height, width = usable.shape
+    side = int(np.ceil(np.sqrt(height * width / most_pixels)))
+    if side <= 1:
+        return pictures, usable, 1
+    cut = (slice(height - height % side), slice(width - width % side))
+    squares = (height // side, side, width // side, side)
+    means = pictures[:, *cut].reshape(len(pictures), *squares).mean(axis=(2, 4))
+    return np.asarray(means), np.asarray(usable[cut].reshape(squares).all(axis=(1, 3))), side
+
+
+def fault_lines(found: RunDiagnosis) -> list[str]:
+    """Return what a run says of its faults, line by line; why it says nothing; or that nothing was found."""
+    if found.named:
+        return [f"the run shows {term_text(term)}" for term in found.named]
+    if found.reason:
+        return [f"what the run says of its own faults: not testable, {found.reason}"]
+    return ["the run shows no fault of its own"]
 
 
 def term_text(term: FaultTerm) -> str:
@@ -134,8 +238,17 @@ def term_text(term: FaultTerm) -> str:
     moves = "" if term.dolp_shift is None else f"; moves DoLP by {term.dolp_shift:+.4f}"
     if term.aolp_shift_deg is not None:
         moves += f", AoLP by {term.aolp_shift_deg:+.2f} deg"
-    others = f"; not to be told from {', '.join(term.confused_with)}" if term.confused_with else ""
+    others = f"; not to be told from {_listed(term.confused_with)}" if term.confused_with else ""
     return size + moves + others
+
+
+def _listed(titles: Sequence[str]) -> str:
+    """Return faults in a few words: angles of one kind together."""
+    by_name: dict[str, list[str]] = {}
+    for title in titles:
+        name, _, place = title.partition(" at ")
+        by_name.setdefault(name, []).append(place.removesuffix(" deg"))
+    return ", ".join(f"{name} at {', '.join(at)} deg" if at[0] else name for name, at in by_name.items())
 
 
 def _number(value: float, unit: str) -> str:
@@ -171,10 +284,15 @@ def _means(
 
 
 def _term(
-    term: Term, found: Diagnosis, plan: Design, angles_deg: tuple[float, ...], means: dict[str, FloatArray]
+    term: Term,
+    found: Diagnosis,
+    plan: Design,
+    angles_deg: tuple[float, ...],
+    means: Mapping[str, FloatArray],
+    side_pixels: int,
 ) -> FaultTerm:
     is_turn = term.unit == "rad"
-    factor = _DEG_PER_RAD if is_turn else 1.0
+    factor = _DEG_PER_RAD if is_turn else side_pixels if term.unit == "pixel" else 1.0
     shifts = {name: _moved(term, found, plan, mean) for name, mean in means.items()} if term.is_testable else {}
     return FaultTerm(
         name=term.name,

@@ -11,7 +11,7 @@ from drivers.interfaces import Camera, ReportingCamera
 from rigctl.devices.rig import REQUESTS, Rig
 from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
-from rigctl.live.frame_summary import frame_summary
+from rigctl.live.frame_summary import coarse_picture, frame_summary
 from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import TALLY_EVENT
@@ -195,6 +195,7 @@ class _Acquisition:
             self._context.regions.of(captured.frame.counts),
             time_s=captured.frame.start_monotonic_ns / NS_PER_S,
             saturated_fraction=captured.saturated_fraction,
+            coarse=coarse_picture(captured.frame.counts, record) if step.kind == "scene" else None,
         )
         drift = self._context.live.add(seen, ends_cycle=step.ends_cycle)
         found = (self._sum_rule.add(seen, ends_cycle=step.ends_cycle), drift_violation(drift, self._guard.locks))

@@ -4,23 +4,34 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from rigctl.live.session_history import SessionHistory
+from rigctl.measurement.run_diagnosis import RunDiagnosis, fault_lines
 from rigctl.reports.figures.run_figures import contact_sheet, count_plot, cycle_figure, drift_line, sun_plot
-from rigctl.reports.report import Picture, Report, Section
+from rigctl.reports.report import Bullets, Picture, Report, Section
 from rigctl.reports.table import Column, Table, text_columns
+from rigctl.reports.tables.comparison_tables import fault_table
 from rigctl.runs.run_events import RunEvent, event_facts
 
 _SHOWN_EVENTS = 200
 
 
-def run_report(session: SessionHistory) -> Report:
-    """Return the report on how a session went."""
+def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
+    """Return the report on how a session went, with what its frames say of their faults."""
     pictures = [Section(title=title, blocks=(Picture(png=png),)) for title, png in _pictures(session)]
     counts = Counter(event.event for event in session.events).most_common()
     times = Table(
         columns=text_columns("event", "times", left=(0, 1)), rows=tuple((name, str(count)) for name, count in counts)
     )
     events = Section(title="Events", blocks=(times, _event_table(session.events[-_SHOWN_EVENTS:])))
-    return Report(title=session.run.path.name, source=_source(session), sections=[*pictures, events])
+    return Report(
+        title=session.run.path.name, source=_source(session), sections=[*pictures, _faults(diagnosis), events]
+    )
+
+
+def _faults(found: RunDiagnosis) -> Section:
+    """Return what the frames say of their own faults."""
+    said = Bullets(items=tuple(fault_lines(found)))
+    table = (fault_table(found.terms),) if found.terms else ()
+    return Section(title="The frames by themselves", blocks=(said, *table))
 
 
 def _source(session: SessionHistory) -> str:

@@ -1,12 +1,19 @@
 """Runs with a known fault: what they say of themselves, and what correcting by it does."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.live.frame_summary import coarse_picture, frame_summary
+from rigctl.live.live_numbers import LiveNumbers
+from rigctl.live.live_status import LiveStatus, read_status, write_status
+from rigctl.live.live_text import live_lines
+from rigctl.live.region_means import RegionMeans
 from rigctl.runs.run_folder import Run
 from tests.rigctl.made_runs import at, make_run
 from tests.worldlike import Faults, World, expose
@@ -99,3 +106,46 @@ def test_an_unsound_run_is_compared_with_its_report_all_the_same(tmp_path: Path)
     found = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert (found["agrees"], found["verdict"]) == (None, "cannot_be_judged")
     assert (tmp_path / "out" / "report.html").exists()
+
+
+def off_at_45() -> list[np.ndarray]:
+    world = World(black_dn=0.0, texture=0.1)
+    return expose(world, Faults(throughput={1: 0.05}), np.random.default_rng(12))
+
+
+def test_import_and_summary_say_what_the_frames_show(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = []
+    for angle, counts in zip((0, 45, 90, 135), off_at_45(), strict=True):
+        files.append(str(tmp_path / f"p{angle}.png"))
+        cv2.imwrite(files[-1], counts.astype(np.uint16))
+    words = ["--angles", "0,45,90,135", "--same-exposure", "--black-level-dn", "0", "--bit-depth", "12"]
+    for command in (["import", str(tmp_path / "run"), *files, *words], ["summary", str(tmp_path / "run")]):
+        assert main([*command, "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)["diagnosis"]
+        assert told["first"] == "throughput"
+        first = told["terms"][0]
+        assert (first["angle_deg"], first["testable"]) == (45.0, True)
+        assert first["value"] == pytest.approx(0.05, abs=5.0 * first["std_error"])
+    page = (tmp_path / "run-summary.html").read_text()
+    assert "the run shows throughput at 45 deg" in page
+
+
+def test_a_session_shows_the_faults_of_its_last_cycle(tmp_path: Path) -> None:
+    live = LiveNumbers()
+    run = make_run(tmp_path / "run", [(at(a), f) for a, f in zip((0, 45, 90, 135), off_at_45(), strict=True)])
+    for place, record in enumerate(run.frames):
+        counts = run.counts(record)
+        coarse = coarse_picture(counts, record)
+        assert coarse.side_pixels == 2
+        seen = frame_summary(
+            record, RegionMeans().of(counts), time_s=float(place), saturated_fraction=0.0, coarse=coarse
+        )
+        live.add(replace(seen, exposure_s=0.01), ends_cycle=place == 3)
+    found = live.content().diagnosis
+    assert found is not None
+    assert found.first == "throughput"
+    assert found.terms[0].angle_deg == 45.0
+    assert any("throughput at 45 deg" in line for line in live_lines(live.content()))
+    # Who reads the status file gets it back.
+    write_status(tmp_path, LiveStatus(session="s", frames_planned=4, frames=4, numbers=live.content()))
+    assert read_status(tmp_path).numbers == live.content()

@@ -5,6 +5,7 @@ import pytest
 from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
 from rigctl.live.session_history import session_history
+from rigctl.measurement.run_diagnosis import quick_diagnosis
 from rigctl.reports.pages.run_page import run_report
 from rigctl.reports.writers.html_page import html
 from rigctl.runs.run_folder import read_run
@@ -22,7 +23,7 @@ def _run(tmp_path, rig, schedule):
 
 
 def _page(run):
-    return html(run_report(session_history(read_run(run))))
+    return html(run_report(session_history(read_run(run)), quick_diagnosis(read_run(run))))
 
 
 def test_it_holds_frames_counts_sun_and_events(tmp_path):
