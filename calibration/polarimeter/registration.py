@@ -26,6 +26,8 @@ _STEP_ERROR_PIXELS = 1.0 / 32.0 / 12.0**0.5
 _DIRECTIONS = 12
 # Shifts below this are none, and need no proof [pixel].
 _TOO_SMALL_PIXELS = 0.05
+# Ninths of a picture that scatter by more than this, and by more than this share of the shift, have not one shift.
+_LARGE_SCATTER_PIXELS, _LARGE_SCATTER_SHARE = 0.4, 0.5
 # Around unusable pixels others are looked for so far [pixel].
 _REACHES_PIXELS = (2.0, 8.0, 32.0)
 
@@ -49,9 +51,17 @@ class Registration:
     std_error_pixels: FloatArray
     edge_residual: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
+    @property
+    def scatter_pixels(self) -> FloatArray:
+        """By how much the shifts of ninths of a picture scatter, standard deviation, shape (N,)."""
+        return np.asarray(np.linalg.norm(self.std_error_pixels, axis=1) * _TILES_ACROSS)
+
     def is_plain(self, index: int) -> bool:
-        """Whether edges lie better on one another for the shift, in tiles that it was not fitted on."""
-        if index >= len(self.edge_residual) or np.linalg.norm(self.shift_pixels[index]) < _TOO_SMALL_PIXELS:
+        """Whether tiles agree on the shift, and edges lie better on one another for it where it was not fitted."""
+        size = float(np.linalg.norm(self.shift_pixels[index]))
+        if self.scatter_pixels[index] > max(_LARGE_SCATTER_PIXELS, _LARGE_SCATTER_SHARE * size):
+            return False
+        if index >= len(self.edge_residual) or size < _TOO_SMALL_PIXELS:
             return True
         before, after = self.edge_residual[index]
         return bool(after < before)
@@ -223,6 +233,33 @@ def _tile_shifts(mean: _Picture, frames: list[_Picture], shifts: FloatArray) -> 
         edges = _edges(frame)
         found[index] = [_ecc(reference[tile], edges[tile], shift) for tile in tiles]
     return found
+
+
+def edges_left(pictures: FloatArray, shifts: FloatArray, usable: NDArray[np.bool_] | None = None) -> FloatArray:
+    """Return what is left of the edges of each picture against those of the mean, before and after it is moved back.
+
+    Parameters
+    ----------
+    pictures : (N, H, W) array
+        One scene at two or more polarizer angles, dark taken off.
+    shifts : (N, 2) array
+        From anywhere else than these pictures [pixel].
+    usable : (H, W) array or None
+        As `register` takes it.
+
+    Returns
+    -------
+    left : (N, 2) array
+        As a share of the edges.
+    """
+    frames = [_filled(picture, usable) for picture in pictures]
+    reference = _edges(_mean_moved_back(frames, shifts))
+    plain = _edges(_mean_moved_back(frames, np.zeros_like(shifts)))
+    pairs = [
+        (_left(plain, _edges(frame)), _left(reference, _edges(_warped(frame, shift))))
+        for frame, shift in zip(frames, shifts, strict=True)
+    ]
+    return np.array(pairs)
 
 
 def _edge_residual(mean: _Picture, frame: _Picture, found: FloatArray) -> tuple[float, float]:

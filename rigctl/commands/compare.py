@@ -40,6 +40,9 @@ def command(
     register: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
     ] = None,
+    force_registration: Annotated[
+        bool, typer.Option("--force-registration", help="Move frames even where edges lie no better for it.")
+    ] = False,
     polarizer: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
     ] = None,
@@ -80,7 +83,12 @@ def command(
         scene=scene,
         regions=regions,
         calibrations=CalibrationPaths(
-            noise=noise, radiometric=radiometric, registration=register, flat=flat, polarizer=polarizer
+            noise=noise,
+            radiometric=radiometric,
+            registration=register,
+            flat=flat,
+            polarizer=polarizer,
+            force_registration=force_registration,
         ),
         alpha=alpha,
         scale=scale,

@@ -24,6 +24,9 @@ def command(
     register: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
     ] = None,
+    force_registration: Annotated[
+        bool, typer.Option("--force-registration", help="Move frames even where edges lie no better for it.")
+    ] = False,
     polarizer: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
     ] = None,
@@ -44,7 +47,9 @@ def command(
     from rigctl.measurement.found_faults import correctable
     from rigctl.measurement.run_calibrations import CalibrationPaths
 
-    paths = CalibrationPaths(noise=noise, registration=register, flat=flat, polarizer=polarizer)
+    paths = CalibrationPaths(
+        noise=noise, registration=register, flat=flat, polarizer=polarizer, force_registration=force_registration
+    )
     asked = () if correct is None else correctable(correct)
     found = stokes_of_run(StokesRequest(run=run, out=out, regions=regions, calibrations=paths, correct=asked))
     for remark in found.remarks:

@@ -180,15 +180,16 @@ def _registration(measurement: Measurement, found: Registration | str) -> Check:
         f"at {angle_of(measurement.grid.channel_names[k])} deg lies {sizes[k]:.2f} +- {errors[k]:.2f} pixel"
         for k in (off or [worst])
     ]
-    not_plain = [angle_of(measurement.grid.channel_names[k]) for k in off if not found.is_plain(k)]
-    doubt = (
-        f"; at {', '.join(not_plain)} deg it is not a plain shift: edges do not lie better on one another for it"
-        if not_plain
-        else "".join(_before_and_after(found, k) for k in off[:1])
-    )
+    angles = [angle_of(channel) for channel in measurement.grid.channel_names]
+    not_plain = [k for k in range(len(sizes)) if sizes[k] > _SHIFT_FLAGGED_PIXELS and not found.is_plain(k)]
+    doubt = "".join(
+        f"; at {angles[k]} deg it is not a plain shift: ninths of the picture scatter by {found.scatter_pixels[k]:.2f} "
+        f"pixel{_before_and_after(found, k)}"
+        for k in not_plain
+    ) or "".join(f"; at {angles[k]} deg{_before_and_after(found, k).removeprefix(';')}" for k in off)
     return Check(
         name=name,
-        verdict="flagged" if off else "sound",
+        verdict="flagged" if off or not_plain else "sound",
         text=f"the picture {', '.join(lies)} from the first{doubt}; flagged above {_SHIFT_FLAGGED_PIXELS:g} pixel: "
         "edges show polarization that is not there (rigctl calibrate registration, then --register)",
     )

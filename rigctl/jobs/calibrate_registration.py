@@ -11,14 +11,20 @@ from rigctl.runs.wholeness import used_run
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedRegistration:
-    """A registration, and the content of its file."""
+    """A registration, the content of its file, and whether it was refused for being no plain shift."""
 
     found: RunRegistration
     file: CalibrationFile[Walk]
+    is_refused: bool
 
 
 def calibrate_registration(
-    run: Path, *, cycle: int | None = None, out: Path | None = None, valid_days: float | None = None
+    run: Path,
+    *,
+    cycle: int | None = None,
+    out: Path | None = None,
+    valid_days: float | None = None,
+    force: bool = False,
 ) -> CalibratedRegistration:
     """Return how the picture of a run is shifted at each angle; its file is written where one is named.
 
@@ -32,6 +38,8 @@ def calibrate_registration(
         File to write.
     valid_days : float or None
         For how long it holds.
+    force : bool
+        The file is written where pictures are not plainly shifted, too.
 
     Raises
     ------
@@ -41,6 +49,7 @@ def calibrate_registration(
     folder = used_run(run)
     found = register_run(folder, cycle=cycle)
     file = registration_file(found, folder, valid_days=valid_days)
-    if out is not None:
+    is_refused = found.doubt is not None and not force
+    if out is not None and not is_refused:
         write_content(out, file.as_json())
-    return CalibratedRegistration(found=found, file=file)
+    return CalibratedRegistration(found=found, file=file, is_refused=is_refused)

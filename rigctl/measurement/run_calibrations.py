@@ -29,13 +29,14 @@ _Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPaths:
-    """Files of calibrations; None is not given."""
+    """Files of calibrations, None is not given; a registration that helps no edges is used only if that is forced."""
 
     noise: Path | None = None
     radiometric: Path | None = None
     registration: Path | None = None
     flat: Path | None = None
     polarizer: Path | None = None
+    force_registration: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +49,7 @@ class RunCalibrations:
     flats: FlatFields | None
     polarizer: PolarizerParameters | None
     doubts: tuple[str, ...]
+    force_registration: bool = False
 
     def measure(self, run: Run, regions: list[Region], found: FoundCorrections | None = None) -> Measurement:
         """Return what a run measured, processed with them, and corrected by what it shows of itself."""
@@ -86,6 +88,7 @@ def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
         flats=read(paths.flat, read_fitting_flats),
         polarizer=read(paths.polarizer, read_fitting_polarizer),
         doubts=tuple(doubts),
+        force_registration=paths.force_registration,
     )
 
 

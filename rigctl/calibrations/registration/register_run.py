@@ -67,18 +67,50 @@ class RunRegistration:
         )
 
     @property
-    def finding(self) -> str | None:
-        """A sentence on pictures that lie so far apart that it shows in DoLP; None where they do not."""
+    def shifted(self) -> tuple[int, ...]:
+        """Numbers of the pictures that lie so far from the first that it shows in DoLP."""
         sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
         errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
-        worst = int(np.argmax(sizes - _SIGMAS * errors))
-        if sizes[worst] - _SIGMAS * errors[worst] <= _WORTH_A_WORD_PIXELS:
+        return tuple(np.flatnonzero(sizes - _SIGMAS * errors > _WORTH_A_WORD_PIXELS).tolist())
+
+    @property
+    def finding(self) -> str | None:
+        """A sentence on pictures that lie so far apart that it shows in DoLP; None where they do not."""
+        if not self.shifted:
             return None
-        return (
-            f"shifted_frames: the picture at {self.angle_deg[worst]:.1f} deg lies {sizes[worst]:.2f} +- "
-            f"{errors[worst]:.2f} pixel from that at {self.angle_deg[0]:.1f} deg; DoLP is false at every edge: "
-            "calibrate registration and give --register, or leave edges out of regions"
+        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
+        errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
+        pictures = ", ".join(
+            f"at {self.angle_deg[index]:.1f} deg lies {sizes[index]:.2f} +- {errors[index]:.2f} pixel"
+            for index in self.shifted
         )
+        return (
+            f"shifted_frames: the picture {pictures} from that at {self.angle_deg[0]:.1f} deg; DoLP is false at every "
+            "edge: calibrate registration and give --register, or leave edges out of regions"
+        )
+
+    @property
+    def doubt(self) -> str | None:
+        """A sentence on pictures for which the shift is no plain one; None where all are, or none is shifted."""
+        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
+        off = [k for k in range(len(sizes)) if sizes[k] > _WORTH_A_WORD_PIXELS and not self.found.is_plain(k)]
+        if not off:
+            return None
+        pictures = "; ".join(
+            f"at {self.angle_deg[index]:.1f} deg {sizes[index]:.2f} pixel, ninths of the picture scatter by "
+            f"{self.found.scatter_pixels[index]:.2f} pixel, left of the edges {before_and_after(self.found, index)}"
+            for index in off
+        )
+        return (
+            f"not a plain shift: {pictures}: parts of the picture do not agree on it, or edges lie no better on one "
+            "another for it where it was not fitted, as after a turn, a change of scale, or where something moved"
+        )
+
+
+def before_and_after(found: Registration, index: int) -> str:
+    """Return what is left of the edges of a picture that do not lie on one another, in words."""
+    before, after = found.edge_residual[index]
+    return f"{before:.2%} before, {after:.2%} moved back"
 
 
 def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
@@ -105,7 +137,7 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
     if len(records) < 2:
         raise DataError(f"{run.path}: {len(records)} scene frames in cycle {wanted}; two or more angles are needed")
     pictures = np.array([run.counts(record).astype(np.float64) for record in records])
-    usable = np.all([_usable(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
+    usable = np.all([usable_pixels(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
     found = register(pictures, usable)
     return RunRegistration(
         angle_deg=angles,
@@ -115,7 +147,7 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
     )
 
 
-def _usable(record: FrameRecord, counts: FloatArray) -> NDArray[np.bool_]:
+def usable_pixels(record: FrameRecord, counts: FloatArray) -> NDArray[np.bool_]:
     """Return the pixels of a frame that are neither saturated nor missing."""
     received = np.ones(counts.shape, dtype=np.bool_) if record.missing_dn is None else counts != record.missing_dn
     return np.asarray(received & (counts < record.saturation_dn))

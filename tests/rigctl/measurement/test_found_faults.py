@@ -149,3 +149,34 @@ def test_a_session_shows_the_faults_of_its_last_cycle(tmp_path: Path) -> None:
     # Who reads the status file gets it back.
     write_status(tmp_path, LiveStatus(session="s", frames_planned=4, frames=4, numbers=live.content()))
     assert read_status(tmp_path).numbers == live.content()
+
+
+def test_a_turned_picture_is_no_plain_shift_and_moves_nothing_unless_forced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    world = World(black_dn=0.0, texture=0.3, texture_pixels=3.0)
+    frames = [frame.astype(np.float64) for frame in expose(world, Faults(), np.random.default_rng(3))]
+    turn = cv2.getRotationMatrix2D((96.0, 80.0), 1.2, 1.0)
+    turn[:, 2] += (0.5, 0.4)
+    frames[1] = cv2.warpAffine(frames[1], turn, frames[1].shape[::-1], borderMode=cv2.BORDER_REFLECT)
+    make_run(tmp_path / "run", [(at(angle), f) for angle, f in zip(world.angles_deg, frames, strict=True)])
+    walk = tmp_path / "walk.json"
+    calibrate = ["calibrate", "registration", str(tmp_path / "run"), "--out", str(walk)]
+    assert main(calibrate) == EXIT_DATA
+    told = capsys.readouterr()
+    assert "not a plain shift: at 45.0 deg" in told.err
+    assert "ninths of the picture scatter" in told.err
+    assert "moved back" in told.err
+    assert not walk.exists()
+    assert main([*calibrate, "--force-registration"]) == 0
+    # Against the walk: edges lie worse for it.
+    content = json.loads(walk.read_text())
+    content["wander"] = None
+    for row in content["angles"]:
+        row["shift_pixels"] = [3.0, -2.0] if row["angle_deg"] == 90.0 else [0.0, 0.0]
+    walk.write_text(json.dumps(content))
+    moved = ["stokes", str(tmp_path / "run"), "--register", str(walk), "--out", str(tmp_path / "out")]
+    assert main(moved) == EXIT_DATA
+    assert "not a plain shift of this run" in capsys.readouterr().err
+    assert main([*moved, "--force-registration"]) == 0
+    assert "moved back" in capsys.readouterr().err
