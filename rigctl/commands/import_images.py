@@ -117,12 +117,12 @@ def command(
 
 def _report(run: Path, imported: "Imported", *, as_json: bool) -> None:
     from rigctl.measurement.run_diagnosis import fault_lines
-    from rigctl.reports.tables.comparison_json import diagnosis_json
+    from rigctl.reports.tables.numbers_json import diagnosis_json
 
     if as_json:
         files = [record.file for record in imported.frames]
-        content = {"run": str(run), "frames": files, "remarks": list(imported.remarks)}
-        print_json(content | {"diagnosis": diagnosis_json(imported.diagnosis)})
+        told = diagnosis_json(imported.diagnosis)
+        print_json({"run": str(run), "frames": files, "remarks": list(imported.remarks), "diagnosis": told})
         return
     first = imported.frames[0]
     size = f"{first.width} x {first.height} pixels, {first.bit_depth} bits"

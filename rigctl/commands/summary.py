@@ -21,7 +21,7 @@ def command(
     """
     from rigctl.jobs.summary import summarise_session
     from rigctl.measurement.run_diagnosis import fault_lines
-    from rigctl.reports.tables.comparison_json import diagnosis_json
+    from rigctl.reports.tables.numbers_json import diagnosis_json
 
     page = summary_page(run) if out is None else out
     found = summarise_session(run, page)
@@ -29,8 +29,8 @@ def command(
     if as_json:
         kinds = Counter[str](record.kind for record in history.run.frames)
         events = Counter(event.event for event in history.events)
-        content = {"run": str(run), "page": str(page), "frames": kinds, "events": events}
-        print_json(content | {"diagnosis": diagnosis_json(found.diagnosis)})
+        told = diagnosis_json(found.diagnosis)
+        print_json({"run": str(run), "page": str(page), "frames": kinds, "events": events, "diagnosis": told})
         return
     for line in fault_lines(found.diagnosis):
         results().print(line, markup=False)
