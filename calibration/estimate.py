@@ -1,5 +1,6 @@
 """A calibrated number, and how well it is known."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -57,3 +58,16 @@ class JointCovariance:
 
     names: tuple[str, ...]
     matrix: NDArray[np.float64]
+
+
+def percent_with_error(value: float, std_error: float) -> str:
+    """Return a share and its standard error in percent, both to the second digit of the error.
+
+    Parameters
+    ----------
+    value, std_error : float
+        Relative; the error > 0 or not finite.
+    """
+    digits = 1 - math.floor(math.log10(100.0 * std_error)) if 0.0 < std_error < np.inf else 2
+    digits = min(max(digits, 0), 6)
+    return f"{value:+.{digits}%} +- {std_error:.{digits}%}"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.estimate import percent_with_error
 from calibration.flags import Flag
 from calibration.sensor.brighter_fatter import brighter_fatter
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal
@@ -143,7 +144,7 @@ def _cause(transfer: PhotonTransfer) -> str:
     top_dn = transfer.top_dn
     response = (curve.quadratic_per_dn + curve.cubic_per_dn2 * top_dn) * top_dn
     found = f"mean against {curve.light} is {response:+.2%} off its line there"
-    left = f"{spreading.value:+.1%} +- {spreading.std_error:.1%}"
+    left = f"{percent_with_error(spreading.value, spreading.std_error)}"
     if abs(spreading.value) < _LEFT_SIGMA * spreading.std_error:
         return f"{found}, and what that does not explain ({left}) is within its error"
     if spreading.value > 0.0:
@@ -175,9 +176,9 @@ def _not_linear(transfer: PhotonTransfer) -> Flag | None:
         return None
     return Flag(
         name="response_not_linear",
-        message=f"at {top_dn:.4g} DN the mean is {off:+.2%} +- {error:.2%} off its slope at no signal (more than "
-        f"{_NOT_LINEAR:.0%}): radiances of bright scenes are off by as much; the response is in the calibration, or "
-        f"expose so that scenes stay below {_NOT_LINEAR / abs(off) * top_dn:.0f} DN",
+        message=f"at {top_dn:.4g} DN the mean is {percent_with_error(off, error)} off its slope at no signal (more "
+        f"than {_NOT_LINEAR:.0%}): radiances of bright scenes are off by as much; the response is in the calibration, "
+        f"or expose so that scenes stay below {_NOT_LINEAR / abs(off) * top_dn:.0f} DN",
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from calibration.estimate import percent_with_error
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_influence import LightInfluence
@@ -44,6 +45,11 @@ class Step:
     relative: float
     std_error: float
     is_real: bool
+
+    @property
+    def height(self) -> str:
+        """Height with its error, in percent."""
+        return percent_with_error(self.relative, self.std_error)
 
 
 def largest_step(
@@ -192,13 +198,15 @@ def change_flag(change: GainChange, levels: Sequence[LevelStatistics]) -> Flag:
         The levels that it was found in.
     """
     noise, light = change.by_noise, change.by_light
-    of_noise = "" if noise is None else f"variance over mean changes by {noise.relative:+.2%} +- {noise.std_error:.2%}"
-    of_light = "" if light is None else f"mean over light by {light.relative:+.2%} +- {light.std_error:.2%}"
+    of_noise = (
+        "" if noise is None else f"variance over mean changes by {percent_with_error(noise.relative, noise.std_error)}"
+    )
+    of_light = "" if light is None else f"mean over light by {percent_with_error(light.relative, light.std_error)}"
     step = noise if _is_large(noise) else light
     if change.is_of_gain and step is not None:
         found = [text for text in (of_noise, of_light) if text]
         if _is_large(change.by_dark) and change.by_dark is not None:
-            found.append(f"the variance of darks by {change.by_dark.relative:+.2%} +- {change.by_dark.std_error:.2%}")
+            found.append(f"the variance of darks by {change.by_dark.height}")
         return Flag(
             name="gain_changed",
             message=f"from {describe_level(levels[step.place])} on {', '.join(found)} in one step"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.estimate import percent_with_error
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.level_influence import LightInfluence
@@ -143,8 +144,8 @@ def _flag(
     light: tuple[float, float] | None,
     light_name: str | None,
 ) -> Flag:
-    variance = "" if noise is None else f"{noise[0]:+.2%} +- {noise[1]:.2%}"
-    mean = "" if light is None else f"{light[0]:+.2%} +- {light[1]:.2%}"
+    variance = "" if noise is None else f"{percent_with_error(noise[0], noise[1])}"
+    mean = "" if light is None else f"{percent_with_error(light[0], light[1])}"
     messages = {
         "wrong_variance": f"its temporal variance is {variance} off the curve that all others follow against their "
         f"means: {_cause_of_variance(noise)}; it is left out of the gain: take it again",

@@ -120,10 +120,45 @@ def pair_detections(
     ----------
     [MK14] eq. (30), section IV-B.
     """
-    return tuple(
-        pair_detection(target, background, predictions, p_false_alarm)
-        for target, background in permutations(predictions, 2)
-    )
+    return detections_of_sweep((predictions,), p_false_alarm)[0]
+
+
+def detections_of_sweep(
+    alternatives: Sequence[Mapping[str, RegionPrediction]], p_false_alarm: Sequence[float]
+) -> tuple[tuple[PairDetection, ...], ...]:
+    """Return what `pair_detections` does for each of several sets of predictions, in about the time of one.
+
+    Parameters
+    ----------
+    alternatives
+        Each from region to prediction, all with the same regions.
+    p_false_alarm
+        As in `pair_detections`.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    pairs = permutations(alternatives[0], 2) if alternatives else ()
+    by_pair = [_detections_or_reasons(*pair, alternatives, p_false_alarm) for pair in pairs]
+    return tuple(tuple(found[k] for found in by_pair) for k in range(len(alternatives)))
+
+
+def _detections_or_reasons(
+    target: str,
+    background: str,
+    alternatives: Sequence[Mapping[str, RegionPrediction]],
+    p_false_alarm: Sequence[float],
+    *,
+    tolerance: float = 1e-10,
+) -> tuple[PairDetection, ...]:
+    """Return `pair_detection` of each set: together where all exist, one by one where some do not."""
+    try:
+        return detections_of_pair(target, background, alternatives, p_false_alarm, tolerance=tolerance)
+    except ValueError:
+        return tuple(
+            pair_detection(target, background, one, p_false_alarm, tolerance=tolerance) for one in alternatives
+        )
 
 
 def pair_detection(
@@ -190,10 +225,38 @@ def roc_of_pair(
     ----------
     [MK14] eq. (30), section IV-B: "multichannel intensity or Stokes parameters".
     """
+    return rocs_of_pair(target, background, (predictions,), p_false_alarm, kind=kind, tolerance=tolerance)[0]
+
+
+def rocs_of_pair(
+    target: str,
+    background: str,
+    alternatives: Sequence[Mapping[str, RegionPrediction]],
+    p_false_alarm: Sequence[float] | FloatArray,
+    *,
+    kind: Literal["stokes", "intensity"],
+    tolerance: float = 1e-10,
+) -> tuple[PairDetection, ...]:
+    """Return what `roc_of_pair` does for each of several sets of predictions, in about the time of one.
+
+    Parameters
+    ----------
+    alternatives
+        Each from region to prediction.
+    target, background, p_false_alarm, kind, tolerance
+        As in `roc_of_pair`.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
     if kind == "intensity":
-        counted = {name: replace(one, stokes_dn=_counts(one)) for name, one in predictions.items()}
-        return pair_detection(target, background, counted, np.asarray(p_false_alarm).tolist(), tolerance=tolerance)
-    return pair_detection(target, background, predictions, np.asarray(p_false_alarm).tolist(), tolerance=tolerance)
+        alternatives = [
+            {name: replace(one[name], stokes_dn=_counts(one[name])) for name in (target, background)}
+            for one in alternatives
+        ]
+    rates = np.asarray(p_false_alarm).tolist()
+    return _detections_or_reasons(target, background, alternatives, rates, tolerance=tolerance)
 
 
 def _counts(prediction: RegionPrediction) -> Moments:

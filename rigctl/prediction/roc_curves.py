@@ -1,12 +1,12 @@
 """Whole ROC curves of a pair of regions, on Stokes parameters and on the counts behind the polarizer."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from model.prediction.prediction import RegionPrediction
-from model.prediction.region_performance import PairDetection, roc_of_pair
+from model.prediction.region_performance import PairDetection, rocs_of_pair
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ROC_KINDS, RocKind
 
@@ -48,4 +48,19 @@ def roc_curves(found: Mapping[str, RegionPrediction], pair: RocPair) -> dict[Roc
     pair : RocPair
         Two of them.
     """
-    return {kind: roc_of_pair(pair.target, pair.background, found, ROC_RATES, kind=kind) for kind in ROC_KINDS}
+    return {kind: curves[0] for kind, curves in roc_curves_of_sweep((found,), pair).items()}
+
+
+def roc_curves_of_sweep(
+    found: Sequence[Mapping[str, RegionPrediction]], pair: RocPair
+) -> dict[RocKind, tuple[PairDetection, ...]]:
+    """Return the whole ROC of a pair at each point of a sweep, for each kind of vector.
+
+    Parameters
+    ----------
+    found : sequence of mapping
+        Region to prediction, of each point.
+    pair : RocPair
+        Two of them.
+    """
+    return {kind: rocs_of_pair(pair.target, pair.background, found, ROC_RATES, kind=kind) for kind in ROC_KINDS}

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.prediction import Quantities, RegionPrediction, reason_missing
-from model.prediction.region_performance import PairDetection, pair_detections
+from model.prediction.region_performance import PairDetection, detections_of_sweep
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RocKind
 from rigctl.prediction.performance import SWEPT_RATES
-from rigctl.prediction.roc_curves import RocPair, roc_curves
+from rigctl.prediction.roc_curves import RocPair, roc_curves_of_sweep
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import require_within, with_values
 from rigctl.scene.scene_record import Scene
@@ -178,16 +178,16 @@ def sweep_of(
     roc : RocPair or None
         Of which the whole ROC is found at each point.
     """
-    detections = tuple(pair_detections(one, SWEPT_RATES) for one in predictions)
-    curves = [] if roc is None else [roc_curves(one, roc) for one in predictions]
+    detections = detections_of_sweep(predictions, SWEPT_RATES)
+    curves = {} if roc is None else roc_curves_of_sweep(predictions, roc)
     indices = list(np.ndindex(tuple(axis.values.size for axis in axes)))
-    rocs = [list(one.values()) for one in curves] or [[] for _ in indices]
+    rocs = list(zip(*curves.values(), strict=True)) if curves else [() for _ in indices]
     points = list(zip(indices, predictions, detections, rocs, strict=True))
     return Sweep(
         axes=axes,
         quantities=tuple({name: region.quantities for name, region in one.items()} for one in predictions),
         detections=detections,
-        rocs={kind: tuple(one[kind] for one in curves) for kind in (curves[0] if curves else ())},
+        rocs=curves,
         warnings=tuple(
             PointWarning(index=index, message=message)
             for index, found, pairs, roc_pairs in points

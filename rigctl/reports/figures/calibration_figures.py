@@ -10,6 +10,7 @@ from calibration.sensor.performance import temporal_noise_e, total_noise_e
 from rigctl.reports.figures.figure_style import (
     MEASURED,
     PREDICTED,
+    few_log_labels,
     legend_below,
     legend_beside,
     mark_beyond,
@@ -21,6 +22,7 @@ FloatArray = NDArray[np.float64]
 
 _GREY = "0.45"
 _MS_PER_S = 1e3
+_LONG_BAR = 10.0
 # A level fainter than this share of the brightest says nothing of a line.
 _FAINT = 0.01
 _WRONG_LIGHT = ("wrong_light", "another_gain", "wrong_level")
@@ -42,7 +44,8 @@ def linearity_png(calibration: NoiseCalibration) -> bytes | None:
         (~used & ~named, "x", _GREY, "flats left out"),
         (named, "s", "black", "flats named as wrong"),
     ):
-        above.plot(light[chosen], signal_dn[chosen], marker, ms=5, color=colour, label=name)
+        if chosen.any():
+            above.plot(light[chosen], signal_dn[chosen], marker, ms=5, color=colour, label=name)
     sound = used & ~named if np.count_nonzero(used & ~named) > 1 else used
     line = (
         np.polyfit(
@@ -56,7 +59,9 @@ def linearity_png(calibration: NoiseCalibration) -> bytes | None:
     above.set(xlabel=label, ylabel="signal above dark [DN]", title="Linearity")
     off = 100.0 * (signal_dn[used] / np.polyval(line, light[used]) - 1.0)
     errors = _relative_errors(calibration)
-    below.errorbar(signal_dn[used], off, errors, fmt="o", ms=4, color=MEASURED, label="flats used")
+    # A bar that is longer than the axes would be a line across them.
+    shown_errors = np.where(errors <= _LONG_BAR * np.median(errors), errors, np.nan)
+    below.errorbar(signal_dn[used], off, shown_errors, fmt="o", ms=4, color=MEASURED, label="flats used")
     mark_beyond(below, signal_dn[used], off, errors, trusted=sound[used])
     _draw_response(below, calibration)
     below.axhline(0.0, color="black", lw=0.8)
@@ -123,6 +128,7 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     right.set(ylabel="variance in time [DN$^2$]", title="Dark noise")
     for axes in (left, right):
         axes.set_xlabel("exposure time [ms]")
+        axes.locator_params(axis="x", nbins=6)
         axes.ticklabel_format(axis="y", useOffset=False)
         axes.grid(alpha=0.3, which="both", lw=0.4)
         legend_below(axes)
@@ -158,6 +164,7 @@ def snr_png(calibration: NoiseCalibration) -> bytes | None:
     axes.plot(x, np.sqrt(x), color=_GREY, ls=":", label="photons alone")
     _mark_limits(axes, calibration)
     axes.set(xscale="log", yscale="log", xlabel="signal [e-]", ylabel="signal over noise of a pixel")
+    few_log_labels(axes.yaxis)
     axes.set_title("Signal-to-noise ratio")
     axes.set_ylim(bottom=0.05)
     _finish(axes)
@@ -210,6 +217,8 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
         (~transfer.used & seen & noisy, "x", _GREY, "flats left out"),
         (named & seen & noisy, "s", "black", "flats named as wrong"),
     ):
+        if not chosen.any():
+            continue
         axes.plot(
             points.signal_dn[chosen],
             np.sqrt(total_dn2[chosen]),
@@ -223,6 +232,7 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
     axes.plot(signal_dn[rising], np.sqrt(fit_dn2[rising]), color=PREDICTED, label=_fit_label(calibration))
     _draw_regimes(axes, calibration, signal_dn, dark_dn=float(np.sqrt(dark_dn2)))
     axes.set(xscale="log", yscale="log", ylabel="noise of a pixel in time [DN]", title="Photon transfer")
+    few_log_labels(axes.yaxis)
     axes.set_xlim(_left_dn(calibration), 1.3 * float(points.signal_dn.max()))
     axes.set_ylim(bottom=0.3 * np.sqrt(max(dark_dn2, 1.0 / 12.0)))
     axes.grid(alpha=0.3, which="both", lw=0.4)
@@ -282,5 +292,6 @@ def _draw_residuals(axes: Axes, calibration: NoiseCalibration) -> None:
         off = 100.0 * (emva.value * shown / transfer.variance_at(shown) - 1.0)
         axes.plot(shown, off, color=_GREY, ls="--", lw=1.2, label="straight line of EMVA 1288")
     axes.set(xlabel="signal above dark [DN]", ylabel="variance off the fit [%]")
+    few_log_labels(axes.xaxis)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     legend_beside(axes)

@@ -13,6 +13,7 @@ from calibration.sensor.spectrogram import Spectrogram
 from rigctl.reports.figures.figure_style import (
     MEASURED,
     PREDICTED,
+    few_log_labels,
     finish_picture,
     legend_below,
     legend_of_all,
@@ -70,7 +71,10 @@ def _defects(axes: Axes, pattern: FixedPattern) -> None:
         (shown,) = axes.plot(x, y, _MARKERS[name], ms=4, color=_DEFECT_COLOURS[name], label=f"{name}: {count}")
         shown.set_markerfacecolor("none")
     axes.set(xlabel="x [pixel]", ylabel="y [pixel]", title=f"{pattern.defects.n_defect} pixels unlike the others")
-    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
+    if not pattern.defects.n_defect:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center")
+        return
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
 def histograms_png(pattern: FixedPattern) -> bytes:
@@ -136,6 +140,5 @@ def _spectrogram(axes: Axes, found: Spectrogram, factor: float, noise: float) ->
     axes.axhline(factor * noise, color=PREDICTED, ls="--", lw=1.2, label="what is left of noise in time")
     axes.axhline(factor * found.median, color="0.45", ls=":", lw=1.2, label="median: independent pixels")
     axes.grid(alpha=0.3, which="both", lw=0.4)
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}")
+    few_log_labels(axes.yaxis)
     axes.tick_params(axis="y", which="both", labelsize=8)

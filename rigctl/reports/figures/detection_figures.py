@@ -51,7 +51,7 @@ def roc_plot(found: RxOnRun, *, background: str, target: str) -> bytes:
 
 
 def roc_png(curves: Mapping[RocKind, Sequence[PairDetection]], labels: Sequence[str] = ("",)) -> bytes:
-    """Return a panel for each kind of vector, a curve for each point.
+    """Return a panel for each kind of vector, a curve for each point; of many a dozen are named, the others grey.
 
     Parameters
     ----------
@@ -60,13 +60,17 @@ def roc_png(curves: Mapping[RocKind, Sequence[PairDetection]], labels: Sequence[
     labels : sequence of str
         What each is of.
     """
-    figure, axes = subplots(1, len(curves), size=(5.6 * len(curves), 4.4))
     named = np.unique(np.linspace(0, len(labels) - 1, min(len(labels), _MOST_NAMED)).astype(int))
+    # Names of many curves stand below, where they hide none.
+    figure, axes = subplots(1, len(curves), size=(5.6 * len(curves), 4.4 + 0.16 * len(named) * (len(labels) > 1)))
     for ax, (kind, found) in zip(axes, curves.items(), strict=True):
         colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(found)))
         for k, (one, label, colour) in enumerate(zip(found, labels, colours, strict=True)):
-            name = f"{label} (area {one.auc:.4f})".strip() if k in named else None
-            ax.plot(one.p_false_alarm, one.p_detection, color=colour, label=name, linewidth=1.4)
+            if k in named:
+                name = f"{label} (area {one.auc:.4f})".strip()
+                ax.plot(one.p_false_alarm, one.p_detection, color=colour, label=name, linewidth=1.6, zorder=3)
+            else:
+                ax.plot(one.p_false_alarm, one.p_detection, color="0.8", linewidth=0.6)
         ax.plot(found[0].p_false_alarm, found[0].p_false_alarm, ":", color="0.6", linewidth=1.0)
         ax.set_xscale("log")
         ax.set_ylim(0.0, 1.02)

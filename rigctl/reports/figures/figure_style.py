@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -52,6 +53,12 @@ def legend_of_all(figure: Figure, axes: Axes, *, place: Literal["lower", "upper"
             "outside lower center" if place == "lower" else "outside upper center"
         )
         figure.legend(handles, labels, loc=loc, ncols=min(len(labels), 5), fontsize=8)
+
+
+def few_log_labels(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 of a decade alone: more would lie on one another."""
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
 
 
 def mark_beyond(
