@@ -148,8 +148,12 @@ def _why_not(comparison: "Comparison") -> tuple[str, ...]:
 def show(compared: "ComparedRun", out: Path) -> None:
     """Print what the run shows of itself, the verdict, what disagrees, and where that points."""
     from rigctl.comparison.verdict import reservations
+    from rigctl.files.rig_file import PLACEHOLDER
 
     comparison, console = compared.comparison, results()
+    run = compared.measurement.run
+    if run.session.polarizer.placeholder:
+        warn(f"{run.path}: {PLACEHOLDER}")
     if comparison.scale is not None:
         console.print(comparison.scale.remark)
     _show_run(comparison)

@@ -9,7 +9,7 @@ import typer
 
 from model.prediction.quantity_table import angle_of
 from rigctl.console.options import time_option
-from rigctl.console.terminal import print_json, progress, results
+from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError
 from rigctl.numbers.number_range import shown
 from rigctl.reports.table import Column, Table
@@ -63,6 +63,8 @@ def command(
         pixels=None if frame is None else _pixels(frame),
     )
     planned = plan(request)
+    for doubt in planned.doubts:
+        warn(doubt)
     if as_json:
         print_json(planned.content())
     else:

@@ -152,6 +152,11 @@ class RigFile(Section):
         return self
 
 
+def placeholder_doubt(rig: RigFile) -> str | None:
+    """Return in words that sense and offset of a rig file are placeholders; None where they are not."""
+    return f"rig {rig.name}: {PLACEHOLDER}" if rig.polarizer.placeholder else None
+
+
 def load_rig(path: str | Path) -> RigFile:
     """Return the checked rig file; a scene and a characterisation that it names are sought beside it."""
     path = Path(path)

@@ -11,7 +11,7 @@ from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, re
 from rigctl.devices.rig import Rig, open_rig, require_drivers
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RoofChange
-from rigctl.files.rig_file import PLACEHOLDER, RigFile, load_rig
+from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
 from rigctl.files.session_file import SessionFile, load_session
 from rigctl.live.mean_noise import noise_numbers
 from rigctl.numbers.utc_time import utc_text
@@ -136,11 +136,6 @@ def prepare_session(request: AcquireRequest) -> PreparedSession:
         chosen=chosen,
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
     )
-
-
-def placeholder_doubt(rig: RigFile) -> str | None:
-    """Return in words that sense and offset of a rig file are placeholders; None where they are not."""
-    return f"rig {rig.name}: {PLACEHOLDER}" if rig.polarizer.placeholder else None
 
 
 def with_target(

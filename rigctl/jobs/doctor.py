@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.errors import DeviceError
 from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
 from rigctl.devices.rig_checkup import RigCheckup
-from rigctl.files.rig_file import load_rig
+from rigctl.files.rig_file import load_rig, placeholder_doubt
 from rigctl.files.session_file import load_session
 from rigctl.session.planning.disk_demand import DiskDemand, demand_of
 
@@ -49,6 +49,9 @@ def check_up(request: DoctorRequest) -> Iterator[Finding]:
     session_file = None if request.session is None else load_session(request.session)
     pixels, camera_s = _USUAL_PIXELS, None
     if rig_file is not None:
+        doubt = placeholder_doubt(rig_file)
+        if doubt is not None:
+            yield Finding(what="polarizer", found=doubt, hint="docs/how-to/calibrate.md has the two runs that it takes")
         checkup = RigCheckup(rig_file, frames=request.frames)
         try:
             yield from checkup.findings()

@@ -11,7 +11,7 @@ from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_fil
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection
-from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.files.session_file import MeteringSection, load_session
 from rigctl.numbers.utc_time import NS_PER_S
@@ -96,10 +96,11 @@ Prediction = RoundPrediction | UnpredictedRound
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedSession:
-    """A session laid out in time; `predictions` is None without a scene."""
+    """A session laid out in time; `predictions` is None without a scene, `doubts` what is doubtful of its rig."""
 
     plan: SessionPlan
     predictions: tuple[Prediction, ...] | None
+    doubts: tuple[str, ...] = ()
 
     def content(self) -> dict[str, Json]:
         """Return it as JSON holds it."""
@@ -121,12 +122,13 @@ def plan(request: PlanRequest) -> PlannedSession:
     rig, session = load_rig(request.rig), load_session(request.session)
     now_ns = request.at_ns or SessionClock().utc_ns()
     planned = plan_session(rig, session, now_ns=now_ns, until_ns=request.until_ns, pixels=request.pixels)
+    doubts = () if (doubt := placeholder_doubt(rig)) is None else (doubt,)
     if request.scene is None:
-        return PlannedSession(plan=planned, predictions=None)
+        return PlannedSession(plan=planned, predictions=None, doubts=doubts)
     scene = load_scene(request.scene)
     noise = None if request.noise is None else read_noise_file(request.noise)
     predictions = tuple(predict_rounds(scene, noise, planned, rig, session.metering))
-    return PlannedSession(plan=planned, predictions=predictions)
+    return PlannedSession(plan=planned, predictions=predictions, doubts=doubts)
 
 
 def predict_rounds(

@@ -3,10 +3,12 @@
 import re
 import shutil
 
+import numpy as np
 import pytest
 
 from rigctl import cli
 from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.made_runs import at, make_run
 
 SCENE, ROOF, RIG, SESSION = "scene-panels.toml", "scene-roof.toml", "rig-sim.toml", "session.toml"
 TAKE = ("acquire", RIG, SESSION, "--out", "run", "--dry-run")
@@ -110,3 +112,44 @@ def test_a_wrong_input_is_told_in_words_that_help(folder, monkeypatch, capsys, c
     assert said in found
     assert UGLY.search(found) is None, found
     assert not (folder / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "command", [("plan", RIG, SESSION), ("doctor", RIG, "--frames", "1"), TAKE], ids=lambda one: one[0]
+)
+def test_placeholders_of_a_rig_are_said_to_be_such(folder, monkeypatch, capsys, command):
+    monkeypatch.chdir(folder)
+    text = (folder / RIG).read_text()
+    try:
+        (folder / RIG).write_text(text.replace("sense = -1\n", "sense = -1\nplaceholder = true\n", 1))
+        cli.main([*command])
+    finally:
+        (folder / RIG).write_text(text)
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert "sense and offset of the polarizer are placeholders" in said
+
+
+@pytest.fixture(scope="module")
+def run_of_placeholders(tmp_path_factory):
+    """Return a run of two plates whose rig file had sense and offset as placeholders, and their regions file."""
+    path, rng = tmp_path_factory.mktemp("placeholders"), np.random.default_rng(7)
+    light = np.full((24, 30), 800.0)
+    light[:, 15:] = 400.0
+    frames = [
+        (at(angle, cycle=cycle, exposure_s=0.01), rng.normal(light * (1 + 0.3 * np.cos(np.radians(2 * angle))), 5.0))
+        for cycle in range(2)
+        for angle in (0.0, 45.0, 90.0, 135.0)
+    ]
+    polarizer = {"sense": 1, "offset_deg": 0.0, "placeholder": True}
+    make_run(path / "run", frames, session={"origin": "simulated", "rig": {"polarizer": polarizer}})
+    plate = "[[regions]]\nname = {name}\nrectangle = {{ x = {x}, y = 2, width = 10, height = 20 }}\n"
+    (path / "regions.toml").write_text(plate.format(name='"left"', x=2) + plate.format(name='"right"', x=18))
+    return path
+
+
+@pytest.mark.parametrize("words", ["stokes", "compare", "detect --background left --target right"])
+def test_placeholders_of_a_run_are_said_to_be_such(run_of_placeholders, tmp_path, capsys, words):
+    verb, *options = words.split()
+    regions = str(run_of_placeholders / "regions.toml")
+    cli.main([verb, str(run_of_placeholders / "run"), *options, "--regions", regions, "--out", str(tmp_path / "out")])
+    assert "are placeholders" in " ".join(capsys.readouterr().err.split())
