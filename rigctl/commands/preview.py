@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rigctl.commands.watch import place_of
 from rigctl.console.terminal import progress, results
 from rigctl.errors import ConfigError
 from rigctl.storage.durable_file import write_durably
 
 if TYPE_CHECKING:
-    from rigctl.devices.preview_page import PreviewPage
     from rigctl.jobs.preview import PreviewPicture
+    from rigctl.web.preview_page import PreviewPage
 
 _LINE_EACH_S = 1.0
 _THIS_MACHINE = "127.0.0.1"
@@ -43,12 +44,12 @@ def command(
 
     Example: rigctl preview sim:gc780 --exposure-ms 0.03
     """
-    from rigctl.devices.preview_page import PreviewPage
     from rigctl.jobs.preview import open_camera, preview_pictures
+    from rigctl.web.preview_page import PreviewPage
 
     if exposure_ms <= 0:
         raise ConfigError(f"--exposure-ms: is {exposure_ms:g}; must be above 0")
-    page = None if picture is not None else PreviewPage(*_place(listen))
+    page = None if picture is not None else PreviewPage(place_of(listen, None, None))
     with page or nullcontext(), open_camera(camera) as opened:
         pictures = preview_pictures(opened, exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom, frames=frames)
         where = str(picture) if page is None else page.address
@@ -57,13 +58,6 @@ def command(
             _show(pictures, page, picture)
         except KeyboardInterrupt:
             sys.stderr.write("\n")
-
-
-def _place(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 65535:
-        raise ConfigError(f"--listen {text}: must be an address and a port, such as 127.0.0.1:8765")
-    return host, int(port)
 
 
 def _show(pictures: Iterable["PreviewPicture"], page: "PreviewPage | None", file: Path | None) -> None:

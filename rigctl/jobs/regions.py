@@ -12,9 +12,9 @@ from rigctl.files.config import load
 from rigctl.files.regions import Markers, RegionsFile, regions_text
 from rigctl.outlines.follow import FollowedRegion, follow_markers, moved_markers
 from rigctl.outlines.markers import grey_picture, search_markers
-from rigctl.outlines.picker import Picker
 from rigctl.runs.wholeness import used_run
 from rigctl.storage.durable_file import write_durably
+from rigctl.web.region_page import RegionPage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +65,9 @@ def draw_regions(run: Path, request: DrawRequest, *, out: Path, opened: Callable
     """
     picture = grey_picture(used_run(run))
     drawn = [] if request.start is None else _read(request.start).regions
-    picker = Picker(cv2.imencode(".png", picture)[1].tobytes(), drawn=drawn, title=str(run), port=request.port)
-    opened(picker.address)
-    answer = picker.wait(seconds=request.wait_s)
+    page = RegionPage(cv2.imencode(".png", picture)[1].tobytes(), drawn=drawn, title=str(run), port=request.port)
+    opened(page.address)
+    answer = page.wait(seconds=request.wait_s)
     seen = search_markers(picture, Dictionary.FOUR_50)
     return _written(out, answer.model_copy(update={"markers": Markers(seen=seen) if seen else None}))
 

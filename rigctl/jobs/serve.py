@@ -20,11 +20,10 @@ from rigctl.jobs.preview import open_camera
 from rigctl.runs.run_lock import writing_process
 from rigctl.session.control import ask_process
 from rigctl.storage.durable_file import write_durably
-from rigctl.web.access import Access
 from rigctl.web.hands import Asked, Hands
 from rigctl.web.live_rig import LiveRig, OpenDevices
 from rigctl.web.page import page_app
-from rigctl.web.server import Addresses, Place, serve_page
+from rigctl.web.server import Addresses, PageServer, Place
 from rigctl.web.sources import RunsOfFolder
 
 _RIG_FILE = ".toml"
@@ -78,7 +77,9 @@ def serve(request: ServeRequest, place: Place, *, told: Callable[[Addresses], No
         start=sessions.start,
         write_regions=lambda body: _write_regions(request.runs / _REGIONS_FILE, body),
     )
-    serve_page(page_app(RunsOfFolder(request.runs), hands), place, Access(), can_act=True, told=told)
+    server = PageServer(page_app(RunsOfFolder(request.runs), hands), place, can_act=True)
+    told(server.addresses)
+    server.run()
 
 
 class _Sessions:

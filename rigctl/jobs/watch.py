@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from rigctl.web.access import Access
 from rigctl.web.page import page_app
-from rigctl.web.server import Addresses, Place, serve_page
+from rigctl.web.server import Addresses, PageServer, Place
 from rigctl.web.sources import source_at
 
 
@@ -26,4 +25,6 @@ def watch(path: Path, place: Place, *, told: Callable[[Addresses], None]) -> Non
     ConfigError
         No run can be there, or nothing can listen at that place.
     """
-    serve_page(page_app(source_at(path)), place, Access(), can_act=False, told=told)
+    server = PageServer(page_app(source_at(path)), place, can_act=False)
+    told(server.addresses)
+    server.run()

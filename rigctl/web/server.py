@@ -2,9 +2,11 @@
 
 import os
 import socket
-from collections.abc import Callable
+import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -48,8 +50,8 @@ class Addresses:
     act_url: str | None
 
 
-def serve_page(app: ASGIApp, place: Place, access: Access, *, can_act: bool, told: Callable[[Addresses], None]) -> None:
-    """Serve a page until somebody presses Ctrl-C.
+class PageServer:
+    """Listens for a page from the moment it is made. A context manager: it answers in a thread of its own meanwhile.
 
     Parameters
     ----------
@@ -57,24 +59,45 @@ def serve_page(app: ASGIApp, place: Place, access: Access, *, can_act: bool, tol
         The page, without a guard.
     place : Place
         Where.
-    access : Access
-        Its tokens.
     can_act : bool
         Whether the page has hands.
-    told : callable
-        Told the addresses once the page is there.
 
     Raises
     ------
     ConfigError
         Nothing can listen there, or the certificate cannot be used.
     """
-    listening = _listening(place)
-    port = int(listening.getsockname()[1])
-    is_secure = place.certificate is not None
-    guard = Guard(app, access, hosts=names_of_this_machine(place.host), port=port, is_secure=is_secure)
+
+    def __init__(self, app: ASGIApp, place: Place, *, can_act: bool) -> None:
+        self._listening = _listening(place)
+        port = int(self._listening.getsockname()[1])
+        is_secure = place.certificate is not None
+        access = Access()
+        guard = Guard(app, access, hosts=names_of_this_machine(place.host), port=port, is_secure=is_secure)
+        self._server = uvicorn.Server(_config(guard, place))
+        base = f"http{'s' if is_secure else ''}://{_shown(place.host)}:{port}/?token="
+        self.addresses = Addresses(look_url=base + access.look, act_url=base + access.act if can_act else None)
+
+    def run(self) -> None:
+        """Answer until somebody presses Ctrl-C, at low priority."""
+        os.nice(_NICENESS)
+        with self._listening, suppress(KeyboardInterrupt):
+            self._server.run(sockets=[self._listening])
+
+    def __enter__(self) -> Self:
+        self._thread = threading.Thread(target=self._server.run, args=([self._listening],), name="page", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self._server.should_exit = True
+        self._thread.join()
+        self._listening.close()
+
+
+def _config(app: ASGIApp, place: Place) -> uvicorn.Config:
     config = uvicorn.Config(
-        guard,
+        app,
         log_level="critical",
         access_log=False,
         lifespan="off",
@@ -90,14 +113,7 @@ def serve_page(app: ASGIApp, place: Place, access: Access, *, can_act: bool, tol
         config.load()
     except OSError as error:  # ssl.SSLError is one
         raise ConfigError(f"--certificate {place.certificate}: cannot be used: {error.strerror or error}") from error
-    base = f"http{'s' if is_secure else ''}://{_shown(place.host)}:{port}/?token="
-    told(Addresses(look_url=base + access.look, act_url=base + access.act if can_act else None))
-    os.nice(_NICENESS)
-    with listening:
-        try:
-            uvicorn.Server(config).run(sockets=[listening])
-        except KeyboardInterrupt:
-            return
+    return config
 
 
 def _listening(place: Place) -> socket.socket:

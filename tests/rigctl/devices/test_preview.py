@@ -1,5 +1,6 @@
 """The focusing preview: its number, its picture, its page."""
 
+from contextlib import closing
 from http.client import HTTPConnection
 from urllib.parse import urlsplit
 
@@ -9,8 +10,9 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.devices.focus import focus_of, jpeg_of, middle
-from rigctl.devices.preview_page import PreviewPage
 from rigctl.errors import ConfigError
+from rigctl.web.preview_page import PreviewPage
+from rigctl.web.server import Place
 
 # Squares of 8 pixels, half as bright again as what lies between.
 SCENE = np.kron(np.indices((12, 16)).sum(axis=0) % 2, np.ones((8, 8))) * 500.0 + 1000.0
@@ -65,33 +67,29 @@ def test_saturated_pixels_are_red_in_the_picture():
     assert max(blue, green) < 15
 
 
-def get(address, path):
+def get(address, path, *, token=None):
     place = urlsplit(address)
-    connection = HTTPConnection(place.hostname, place.port, timeout=10.0)
-    connection.request("GET", path)
-    return connection.getresponse()
+    token = place.query.removeprefix("token=") if token is None else token
+    with closing(HTTPConnection(place.hostname, place.port, timeout=10.0)) as connection:
+        connection.request("GET", path, headers={"Authorization": f"Bearer {token}"})
+        with connection.getresponse() as response:
+            return response.status, response.read(), response.headers.get("x-number")
 
 
-def test_the_page_shows_each_new_picture():
-    with PreviewPage("127.0.0.1", 0) as page:
-        assert b"/stream" in get(page.address, "/").read()
+def test_the_page_shows_each_new_picture_to_whoever_has_its_address():
+    with PreviewPage(Place()) as page:
+        assert b"preview.js" in get(page.address, "/")[1]
         page.show(b"first")
-        assert get(page.address, "/picture.jpg").read() == b"first"
-        stream = get(page.address, "/stream")
-        assert b"first" in stream.read(
-            len(b"--rigctl-part\r\nContent-Type: image/jpeg\r\nContent-Length: 5\r\n\r\nfirst")
-        )
+        assert get(page.address, "/picture.jpg") == (200, b"first", "1")
         page.show(b"second")
-        assert b"second" in stream.read(
-            len(b"\r\n--rigctl-part\r\nContent-Type: image/jpeg\r\nContent-Length: 6\r\n\r\nsecond")
-        )
-        stream.close()
-        assert get(page.address, "/other").status == 404
+        assert get(page.address, "/picture.jpg?after=1") == (200, b"second", "2")
+        assert get(page.address, "/other")[0] == 404
+        assert get(page.address, "/picture.jpg", token="guessed")[0] == 401
 
 
 def test_a_port_that_is_taken_is_said_so():
-    with PreviewPage("127.0.0.1", 0) as page, pytest.raises(ConfigError, match="another port"):
-        PreviewPage("127.0.0.1", urlsplit(page.address).port)
+    with PreviewPage(Place()) as page, pytest.raises(ConfigError, match="another port"):
+        PreviewPage(Place(port=urlsplit(page.address).port))
 
 
 def test_the_command_writes_pictures_and_numbers(tmp_path, capsys):

@@ -1,48 +1,3 @@
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<title>rigctl: draw regions</title>
-<style>
-  body { font: 15px/1.5 system-ui, sans-serif; margin: 1.2rem; color: #1c1c1c; background: #fafafa; }
-  main { display: flex; gap: 1.2rem; align-items: flex-start; flex-wrap: wrap; }
-  canvas { border: 1px solid #888; cursor: crosshair; background: #000; }
-  aside { min-width: 20rem; max-width: 26rem; }
-  fieldset { border: 1px solid #ccc; margin: 0 0 1rem; padding: .6rem .8rem; }
-  table { border-collapse: collapse; width: 100%; }
-  td, th { text-align: left; padding: .15rem .4rem; border-bottom: 1px solid #ddd; }
-  input[type=text] { width: 10rem; } input[type=number] { width: 4rem; }
-  button { font: inherit; padding: .2rem .8rem; }
-  #message { white-space: pre-wrap; color: #a33; }
-  #where { font-variant-numeric: tabular-nums; color: #555; }
-</style>
-</head>
-<body>
-<h1 id="title">Draw regions</h1>
-<main>
-  <div>
-    <canvas id="canvas"></canvas>
-    <div id="where">x –, y –</div>
-  </div>
-  <aside>
-    <fieldset>
-      <legend>Next region</legend>
-      <p><label>Name <input id="name" type="text" value="panel_1"></label></p>
-      <p>
-        <label><input type="radio" name="shape" value="rectangle" checked> rectangle: drag</label><br>
-        <label><input type="radio" name="shape" value="polygon"> polygon: click corners, double-click ends, Esc drops</label>
-      </p>
-      <p><label>Leave out along the border <input id="edge" type="number" min="0" value="2"> pixels</label></p>
-    </fieldset>
-    <table>
-      <thead><tr><th>Region</th><th>Shape</th><th>Border</th><th></th></tr></thead>
-      <tbody id="list"></tbody>
-    </table>
-    <p><button id="save">Save and end</button></p>
-    <div id="message" role="status"></div>
-  </aside>
-</main>
-<script>
 "use strict";
 const canvas = document.getElementById("canvas"), pen = canvas.getContext("2d");
 const element = id => document.getElementById(id);
@@ -130,7 +85,7 @@ document.addEventListener("keydown", event => {
 });
 element("save").onclick = async () => {
   try {
-    const answer = await fetch("", { method: "POST", body: JSON.stringify({ regions }) });
+    const answer = await fetch("regions", { method: "POST", body: JSON.stringify({ regions }) });
     element("message").textContent = answer.ok ? "Saved. This page can be closed." : await answer.text();
     element("save").disabled = answer.ok;
   } catch (error) {
@@ -150,6 +105,3 @@ fetch("regions.json").then(answer => answer.json()).then(found => {
   element("name").value = `panel_${regions.length + 1}`;
   picture.src = "picture.png";
 });
-</script>
-</body>
-</html>
