@@ -1,5 +1,6 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -141,33 +142,9 @@ def measure(
         or (None if registration is None else frame_shifts(run, grid, registration)),
     )
     frames = _Frames(run, grid, dark_level, corrections)
-    pixels = {name: np.empty((grid.cycles, grid.angles, int(mask.sum()))) for name, mask in inside.items()}
-    for cycle in range(grid.cycles):
-        for angle in range(grid.angles):
-            signal = frames.read(cycle, angle)
-            for name, mask in inside.items():
-                pixels[name][cycle, angle] = signal[mask]
-    usable = ~(frames.saturated | frames.missing)
-    measured: dict[str, MeasuredRegion] = {}
-    unmeasured: dict[str, str] = {}
-    for name, mask in inside.items():
-        try:
-            measured[name] = measure_region(
-                name=name,
-                pixels=pixels[name][:, :, usable[mask]],
-                inside=mask & usable,
-                excluded=int(np.sum(mask & ~usable)),
-                edge=int(np.sum(outer[name] & ~mask)),
-                channel_names=grid.channel_names,
-                plan=plan,
-                level_std_error=dark_level.std_error_dn * grid.to_unit,
-                relative_error=corrections.relative_error(grid.angles),
-            )
-        except (DataError, ValueError, ArithmeticError) as error:
-            # One region that gives no numbers says nothing of the others.
-            unmeasured[name] = str(error)
-    if unmeasured and not measured:
-        raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
+    pixels = frames.pixels(inside)
+    areas = [_Area(name=name, outer=outer[name], inside=mask, pixels=pixels[name]) for name, mask in inside.items()]
+    measured, unmeasured = _measured_regions(areas, frames, plan)
     return Measurement(
         run=run,
         grid=grid,
@@ -181,6 +158,43 @@ def measure(
         unmeasured=unmeasured,
         corrections=corrections,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Area:
+    """A region's pixels: all of it, without its border, and their signal (cycles, N, P)."""
+
+    name: str
+    outer: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
+    pixels: FloatArray
+
+
+def _measured_regions(
+    areas: Iterable[_Area], frames: "_Frames", plan: Design
+) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
+    """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
+    usable = ~(frames.saturated | frames.missing)
+    measured: dict[str, MeasuredRegion] = {}
+    unmeasured: dict[str, str] = {}
+    for area in areas:
+        try:
+            measured[area.name] = measure_region(
+                name=area.name,
+                pixels=area.pixels[:, :, usable[area.inside]],
+                inside=area.inside & usable,
+                excluded=int(np.sum(area.inside & ~usable)),
+                edge=int(np.sum(area.outer & ~area.inside)),
+                channel_names=frames.grid.channel_names,
+                plan=plan,
+                level_std_error=frames.dark_level.std_error_dn * frames.grid.to_unit,
+                relative_error=frames.corrections.relative_error(frames.grid.angles),
+            )
+        except (DataError, ValueError, ArithmeticError) as error:
+            unmeasured[area.name] = str(error)
+    if unmeasured and not measured:
+        raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
+    return measured, unmeasured
 
 
 def _with_found(level: DarkLevel, grid: FrameGrid, found: FoundCorrections | None) -> DarkLevel:
@@ -204,26 +218,37 @@ class _Frames:
 
     def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
         shape = (grid.height, grid.width)
-        self._run, self._grid, self._dark_level, self._corrections = run, grid, dark_level, corrections
+        self._run = run
+        self.grid, self.dark_level, self.corrections = grid, dark_level, corrections
         self.sums = np.zeros((grid.angles, *shape))
         self.saturated = np.zeros(shape, dtype=np.bool_)
         self.missing = np.zeros(shape, dtype=np.bool_)
 
+    def pixels(self, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
+        """Return the signal of every frame in each region, shape (cycles, N, P)."""
+        shape = (self.grid.cycles, self.grid.angles)
+        pixels = {name: np.empty((*shape, int(mask.sum()))) for name, mask in inside.items()}
+        for cycle, angle in np.ndindex(*shape):
+            signal = self.read(cycle, angle)
+            for name, mask in inside.items():
+                pixels[name][cycle, angle] = signal[mask]
+        return pixels
+
     def read(self, cycle: int, angle: int) -> FloatArray:
-        record = self._grid.records[cycle][angle]
+        record = self.grid.records[cycle][angle]
         counts = self._run.counts(record)
         self._note_unusable(record, counts)
-        signal = (counts - self._dark_level.level_dn[angle]) * self._grid.to_unit[angle]
-        signal = self._corrections.corrected(signal, record, angle)
+        signal = (counts - self.dark_level.level_dn[angle]) * self.grid.to_unit[angle]
+        signal = self.corrections.corrected(signal, record, angle)
         self.sums[angle] += signal
         return np.asarray(signal)
 
     def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
-        self.saturated |= self._corrections.touched(counts >= record.saturation_dn, record)
-        if self._corrections.is_any:
-            self.missing |= self._corrections.missing(record, self.missing.shape)
+        self.saturated |= self.corrections.touched(counts >= record.saturation_dn, record)
+        if self.corrections.is_any:
+            self.missing |= self.corrections.missing(record, self.missing.shape)
         if record.missing_dn is not None:
-            self.missing |= self._corrections.touched(counts == record.missing_dn, record)
+            self.missing |= self.corrections.touched(counts == record.missing_dn, record)
 
 
 def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
