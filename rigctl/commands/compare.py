@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli import EXIT_DATA, EXIT_DISAGREES
+from rigctl.console.options import Faults, FlatFile, ForceRegistration, PolarizerFile, RegistrationFile
 from rigctl.console.terminal import print_json, results, warn
 from rigctl.files.choices import ScaleKind
 from rigctl.reports.writers.terminal_table import terminal_table
@@ -37,20 +38,11 @@ def command(
     radiometric: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Radiometric calibration, for --scale panel.")
     ] = None,
-    register: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
-    ] = None,
-    force_registration: Annotated[
-        bool, typer.Option("--force-registration", help="Move frames even where edges lie no better for it.")
-    ] = False,
-    polarizer: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
-    ] = None,
-    flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
-    correct: Annotated[
-        str | None,
-        typer.Option(metavar="NAME,...", help="Correct by what the run itself shows: throughput, dark-level, shift."),
-    ] = None,
+    register: RegistrationFile = None,
+    force_registration: ForceRegistration = False,
+    polarizer: PolarizerFile = None,
+    flat: FlatFile = None,
+    correct: Faults = None,
     alpha: Annotated[float, typer.Option(metavar="A", help="Chance of any false disagreement.")] = 1e-3,
     anonymous: Annotated[
         bool, typer.Option("--anonymous", help="Leave serial numbers, ports, site and folders out of the report.")

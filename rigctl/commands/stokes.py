@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli import EXIT_DATA
+from rigctl.console.options import Faults, FlatFile, ForceRegistration, PolarizerFile, RegistrationFile
 from rigctl.console.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
@@ -21,20 +22,11 @@ def command(
     noise: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Noise calibration: tells texture from noise, and a dark level.")
     ] = None,
-    register: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
-    ] = None,
-    force_registration: Annotated[
-        bool, typer.Option("--force-registration", help="Move frames even where edges lie no better for it.")
-    ] = False,
-    polarizer: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
-    ] = None,
-    flat: Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")] = None,
-    correct: Annotated[
-        str | None,
-        typer.Option(metavar="NAME,...", help="Correct by what the run itself shows: throughput, dark-level, shift."),
-    ] = None,
+    register: RegistrationFile = None,
+    force_registration: ForceRegistration = False,
+    polarizer: PolarizerFile = None,
+    flat: FlatFile = None,
+    correct: Faults = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Write Stokes, DoLP and AoLP images of a run, masks, pictures, and the numbers of its regions.

@@ -1,7 +1,8 @@
-"""Options that several commands read: lists, choices, times and sizes."""
+"""Options that several commands read: calibrations, lists, choices, times and sizes."""
 
 from collections.abc import Iterable
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
@@ -19,6 +20,23 @@ MaxFrameMb = Annotated[
     typer.Option(
         metavar="MB", min=1, max=_MOST_MB, help="Refuse a picture of more MB of samples before memory is taken for it."
     ),
+]
+
+
+# Calibrations that frames of a run are corrected by, and what the run itself shows.
+RegistrationFile = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
+]
+ForceRegistration = Annotated[
+    bool, typer.Option("--force-registration", help="Move frames even where edges lie no better for it.")
+]
+PolarizerFile = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
+]
+FlatFile = Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")]
+Faults = Annotated[
+    str | None,
+    typer.Option(metavar="NAME,...", help="Correct by what the run itself shows: throughput, dark-level, shift."),
 ]
 
 
