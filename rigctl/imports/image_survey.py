@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from model.processing.diagnosis.compression import jpeg_traces
 from rigctl.errors import ConfigError, DataError
+from rigctl.images.image_file import FirstRow, ImageFile, read_image
+from rigctl.images.raw_image import RawSettings, unlike_settings
 from rigctl.imports.image_border import Border, constant_border
-from rigctl.imports.image_file import FirstRow, ImageFile, read_image
 from rigctl.imports.image_levels import LEVELS, histogram
 from rigctl.imports.import_request import ImportRequest
-from rigctl.imports.raw_image import RawSettings, unlike_settings
 from rigctl.numbers.utc_time import is_utc_text
 
 _ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)

@@ -8,7 +8,7 @@ from typing import Literal
 
 from drivers.cameras.raw_planes import Plane
 from rigctl.files.choices import FrameKind
-from rigctl.imports.image_file import FirstRow
+from rigctl.images.image_file import FirstRow
 from rigctl.storage.bounded_file import MOST_FRAME_BYTES
 
 Justified = Literal["left", "right"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.imports.image_file import read_image
+from rigctl.images.image_file import read_image
 from rigctl.imports.image_scale import Scale
 from rigctl.imports.image_survey import SurveyedImage
 from rigctl.imports.import_request import ImportRequest

@@ -14,7 +14,7 @@ from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ExposureUnit
-from rigctl.imports.image_file import ImageReading
+from rigctl.images.image_file import ImageReading
 from rigctl.storage.bounded_file import MOST_FRAME_BYTES
 
 

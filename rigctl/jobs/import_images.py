@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.errors import ConfigError, DataError, RunFolderError
-from rigctl.imports.image_file import STALE
+from rigctl.images.image_file import STALE
 from rigctl.imports.image_scale import Scale, find_scale
 from rigctl.imports.image_survey import Survey, SurveyedImage, survey_images
 from rigctl.imports.import_request import ImportRequest, request_problems

@@ -19,7 +19,7 @@ from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, files_digest
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
-from rigctl.imports.image_file import ImageReading, read_image
+from rigctl.images.image_file import ImageReading, read_image
 
 _FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})
 _PLAIN_SUFFIXES = frozenset({".png", ".tif", ".tiff"})

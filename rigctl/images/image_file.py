@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from drivers.cameras.raw_files import RAW_SUFFIXES
 from drivers.cameras.raw_planes import Plane
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.declared_size import png_bytes, require_size, tiff_bytes
-from rigctl.imports.raw_image import RawSettings, raw_header, raw_picture, raw_settings
-from rigctl.imports.unfiltered_png import unfiltered_png
+from rigctl.images.declared_size import png_bytes, require_size, tiff_bytes
+from rigctl.images.raw_image import RawSettings, raw_header, raw_picture, raw_settings
+from rigctl.images.unfiltered_png import unfiltered_png
 from rigctl.storage.bounded_file import MOST_FRAME_BYTES, read_bounded
 
 FirstRow = Literal["top", "bottom"]

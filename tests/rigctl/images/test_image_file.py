@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.errors import DataError
-from rigctl.imports.image_file import ImageFile, read_image
+from rigctl.images.image_file import ImageFile, read_image
 from rigctl.runs.fits.fits_frame import encode_frame
 from tests.rigctl.run_samples import noisy_counts
 
