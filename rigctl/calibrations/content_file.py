@@ -8,10 +8,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.console.anonymity import told_content
+from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.config import describe, sha256_of
 from rigctl.numbers.utc_time import utc_text
@@ -75,7 +76,7 @@ class CalibrationFile(Generic[Body]):
     header: CalibrationHeader
     body: Body
 
-    def as_json(self) -> dict[str, JsonValue]:
+    def as_json(self) -> dict[str, Json]:
         """Return the content of the file."""
         return asdict(self.header) | asdict(self.body)
 
@@ -125,7 +126,7 @@ def header_of(
     )
 
 
-def write_content(path: Path, content: Mapping[str, JsonValue]) -> None:
+def write_content(path: Path, content: Mapping[str, Json]) -> None:
     """Write a calibration: whole under its name, or not at all. A file that is there is replaced.
 
     Raises

@@ -19,7 +19,7 @@ from drivers.cameras.raw_files import RAW_SUFFIXES
 from drivers.cameras.raw_planes import Plane
 from rigctl.errors import ConfigError, DataError
 from rigctl.images.declared_size import png_bytes, require_size, tiff_bytes
-from rigctl.images.raw_image import RawSettings, raw_header, raw_picture, raw_settings
+from rigctl.images.raw_image import HeaderValue, RawSettings, raw_header, raw_picture, raw_settings
 from rigctl.images.unfiltered_png import unfiltered_png
 from rigctl.storage.bounded_file import MOST_FRAME_BYTES, read_bounded
 
@@ -64,7 +64,7 @@ class ImageFile:
     sample_bits: int
     first_row: FirstRow
     first_row_stated: bool
-    header: Mapping[str, Any]
+    header: Mapping[str, HeaderValue]
     remarks: tuple[str, ...] = ()
     raw: RawSettings | None = None
 
@@ -206,7 +206,7 @@ def _read_fits(data: bytes, most_bytes: int) -> ImageFile:
     )
 
 
-def _first_fits_image(data: bytes, most_bytes: int) -> tuple[dict[str, Any], NDArray[Any], int, bool]:
+def _first_fits_image(data: bytes, most_bytes: int) -> tuple[dict[str, HeaderValue], NDArray[Any], int, bool]:
     from astropy.io import fits  # half a second, wanted for FITS only
 
     with warnings.catch_warnings(record=True) as caught:

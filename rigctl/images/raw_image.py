@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from drivers.cameras.raw_files import RawPicture, read_raw
 from drivers.cameras.raw_planes import Plane
 from drivers.errors import LimitError, ProtocolError
 from rigctl.errors import ConfigError, DataError
 
+# Of a header: FITS cards, and what a RAW file tells of itself.
+HeaderValue = str | float | bool
 EXPOSURE, ISO, BLACK, WHITE = "EXPTIME", "ISO", "BLACK", "WHITE"
 # Cameras round the exposure that they write; a third of a stop is 26 %.
 _EXPOSURE_TOLERANCE = 0.02
@@ -42,9 +43,9 @@ def raw_picture(path: Path, *, plane: Plane | None) -> RawPicture:
         raise DataError(_without_path(path, error)) from error
 
 
-def raw_header(picture: RawPicture) -> dict[str, Any]:
+def raw_header(picture: RawPicture) -> dict[str, HeaderValue]:
     """Return what a RAW file tells, under names that ``--exposure-key`` and ``--black-level-key`` can ask for."""
-    told: dict[str, Any] = {
+    told: dict[str, HeaderValue | None] = {
         EXPOSURE: picture.exposure_s,
         ISO: picture.iso,
         BLACK: picture.black_level_dn,

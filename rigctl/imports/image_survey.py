@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from model.processing.diagnosis.compression import jpeg_traces
 from rigctl.errors import ConfigError, DataError
 from rigctl.images.image_file import FirstRow, ImageFile, read_image
-from rigctl.images.raw_image import RawSettings, unlike_settings
+from rigctl.images.raw_image import HeaderValue, RawSettings, unlike_settings
 from rigctl.imports.image_border import Border, constant_border
 from rigctl.imports.image_levels import LEVELS, histogram
 from rigctl.imports.import_request import ImportRequest
@@ -141,7 +140,7 @@ def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:
     return request.first_row
 
 
-def _angle(request: ImportRequest, index: int, header: Mapping[str, Any]) -> float | None:
+def _angle(request: ImportRequest, index: int, header: Mapping[str, HeaderValue]) -> float | None:
     if request.angle_key is not None:
         text = str(_header_value(header, "--angle-key", request.angle_key)).strip()
         match = _ANGLE.fullmatch(text)
@@ -152,7 +151,7 @@ def _angle(request: ImportRequest, index: int, header: Mapping[str, Any]) -> flo
     return angles[index] if index < len(angles) else None
 
 
-def _number(header: Mapping[str, Any], option: str, key: str | None, given: float | None) -> float | None:
+def _number(header: Mapping[str, HeaderValue], option: str, key: str | None, given: float | None) -> float | None:
     if key is None:
         return given
     value = _header_value(header, option, key)
@@ -161,14 +160,14 @@ def _number(header: Mapping[str, Any], option: str, key: str | None, given: floa
     return float(value)
 
 
-def _header_value(header: Mapping[str, Any], option: str, key: str) -> Any:
+def _header_value(header: Mapping[str, HeaderValue], option: str, key: str) -> HeaderValue:
     if key.upper() not in header:
         has = f"its header has {', '.join(sorted(filter(None, header)))}" if header else "it has no header"
         raise ConfigError(f"{option} {key}: not in this file; {has}")
     return header[key.upper()]
 
 
-def _start(header: Mapping[str, Any]) -> str | None:
+def _start(header: Mapping[str, HeaderValue]) -> str | None:
     text = str(header.get("DATE-OBS", ""))
     is_utc = str(header.get("TIMESYS", "UTC")).strip().upper() == "UTC"
     return f"{text}Z" if is_utc and _FITS_TIME.fullmatch(text) and is_utc_text(text) else None

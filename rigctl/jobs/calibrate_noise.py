@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 
@@ -12,6 +11,7 @@ from rigctl.calibrations.noise.calibrate_files import FrameCalibration, LevelDon
 from rigctl.calibrations.noise.folder_frames import folder_frames
 from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
+from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ExposureUnit
 from rigctl.images.image_file import ImageReading
@@ -59,7 +59,7 @@ class CalibratedNoise:
     """A noise calibration, and the content of its file."""
 
     calibration: FrameCalibration
-    content: dict[str, Any]
+    content: dict[str, Json]
 
 
 def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = None) -> CalibratedNoise:
@@ -91,7 +91,7 @@ def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = Non
         from rigctl.reports.pages.calibration_page import calibration_report
         from rigctl.reports.writers.output_folder import report_file
 
-        report = calibration_report(calibration, created_utc=found.content["created_utc"])
+        report = calibration_report(calibration, created_utc=str(found.content["created_utc"]))
         write_whole(request.report, report_file(report, request.report))
     if request.defects is not None:
         write_whole(request.defects, _defects_png(request.defects, calibration))

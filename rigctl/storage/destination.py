@@ -271,12 +271,11 @@ def _taken(files: Iterable[Path], origin: Origin, *, force: bool) -> str | None:
         known = _remembered(file)
         if known is None and not _says_rigctl(file):
             return f"{_there(file)} was not written by rigctl: it is not replaced; name another place"
-        if known is not None and known.get("sha256") != _sha256(file):
+        if known is not None and known.sha256 != _sha256(file):
             return f"{_there(file)} was changed since rigctl wrote it: it is not replaced; move it away"
         if not file.stat().st_mode & 0o222:
             return f"{_there(file)} is read-only"
-        is_same = known is not None and (known.get("command"), known.get("digest")) == (origin.command, origin.digest)
-        if not force and not is_same:
+        if not force and (known is None or known.origin != origin):
             return f"{_there(file)} is the result of another command or of other inputs: --force replaces it"
     return None
 
@@ -356,9 +355,18 @@ def _remember(file: Path, origin: Origin) -> None:
     beside.replace(note)
 
 
-def _remembered(file: Path) -> dict[str, object] | None:
+@dataclass(frozen=True, kw_only=True)
+class _Remembered:
+    """What was noted of a file when it was written."""
+
+    sha256: str
+    origin: Origin
+
+
+def _remembered(file: Path) -> _Remembered | None:
     try:
         content = json.loads(_note_of(file).read_text(encoding="ascii"))
-    except (OSError, ValueError, RuntimeError):
+        origin = Origin(command=str(content["command"]), digest=str(content["digest"]))
+        return _Remembered(sha256=str(content["sha256"]), origin=origin)
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError):
         return None
-    return content if isinstance(content, dict) else None

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 from calibration.errors import CalibrationError, RefusedFramesError
 from calibration.flag_order import by_consequence
@@ -15,6 +14,7 @@ from calibration.sensor.light_in_darks import with_pattern
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from rigctl.calibrations.noise.noise_frames import FrameGroup, FrameSet
 from rigctl.calibrations.noise.noise_json import noise_json, pattern_json
+from rigctl.console.json_text import Json
 from rigctl.errors import DataError
 
 # Levels that are measured at a time; more only press on the memory.
@@ -41,7 +41,7 @@ class FrameCalibration:
     pattern: FixedPattern | None
     frames: FrameSet
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Json]:
         """Return the content of noise.json."""
         return noise_json(self.noise, self.frames) | {
             "fixed_pattern": None if self.pattern is None else pattern_json(self.pattern)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, Fr
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.images.image_file import ImageReading, read_image
+from rigctl.images.raw_image import HeaderValue
 
 _FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})
 _PLAIN_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
@@ -210,11 +210,11 @@ def _exposure_of_name(name: str, bare_unit: ExposureUnit | None = None) -> float
     return float(f"{float(number.lower().replace('p', '.')) * _SECONDS[unit.lower()]:.9g}")
 
 
-def _kind_of_header(header: Mapping[str, Any]) -> LevelKind | None:
+def _kind_of_header(header: Mapping[str, HeaderValue]) -> LevelKind | None:
     return _kind_of_name(" ".join(str(header.get(key, "")) for key in _KIND_KEYS))
 
 
-def _exposure_of_header(header: Mapping[str, Any], unit: ExposureUnit | None) -> float | None:
+def _exposure_of_header(header: Mapping[str, HeaderValue], unit: ExposureUnit | None) -> float | None:
     for key in _EXPOSURE_KEYS:
         if isinstance(header.get(key), int | float):
             return float(header[key]) * SECONDS_PER_UNIT[unit or "s"]

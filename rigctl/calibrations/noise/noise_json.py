@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from calibration.sensor.photon_transfer import PhotonTransfer
 from calibration.sensor.spectrogram import Spectrogram
 from rigctl.calibrations.noise.noise_file import QUANTITIES, SCHEMA_VERSION
 from rigctl.calibrations.noise.noise_frames import FrameSet
+from rigctl.console.json_text import Json
 from rigctl.numbers.utc_time import utc_text
 from rigctl.version import VERSION
 
@@ -30,7 +30,7 @@ _LISTED = 1000
 
 def noise_json(
     calibration: NoiseCalibration, frames: FrameSet, *, utc_ns: Callable[[], int] = time.time_ns
-) -> dict[str, Any]:
+) -> dict[str, Json]:
     """Return the content of the file.
 
     Parameters
@@ -67,13 +67,13 @@ def noise_json(
     }
 
 
-def _estimate(found: Estimate | None, bound: Bound | None) -> dict[str, Any] | None:
+def _estimate(found: Estimate | None, bound: Bound | None) -> dict[str, Json] | None:
     """Return a number, its bound where it is not known itself, or None."""
     known = found if found is not None else bound
     return None if known is None else asdict(known)
 
 
-def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Any] | None:
+def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Json] | None:
     if figure is None:
         return None
     held = asdict(figure) | {"symbol": EMVA_SYMBOLS[name]}
@@ -83,12 +83,12 @@ def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Any] | None:
     return {"bound": figure.bound, "value": figure.value, "n": figure.n, "symbol": held["symbol"]}
 
 
-def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Any]]:
+def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Json]]:
     """Return flags as the file holds them."""
     return [asdict(flag) for flag in flags]
 
 
-def _curve(transfer: PhotonTransfer) -> dict[str, Any]:
+def _curve(transfer: PhotonTransfer) -> dict[str, Json]:
     points = transfer.points
     return {
         "signal_dn": points.signal_dn.tolist(),
@@ -104,7 +104,7 @@ def _curve(transfer: PhotonTransfer) -> dict[str, Any]:
     }
 
 
-def _linearity(transfer: PhotonTransfer) -> dict[str, Any] | None:
+def _linearity(transfer: PhotonTransfer) -> dict[str, Json] | None:
     curve, spreading = transfer.linearity, brighter_fatter(transfer)
     if curve is None:
         return None
@@ -119,7 +119,7 @@ def _linearity(transfer: PhotonTransfer) -> dict[str, Any] | None:
     }
 
 
-def _dark_levels(noise: NoiseCalibration) -> list[dict[str, Any]]:
+def _dark_levels(noise: NoiseCalibration) -> list[dict[str, Json]]:
     return [
         {
             "exposure_s": level.exposure_s,
@@ -132,7 +132,7 @@ def _dark_levels(noise: NoiseCalibration) -> list[dict[str, Any]]:
     ]
 
 
-def pattern_json(pattern: FixedPattern) -> dict[str, Any]:
+def pattern_json(pattern: FixedPattern) -> dict[str, Json]:
     """Return spectrograms, histograms and defects."""
     return {
         "signal_dn": pattern.signal_dn,
@@ -152,14 +152,14 @@ def pattern_json(pattern: FixedPattern) -> dict[str, Any]:
     }
 
 
-def _spectrum(found: Spectrogram) -> dict[str, Any]:
+def _spectrum(found: Spectrogram) -> dict[str, Json]:
     return {
         "frequency_per_pixel": [round(float(value), 6) for value in found.frequency_per_pixel],
         "amplitude": [float(f"{value:.5g}") for value in found.amplitude],
     }
 
 
-def _histogram(found: PatternHistogram) -> dict[str, Any]:
+def _histogram(found: PatternHistogram) -> dict[str, Json]:
     return {
         "centres": [float(f"{value:.6g}") for value in found.centres],
         "counts": found.counts.tolist(),
@@ -167,7 +167,7 @@ def _histogram(found: PatternHistogram) -> dict[str, Any]:
     }
 
 
-def _defects(pattern: FixedPattern) -> dict[str, Any]:
+def _defects(pattern: FixedPattern) -> dict[str, Json]:
     found = pattern.defects
     rows, columns = np.nonzero(found.mask)
     return {
