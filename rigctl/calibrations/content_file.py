@@ -14,11 +14,11 @@ from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.console.anonymity import told_content
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.config import describe, sha256_of
+from rigctl.files.config import describe
 from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded, sha256_of
 from rigctl.storage.durable_file import write_durably
 from rigctl.version import VERSION
 

@@ -10,10 +10,10 @@ from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.series import SeriesDrift, SeriesPoint
 from rigctl.comparison.trends import Trend
 from rigctl.files.choices import ScaleKind
-from rigctl.files.config import sha256_of
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.prediction.performance import Performance
+from rigctl.storage.bounded_file import sha256_of
 
 
 @dataclass(frozen=True, kw_only=True)

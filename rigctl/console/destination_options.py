@@ -18,12 +18,12 @@ from rigctl.storage.destination import (
     Kind,
     edited_before,
     keep_old,
-    origin_of,
     remember_written,
     require_free,
     results_of,
     snapshot,
 )
+from rigctl.storage.origin import origin_of
 
 _FORCE, _ANONYMOUS = "force", "anonymous"
 # They write a file that nobody keeps, again and again.

@@ -1,6 +1,5 @@
 """Files that people write: TOML in, checked records out, every problem of a file named at once."""
 
-import hashlib
 import re
 import tomllib
 from collections import defaultdict
@@ -197,9 +196,3 @@ def _found(given: object) -> str:
     if isinstance(given, date | bool):
         return f" (found {given.isoformat() if isinstance(given, date) else str(given).lower()})"
     return " (found a table)" if is_table else f" (found {shown(given)})"
-
-
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal: it goes into whatever is made from that file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,6 +1,7 @@
 """Files read whole: only plain ones, and none that is larger than what is asked for can be."""
 
 import errno
+import hashlib
 import stat
 from pathlib import Path
 
@@ -48,3 +49,9 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
 
 def _mb(size: int) -> str:
     return f"{size / _BYTES_PER_MB:.4g}"
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal: it goes into whatever is made from that file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,7 +1,5 @@
 """Destinations of results: tried before any work, and never a file that somebody else made."""
 
-import hashlib
-import json
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,16 +11,10 @@ from pathlib import Path
 from typing import Literal
 
 from rigctl.errors import ConfigError
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES
+from rigctl.storage.bounded_file import sha256_of
+from rigctl.storage.origin import Origin, is_run, remember, remembered, says_rigctl
 
 Kind = Literal["file", "folder", "new", "edited", "run", "absent"]
-_RUN_FILES = ("session.json", "manifest.jsonl")
-# A run of which one of the two is gone is still one.
-_BESIDE_IN_RUN = ("frames", "events.jsonl")
-# Where a format has a place for its writer, the word stands within this much of either end.
-_HEADER_BYTES = 65536
-_TEXT_FORMATS = (".toml", ".csv", ".txt")
-_MARK = b"rigctl"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,22 +41,6 @@ class Destination:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Origin:
-    """Origin of results: a command, and what it read.
-
-    Attributes
-    ----------
-    command : str
-        The verb.
-    digest : str
-        Of its options and of the content of its inputs.
-    """
-
-    command: str
-    digest: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class _Command:
     """The command that runs: where its results come from, and which files it has written by now."""
 
@@ -87,7 +63,7 @@ def results_of(origin: Origin, *, force: bool) -> Iterator[None]:
         _RUNNING.reset(token)
         for file in running.written:
             with suppress(OSError):
-                _remember(file, origin)
+                remember(file, origin)
 
 
 def require_replaceable(files: Iterable[Path]) -> None:
@@ -108,29 +84,6 @@ def require_replaceable(files: Iterable[Path]) -> None:
     if problem is not None:
         raise ConfigError(f"{wanted[0].parent}: {problem}")
     running.written.update(wanted)
-
-
-def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
-    """Return what results come from.
-
-    Parameters
-    ----------
-    command : str
-        The verb.
-    options : mapping
-        All that decides the results beside the inputs.
-    inputs : iterable of Path
-        Files and folders that are read; a run by its session file and manifest.
-    """
-    found = hashlib.sha256(repr(sorted((key, str(value)) for key, value in options.items())).encode())
-    for path in inputs:
-        for file in sorted(_files_of_input(path)):
-            with suppress(OSError), file.open("rb") as content:
-                if file.stat().st_size > MOST_RECORD_BYTES:  # nothing reads it whole, and to hash it takes long
-                    found.update(repr(file.stat()).encode())
-                    continue
-                found.update(hashlib.file_digest(content, "sha256").digest())
-    return Origin(command=command, digest=found.hexdigest())
 
 
 def require_free(destinations: Iterable[Destination], origin: Origin, *, inputs: Iterable[Path], force: bool) -> None:
@@ -210,13 +163,13 @@ def remember_written(destinations: Iterable[Destination], before: Snapshot, orig
     for file, state in after.items():
         if before.get(file) != state:
             with suppress(OSError):
-                _remember(file, origin)
+                remember(file, origin)
 
 
 def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     path = one.path
     at = path.absolute()
-    run = next((folder for folder in (at, *at.parents) if _is_run(folder)), None)
+    run = next((folder for folder in (at, *at.parents) if is_run(folder)), None)
     if run is not None and (one.kind not in ("new", "run") or run != at):
         return f"lies in the run {run}, which takes no results: name a place beside it"
     if one.kind in ("new", "run"):
@@ -268,10 +221,10 @@ def _untried(path: Path) -> str | None:
 
 def _taken(files: Iterable[Path], origin: Origin, *, force: bool) -> str | None:
     for file in sorted(files):
-        known = _remembered(file)
-        if known is None and not _says_rigctl(file):
+        known = remembered(file)
+        if known is None and not says_rigctl(file):
             return f"{_there(file)} was not written by rigctl: it is not replaced; name another place"
-        if known is not None and known.sha256 != _sha256(file):
+        if known is not None and known.sha256 != sha256_of(file):
             return f"{_there(file)} was changed since rigctl wrote it: it is not replaced; move it away"
         if not file.stat().st_mode & 0o222:
             return f"{_there(file)} is read-only"
@@ -307,66 +260,3 @@ def _near(path: Path) -> Iterator[tuple[str, list[str], list[str]]]:
         yield folder, folders, files
         if Path(folder) != path:
             folders.clear()
-
-
-def _is_run(folder: Path) -> bool:
-    there = [name for name in _RUN_FILES if (folder / name).is_file()]
-    return len(there) == len(_RUN_FILES) or (bool(there) and any((folder / name).exists() for name in _BESIDE_IN_RUN))
-
-
-def _files_of_input(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return [path] if path.is_file() else []
-    if _is_run(path):
-        return [path / name for name in _RUN_FILES]
-    return [file for file in path.iterdir() if file.is_file()]
-
-
-def _sha256(file: Path) -> str:
-    with file.open("rb") as content:
-        return hashlib.file_digest(content, "sha256").hexdigest()
-
-
-def _says_rigctl(file: Path) -> bool:
-    """Return whether the header of a file names this program as its writer."""
-    with file.open("rb") as content:
-        head = content.read(_HEADER_BYTES)
-        content.seek(max(file.stat().st_size - _HEADER_BYTES, 0))
-        tail = content.read(_HEADER_BYTES)
-    if file.suffix.lower() in _TEXT_FORMATS:
-        first = head.partition(b"\n")[0]
-        return first.startswith(b"#") and b"written by rigctl" in first
-    return _MARK in head or _MARK in tail
-
-
-def _note_of(file: Path) -> Path:
-    stated = os.environ.get("XDG_STATE_HOME", "")
-    base = Path(stated) if Path(stated).is_absolute() else Path.home() / ".local" / "state"
-    name = hashlib.sha256(os.fsencode(file.resolve())).hexdigest()
-    return base / "rigctl" / "results" / f"{name}.json"
-
-
-def _remember(file: Path, origin: Origin) -> None:
-    note = _note_of(file)
-    note.parent.mkdir(parents=True, exist_ok=True)
-    content = {"file": str(file.resolve()), "sha256": _sha256(file), "command": origin.command, "digest": origin.digest}
-    beside = note.with_name(f"{note.name}.{os.getpid()}")
-    beside.write_text(json.dumps(content), encoding="ascii")
-    beside.replace(note)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Remembered:
-    """What was noted of a file when it was written."""
-
-    sha256: str
-    origin: Origin
-
-
-def _remembered(file: Path) -> _Remembered | None:
-    try:
-        content = json.loads(_note_of(file).read_text(encoding="ascii"))
-        origin = Origin(command=str(content["command"]), digest=str(content["digest"]))
-        return _Remembered(sha256=str(content["sha256"]), origin=origin)
-    except (OSError, ValueError, RuntimeError, LookupError, TypeError):
-        return None

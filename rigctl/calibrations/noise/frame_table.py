@@ -12,9 +12,8 @@ from rigctl.calibrations.noise.folder_frames import ListedImage, frame_set
 from rigctl.calibrations.noise.noise_frames import FrameSet, FrameSource
 from rigctl.errors import ConfigError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
-from rigctl.files.config import sha256_of
 from rigctl.images.image_file import ImageReading
-from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
+from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded, sha256_of
 
 _S_PER_MS = 1e-3
 _NEEDED = ("file", "kind")

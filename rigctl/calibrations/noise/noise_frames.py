@@ -19,12 +19,11 @@ from rigctl.calibrations.noise.emva_descriptor import read_emva_descriptor
 from rigctl.calibrations.noise.run_checks import record_flags
 from rigctl.errors import DataError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
-from rigctl.files.config import sha256_of
 from rigctl.images.image_file import read_image
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.runs.wholeness import used_run
-from rigctl.storage.bounded_file import MOST_FRAME_BYTES
+from rigctl.storage.bounded_file import MOST_FRAME_BYTES, sha256_of
 
 Loader = Callable[[], NDArray[np.uint16]]
 

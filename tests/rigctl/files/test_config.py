@@ -4,7 +4,8 @@ import pytest
 from pydantic import Field
 
 from rigctl.errors import ConfigError
-from rigctl.files.config import Section, Uncertain, load, sha256_of
+from rigctl.files.config import Section, Uncertain, load
+from rigctl.storage.bounded_file import sha256_of
 
 
 class Example(Section):
