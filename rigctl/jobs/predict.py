@@ -26,8 +26,7 @@ from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
-from rigctl.prediction.sweep import Axis, Sweep, parse_sweeps, sweep_over
-from rigctl.prediction.sweep_to_tolerance import sweep_to_tolerance
+from rigctl.prediction.sweep import Axis, Sweep, parse_sweeps, sweep_over, sweep_to_tolerance
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.accuracy.series_to_tolerance import SeriesPrediction
 from model.prediction.prediction import Quantities, RegionPrediction, reason_missing
 from model.prediction.region_performance import PairDetection, detections_of_sweep
 from rigctl.errors import ConfigError
@@ -268,3 +269,36 @@ def _missing(found: Mapping[str, RegionPrediction], detections: Iterable[PairDet
     for pair in detections:
         if math.isnan(pair.auc):
             yield f"{pair.target}_on_{pair.background}.p_detection", "; ".join(pair.warnings)
+
+
+def sweep_to_tolerance(
+    predictor: ScenePredictor,
+    axis: Axis,
+    tolerance: float,
+    *,
+    roc: RocPair | None = None,
+    estimated_only: bool = False,
+) -> tuple[Sweep, SeriesPrediction]:
+    """Return what the model says over a range of one number to a numerical error, and how that was kept.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene.
+    axis : Axis
+        The number and its values, in an order in which it changes smoothly.
+    tolerance : float
+        Largest error of any number, 1e-6 to 0.1.
+    roc : RocPair or None
+        Of which the whole ROC is found at each value.
+    estimated_only : bool
+        Take errors that nothing promises as they are estimated.
+
+    Raises
+    ------
+    ConfigError
+        There is no such number, or a value is outside its range.
+    """
+    scenes = list(swept_scenes(predictor.scene, (axis,)).values())
+    series = predictor.series_to_tolerance(scenes, tolerance, estimated_only=estimated_only)
+    return sweep_of((axis,), [case.result.predictions for case in series.cases], roc=roc), series

@@ -10,8 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from rigctl.errors import DataError
 from rigctl.runs.fits.fits_card import make_card, read_cards
-from rigctl.runs.fits.fits_checksum import encode_checksum, ones_complement_sum
-from rigctl.runs.fits.fits_frame import decode_frame, encode_frame
+from rigctl.runs.fits.fits_frame import decode_frame, encode_checksum, encode_frame, ones_complement_sum
 from rigctl.runs.fits.frame_header import header_cards, record_from_header
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
 
