@@ -112,6 +112,7 @@ _EDITED = {"write": [*_AXIS, "--out", "a.json", "--write"]}
 _READ = {
     "certificate", "emva", "file", "files", "flat", "generator", "digitised", "key", "materials", "noise",
     "polarizer", "port", "radiometric", "regions", "register", "rig", "run", "runs", "paths", "scene", "session",
+    "sessions",
     "start", "table",
 }  # fmt: skip
 
