@@ -100,7 +100,7 @@ def noise(
         progress().print(f"rigctl: {error}")
         raise typer.Exit(EXIT_DATA) from error
     if as_json:
-        print_json(found.content)
+        print_json(found.as_json())
     else:
         _print_table(found)
 

@@ -1,5 +1,6 @@
 """Calibrating the sensor's noise: dark and flat frames in; the calibration, its file and its pages out."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ExposureUnit
 from rigctl.images.image_file import ImageReading
+from rigctl.numbers.utc_time import utc_text
 from rigctl.storage.bounded_file import MOST_FRAME_BYTES
 
 
@@ -56,10 +58,14 @@ class NoiseRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedNoise:
-    """A noise calibration, and the content of its file."""
+    """A noise calibration, and when it was made [ns since 1970 UTC]."""
 
     calibration: FrameCalibration
-    content: dict[str, Json]
+    created_ns: int
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the content of its file."""
+        return self.calibration.as_json(created_ns=self.created_ns)
 
 
 def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = None) -> CalibratedNoise:
@@ -81,8 +87,8 @@ def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = Non
     """
     _require_folders(request.out, request.plot, request.report, request.defects)
     calibration = calibrate_frames(_frames(request), level_done=level_done)
-    found = CalibratedNoise(calibration=calibration, content=calibration.as_json())
-    write_content(request.out, found.content)
+    found = CalibratedNoise(calibration=calibration, created_ns=time.time_ns())
+    write_content(request.out, found.as_json())
     if request.plot is not None:
         from rigctl.reports.figures.calibration_figures import photon_transfer_png
 
@@ -91,7 +97,7 @@ def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = Non
         from rigctl.reports.pages.calibration_page import calibration_report
         from rigctl.reports.writers.output_folder import report_file
 
-        report = calibration_report(calibration, created_utc=str(found.content["created_utc"]))
+        report = calibration_report(calibration, created_utc=utc_text(found.created_ns))
         write_whole(request.report, report_file(report, request.report))
     if request.defects is not None:
         write_whole(request.defects, _defects_png(request.defects, calibration))

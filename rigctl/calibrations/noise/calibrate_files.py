@@ -41,9 +41,9 @@ class FrameCalibration:
     pattern: FixedPattern | None
     frames: FrameSet
 
-    def as_json(self) -> dict[str, Json]:
-        """Return the content of noise.json."""
-        return noise_json(self.noise, self.frames) | {
+    def as_json(self, *, created_ns: int) -> dict[str, Json]:
+        """Return the content of noise.json, made at a time [ns since 1970 UTC]."""
+        return noise_json(self.noise, self.frames, utc_ns=lambda: created_ns) | {
             "fixed_pattern": None if self.pattern is None else pattern_json(self.pattern)
         }
 
