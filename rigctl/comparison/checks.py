@@ -107,11 +107,13 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
         text = "three angles fit any frames: there is nothing to hold them against"
         yield Check(name="pair sums", verdict="not testable", text=text)
         return
+    rounding = _rounding(measurement)
     for name, region in measurement.regions.items():
         if not region.channels_mean.mean.mean() > 0.0:
             continue
         found = region_residual(measurement.plan, measurement.channels, region.inside)
-        excess, error = pair_sum_excess(measurement.plan, found.means, found.cov + _rounding(measurement))
+        moments = Moments(mean=found.means, cov=found.cov + rounding)
+        excess, error = pair_sum_excess(measurement.plan, moments.mean, moments.cov)
         verdict: Verdict = "sound"
         if excess > max(_PAIRS_FLAGGED, _SIGMAS * error):
             verdict = "refused" if excess > _PAIRS_REFUSED else "flagged"
@@ -120,8 +122,7 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
             name=f"pair sums of {name}",
             verdict=verdict,
             region=name,
-            text=f"{_PAIRS_DIFFER} by {size}; {_PAIRS_RULE}"
-            + _residual(measurement, Moments(mean=found.means, cov=found.cov + _rounding(measurement))),
+            text=f"{_PAIRS_DIFFER} by {size}; {_PAIRS_RULE}" + _residual(measurement, moments),
             size=size,
             rule=f"{_PAIRS_DIFFER}; {_PAIRS_RULE}",
         )
@@ -223,7 +224,7 @@ def _drift(measurement: Measurement) -> Check:
 
 def _light(measurement: Measurement, cycle: int) -> float:
     usable = ~(measurement.saturated | measurement.missing)
-    return float(signal_of_cycle(measurement, cycle)[:, usable].mean())
+    return float(signal_of_cycle(measurement, cycle).mean(axis=0)[usable].mean())
 
 
 def _false_dolp(measurement: Measurement, drift: float) -> float:

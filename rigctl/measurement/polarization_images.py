@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.reconstruction import Design, reconstruct
-from model.stokes import aolp_rad, dolp
+from model.processing.maps import Float32Array, polarization_maps
+from model.processing.reconstruction import Design
 
 FloatArray = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ _NEIGHBOURHOOD = (7, 7)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolarizationImages:
-    """What a run shows, pixel by pixel.
+    """What a run shows, pixel by pixel, in single precision: for pictures; numbers of regions come from its channels.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class PolarizationImages:
     dolp : (H, W) array
         NaN where it has no meaning: no light, saturated or missing.
     aolp_deg : (H, W) array
-        Counter-clockwise from horizontal, in [0, 180).
+        Counter-clockwise from horizontal, in [0, 180); NaN where there is no light.
     unusable : (H, W) array of bool
         Saturated or missing in any frame.
     aolp_error_deg : (H, W) array
@@ -35,11 +35,11 @@ class PolarizationImages:
         differ by. None with three angles; NaN where there is no light.
     """
 
-    stokes: FloatArray
-    dolp: FloatArray
-    aolp_deg: FloatArray
+    stokes: Float32Array
+    dolp: Float32Array
+    aolp_deg: Float32Array
     unusable: NDArray[np.bool_]
-    aolp_error_deg: FloatArray
+    aolp_error_deg: Float32Array
     residual: FloatArray | None
 
 
@@ -55,26 +55,25 @@ def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray
     unusable : (H, W) array of bool
         Pixels that are saturated or missing.
     """
-    stokes = reconstruct(plan, channels)
-    dark = unusable | (stokes[0] <= 0.0)
-    lit = np.where(dark, 1.0, stokes)
+    maps = polarization_maps(channels.astype(np.float32), plan)
+    dark = unusable | ~maps.valid
     return PolarizationImages(
-        stokes=stokes,
-        dolp=np.where(dark, np.nan, dolp(np.moveaxis(lit, 0, -1))),
-        aolp_deg=np.rad2deg(aolp_rad(np.moveaxis(stokes, 0, -1))),
+        stokes=maps.stokes,
+        dolp=np.where(dark, np.float32(np.nan), maps.dolp),
+        aolp_deg=np.rad2deg(maps.aolp_rad),
         unusable=unusable,
-        aolp_error_deg=_aolp_error_deg(stokes),
+        aolp_error_deg=_aolp_error_deg(maps.stokes),
         residual=_residual(plan, channels, dark),
     )
 
 
-def _aolp_error_deg(stokes: FloatArray) -> FloatArray:
+def _aolp_error_deg(stokes: Float32Array) -> Float32Array:
     squares = sum(_scatter_squares(component) for component in stokes[1:]) / 2.0
     polarized = np.maximum(np.hypot(stokes[1], stokes[2]), 1e-12)
     return np.asarray(np.minimum(np.degrees(0.5 * np.sqrt(squares) / polarized), 90.0))
 
 
-def _scatter_squares(image: FloatArray) -> FloatArray:
+def _scatter_squares(image: Float32Array) -> Float32Array:
     """Return the local variance of a pixel about the line through its neighbours."""
     bent = np.zeros_like(image)
     bent[:, 1:-1] = np.square(image[:, 2:] - 2.0 * image[:, 1:-1] + image[:, :-2]) / 6.0

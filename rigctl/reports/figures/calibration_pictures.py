@@ -17,7 +17,6 @@ from rigctl.reports.figures.figure_style import (
     finish_picture,
     legend_below,
     legend_of_all,
-    picture_size,
     png,
     subplots,
 )
@@ -43,8 +42,8 @@ _MARKERS = dict(zip(_DEFECT_COLOURS, "ov^sDx", strict=True))
 def maps_png(pattern: FixedPattern) -> bytes:
     """Return the dark mean, the response and the temporal noise of each pixel as pictures, and where defects are."""
     response = _PERCENT * (pattern.flat.mean_dn - pattern.dark.mean_dn) / pattern.signal_dn
-    width, height = picture_size(np.asarray(response, dtype=np.float64), columns=2)
-    figure, axes = subplots(2, 2, size=(width, 2.0 * height))
+    height, width = response.shape
+    figure, axes = subplots(2, 2, size=(10.8, min(max(8.4 * height / width + 1.4, 4.0), 18.0)))
     _map(figure, axes[0], pattern.dark.mean_dn, title="Dark mean", label="mean [DN]")
     _map(figure, axes[1], response, title="Response", label="signal over its mean [%]")
     _map(figure, axes[2], np.sqrt(pattern.dark.temporal_variance_dn2), title="Dark noise in time", label="noise [DN]")

@@ -14,7 +14,7 @@ from rigctl.reports.figures.figure_style import (
     finish_picture,
     legend_below,
     legend_beside,
-    picture_size,
+    picture_axes,
     png,
     subplots,
 )
@@ -25,7 +25,7 @@ _MOST_NAMED = 12
 
 def statistic_picture(found: RxOnRun, *, background: str) -> bytes:
     """Return the map of the statistic on a log scale, from what one background pixel in ten exceeds."""
-    figure, axes = subplots(1, 1, size=picture_size(found.statistic, columns=1))
+    figure, axes = picture_axes(found.statistic.shape)
     shown = axes[0].imshow(
         np.log10(np.maximum(found.statistic, 1e-3)), cmap="cividis", vmin=0.8, interpolation="nearest"
     )

@@ -22,6 +22,8 @@ _DPI = 110
 # Twice as fast as the usual 6, and hardly larger.
 _PNG_LEVEL = 3
 _PICTURE_WIDTH_INCH = 5.4
+# Left, right (with the bar), below and above.
+_PICTURE_MARGINS = (0.75, 1.15, 0.55, 0.35)
 _KNOWN, _ROOM = 10.0, 1.3
 
 
@@ -83,12 +85,21 @@ def mark_beyond(
         axes.set_xlim(low, high)
 
 
-def picture_size(image: FloatArray, *, columns: int) -> tuple[float, float]:
-    """Return the size of a figure [inch] that leaves little white around pictures of this shape."""
-    height, width = image.shape
-    # A tenth of the width goes to the colour bar; a title and an axis stand above and below.
-    below = 0.78 * _PICTURE_WIDTH_INCH * height / width + 0.7
-    return columns * _PICTURE_WIDTH_INCH, min(max(below, 2.0), 9.0)
+def picture_axes(shape: tuple[int, int], *, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """Return a figure and axes for pictures of a shape beside each other, each with room for its bar.
+
+    Places are counted out, in inches, rather than found by a layout engine, which takes longer than the drawing.
+    """
+    left, right, below, above = _PICTURE_MARGINS
+    wide = _PICTURE_WIDTH_INCH - left - right
+    high = min(max(wide * shape[0] / shape[1], 1.2), 8.2)
+    width, height = columns * _PICTURE_WIDTH_INCH, below + high + above
+    figure = Figure(figsize=(width, height))
+    axes = []
+    for k in range(columns):
+        start = k * _PICTURE_WIDTH_INCH + left
+        axes.append(figure.add_axes((start / width, below / height, wide / width, high / height)))
+    return figure, axes
 
 
 def finish_picture(figure: Any, ax: Axes, shown: Any, *, title: str, label: str) -> None:
@@ -96,7 +107,14 @@ def finish_picture(figure: Any, ax: Axes, shown: Any, *, title: str, label: str)
     ax.set_title(title)
     ax.set_xlabel("x [pixel]")
     ax.set_ylabel("y [pixel]")
-    figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
+    if figure.get_layout_engine() is not None:
+        figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
+        return
+    # As high as the picture, whatever room it leaves.
+    ax.apply_aspect()
+    box = ax.get_position()
+    bar = figure.add_axes((box.x1 + 0.12 / figure.get_figwidth(), box.y0, 0.14 / figure.get_figwidth(), box.height))
+    figure.colorbar(shown, cax=bar, label=label)
 
 
 def png(figure: Figure, *, dpi: float = _DPI) -> bytes:

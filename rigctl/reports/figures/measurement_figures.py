@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from rigctl.files.regions import Region
 from rigctl.measurement.polarization_images import PolarizationImages
-from rigctl.reports.figures.figure_style import finish_picture, picture_size, png, subplots
+from rigctl.reports.figures.figure_style import finish_picture, picture_axes, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
 
 # An angle that is known worse than this fades.
 _WELL_KNOWN_DEG = 10.0
@@ -23,7 +23,7 @@ _SHOWN_PERCENTILES = (1.0, 99.5)
 def scene_pictures(images: PolarizationImages, regions: list[Region], *, unit: str) -> bytes:
     """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
     s0 = images.stokes[0]
-    figure, axes = subplots(1, 2, size=picture_size(s0, columns=2))
+    figure, axes = picture_axes(s0.shape, columns=2)
     good = np.where(images.unusable, np.nan, s0)
     _picture(axes[0], s0, scale_of=good, title="S0 (panchromatic)", label=f"S0 [{unit}]", cmap="gray")
     _picture(axes[1], images.dolp, scale_of=images.dolp, title="DoLP", label="DoLP", cmap="viridis", most=1.0)
@@ -34,7 +34,7 @@ def scene_pictures(images: PolarizationImages, regions: list[Region], *, unit: s
 
 def aolp_picture(images: PolarizationImages) -> bytes:
     """Return the image of the angle of polarization; it fades where it is known to less than 10 degrees."""
-    figure, axes = subplots(1, 1, size=picture_size(images.aolp_deg, columns=1))
+    figure, axes = picture_axes(images.aolp_deg.shape)
     angle_deg = np.where(images.unusable, np.nan, images.aolp_deg)
     known = np.clip(_WELL_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2
     axes[0].set_facecolor("0.85")
@@ -46,7 +46,7 @@ def aolp_picture(images: PolarizationImages) -> bytes:
 def residual_picture(residual: FloatArray) -> bytes:
     """Return the image of what no light gives, as a share of the light."""
     found = 100.0 * residual
-    figure, axes = subplots(1, 1, size=picture_size(found, columns=1))
+    figure, axes = picture_axes(found.shape)
     good = np.abs(found[np.isfinite(found)])
     most = max(float(np.percentile(good, _SHOWN_PERCENTILES[1])), 1e-6) if good.size else 1.0
     shown = axes[0].imshow(found, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="nearest")

@@ -66,6 +66,7 @@ def _share_out(byte: int) -> list[int]:
 
 
 _BLOCK = 2880
+_BITPIX = {"uint8": 8, "int16": 16, "int32": 32, "float32": -32, "float64": -64}
 _SIGN_BIT = np.uint16(0x8000)
 _STATED_SUM = re.compile(rb"DATASUM = '([0-9]+) *'")
 _END = b"END".ljust(CARD_LENGTH)
@@ -107,8 +108,32 @@ def encode_frame(counts: NDArray[np.uint16], cards: Mapping[str, tuple[CardValue
     ----------
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), sections 4.4 and 5.2.5, appendix J.
     """
-    data = _pad(_to_signed(counts), b"\0")
-    text = _size_cards(counts.shape) + "".join(make_card(key, *card) for key, card in cards.items())
+    return _whole_file(_size_cards(counts.shape), cards, _to_signed(counts))
+
+
+def encode_image(image: NDArray[np.generic], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
+    """Return the bytes of a FITS file that holds a computed image, or a stack of them, as any reader of FITS reads it.
+
+    Parameters
+    ----------
+    image : (..., H, W) array of uint8, int16, int32, float32 or float64
+        First row on top.
+    cards : mapping of keyword to (value, comment)
+        What the header is to say beside the size.
+    """
+    sizes: list[tuple[str, CardValue, str]] = [
+        ("SIMPLE", True, "FITS standard 4.0"),
+        ("BITPIX", _BITPIX[image.dtype.name], "bits of a sample, below 0 for real numbers"),
+        ("NAXIS", image.ndim, ""),
+        *((f"NAXIS{k}", length, "") for k, length in enumerate(reversed(image.shape), start=1)),
+    ]
+    swapped = image.astype(image.dtype.newbyteorder(">"))
+    return _whole_file("".join(make_card(*size) for size in sizes), cards, swapped.tobytes())
+
+
+def _whole_file(sizes: str, cards: Mapping[str, tuple[CardValue, str]], samples: bytes) -> bytes:
+    data = _pad(samples, b"\0")
+    text = sizes + "".join(make_card(key, *card) for key, card in cards.items())
     text += make_card("DATASUM", str(ones_complement_sum(data)), "sum of the data, 32 bit")
     unsummed = _header(text, NO_CHECKSUM)
     total = ones_complement_sum(unsummed + data)
