@@ -164,12 +164,12 @@ def share_of(part: FloatArray, whole: FloatArray) -> float:
         return 0.0
     if not np.all(np.isfinite(part)) or not np.all(np.isfinite(whole)):
         return np.inf
-    from scipy.linalg import LinAlgError, eigh  # wanted for plans only
-
     try:
-        return float(max(eigh(part, whole, eigvals_only=True)[-1], 0.0))
-    except LinAlgError:
+        root = np.linalg.cholesky(whole)
+    except np.linalg.LinAlgError:
         return np.inf
+    relative = np.linalg.solve(root, np.linalg.solve(root, part).T)
+    return float(max(np.linalg.eigvalsh(relative)[-1], 0.0))
 
 
 def _texture_high(region: LitRegion, light: SunLight, *, s0_high: float, scale: float) -> FloatArray:
