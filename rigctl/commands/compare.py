@@ -8,7 +8,7 @@ import typer
 from rigctl.cli import EXIT_DATA, EXIT_DISAGREES
 from rigctl.console.options import Faults, FlatFile, ForceRegistration, PolarizerFile, RegistrationFile
 from rigctl.console.terminal import print_json, results, warn
-from rigctl.files.choices import ScaleKind
+from rigctl.files.choices import EffectRule, ScaleKind
 from rigctl.reports.writers.terminal_table import terminal_table
 
 if TYPE_CHECKING:
@@ -43,6 +43,18 @@ def command(
     polarizer: PolarizerFile = None,
     flat: FlatFile = None,
     correct: Faults = None,
+    rule: Annotated[
+        EffectRule,
+        typer.Option(
+            "--effects",
+            metavar="RULE",
+            help="Leave effects out of the prediction by bounds (safe), by estimates (estimated), or none (all).",
+        ),
+    ] = "all",
+    switched_on: Annotated[list[str] | None, typer.Option("--with", metavar="NAME", help="Let an effect act.")] = None,
+    left_out: Annotated[
+        list[str] | None, typer.Option("--without", metavar="NAME", help="Leave an effect out, whatever its bound.")
+    ] = None,
     alpha: Annotated[float, typer.Option(metavar="A", help="Chance of any false disagreement.")] = 1e-3,
     anonymous: Annotated[
         bool, typer.Option("--anonymous", help="Leave serial numbers, ports, site and folders out of the report.")
@@ -59,6 +71,10 @@ def command(
 
     Several runs of one rig, such as an afternoon, share a scene file; each has its own sun: series.html has both sides
     against time and sun, a folder for each run has its own report. A run of another camera, gain or axis is refused.
+
+    Every effect of the model is taken, since its errors stand beside those of the measurement; the report says which
+    the scene calls for. --effects safe leaves out what changes no number by more than 0.005, --effects estimated what a
+    coarse evaluation says does not.
 
     Numbers of the scene file may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }: then errors of the inputs
     stand beside those of the measurement, and a disagreement says which input would explain it.
@@ -86,6 +102,9 @@ def command(
         scale=scale,
         correct=() if correct is None else correctable(correct),
         anonymous=anonymous,
+        rule=rule,
+        switched_on=tuple(switched_on or ()),
+        left_out=tuple(left_out or ()),
     )
     if len(runs) > 1:
         _compare_many(runs, request, out=out, as_json=as_json)

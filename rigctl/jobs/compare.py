@@ -3,14 +3,16 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from model.effects.names import ALL
 from rigctl.comparison.checks import nothing_tested, registration_of, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
 from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registration
 from rigctl.comparison.verdict import refused_regions, without_decisions
 from rigctl.errors import ConfigError
-from rigctl.files.choices import ScaleKind
+from rigctl.files.choices import EffectRule, ScaleKind
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.measurement.diagnosed_run import DiagnosedRun, diagnosed
@@ -20,11 +22,10 @@ from rigctl.prediction.performance import performance_of
 from rigctl.reports.outputs.comparison_files import write_comparison
 from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.runs.wholeness import used_run
-from rigctl.scene.effect_choice import acting_effects
+from rigctl.scene.effect_choice import acting_effects, with_choices, without_effects
 from rigctl.scene.effect_plan import plan_effects
-from rigctl.scene.scene_reading import scene_of_file
 
-# Of a prediction: at this an effect is said to be called for or not. A comparison takes all of them all the same.
+# Of a prediction: at this an effect is said to be called for or not, and left out where that is asked for.
 _EFFECTS_TOLERANCE = 0.01
 # What a regions file says of a region beside its name.
 _OUTLINE = ("rectangle", "polygon", "edge_px")
@@ -49,6 +50,10 @@ class CompareRequest:
         Faults that frames are corrected by, as the run itself shows them: "throughput", "dark-level", "shift".
     anonymous : bool
         The report says no serial numbers, ports, site and folders.
+    rule : {"safe", "estimated", "all"}
+        Which effects are left out of the prediction: by bounds, by estimates, or none ("all").
+    switched_on, left_out : tuple of str
+        Effects that act, or do not, whatever they change.
     """
 
     scene: Path | SceneFile | None = None
@@ -58,6 +63,9 @@ class CompareRequest:
     scale: ScaleKind = "absolute"
     correct: tuple[str, ...] = ()
     anonymous: bool = False
+    rule: EffectRule = "all"
+    switched_on: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = None) -> ComparedRun:
@@ -83,6 +91,9 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     given = read_calibrations(request.calibrations, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
     measurement = seen.measurement
+    effects = None if scene is None else _effects(scene, measurement, given, request.rule)
+    if scene is not None and effects is not None:
+        scene = without_effects(scene, acting_effects(scene) - effects.taken)
     comparison = _judged(_comparison(measurement, scene, given, request), seen, regions)
     remarks = (*given.doubts, *seen.remarks, *correction_remarks(measurement, regions), *comparison.remarks)
     found = ComparedRun(
@@ -92,7 +103,7 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
         performance=performance_of(comparison.predictions),
         provenance=_provenance(run_path, request),
         noise=given.noise,
-        effects=None if scene is None else _effects(scene, given),
+        effects=effects,
     )
     if out is not None:
         write_comparison(found, out)
@@ -104,6 +115,8 @@ def _require_possible(request: CompareRequest) -> None:
         raise ConfigError(f"--alpha: is {request.alpha:g}; allowed is above 0 and below 1, for instance 0.001")
     if request.scene is None and request.regions is None:
         raise ConfigError("give a scene file, or --regions FILE for a comparison without a scene")
+    if request.scene is None and (request.rule != "all" or request.switched_on or request.left_out):
+        raise ConfigError("--effects, --with and --without: are of a prediction from a scene file; give one")
 
 
 def _comparison(
@@ -141,9 +154,20 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
     )
 
 
-def _effects(scene: SceneFile, given: RunCalibrations) -> EffectsTaken:
-    planned = plan_effects(scene_of_file(scene, given.noise), tolerance=_EFFECTS_TOLERANCE)
-    return EffectsTaken(plan=planned.plan, taken=acting_effects(scene))
+def _effects(scene: SceneFile, measurement: Measurement, given: RunCalibrations, rule: EffectRule) -> EffectsTaken:
+    """Return the decisions for the run, and what is taken: by the rule "all" whatever the bounds say."""
+    run = run_predictor(measurement, scene=scene, noise=given.noise)
+    planned = plan_effects(
+        run.inputs.scene,
+        tolerance=_EFFECTS_TOLERANCE,
+        rule="safe" if rule == "all" else rule,
+        light=run.light,
+        readout=run.readout,
+        exposure_s=run.exposure_s,
+    )
+    there = {one.effect for one in planned.plan.decisions if one.bound.largest > 0.0}
+    left_out = frozenset() if rule == "all" else (ALL - planned.plan.active) & there
+    return EffectsTaken(plan=planned.plan, taken=acting_effects(scene) - left_out)
 
 
 def _outlined(request: CompareRequest) -> tuple[SceneFile | None, list[Region]]:
@@ -151,7 +175,7 @@ def _outlined(request: CompareRequest) -> tuple[SceneFile | None, list[Region]]:
     drawn = [] if request.regions is None else load_regions(request.regions)
     if request.scene is None:
         return None, drawn
-    scene = scene_file(request.scene)
+    scene = with_choices(scene_file(request.scene), switched_on=request.switched_on, left_out=request.left_out)
     unknown = sorted({region.name for region in drawn}.difference(region.name for region in scene.regions))
     if unknown:
         raise ConfigError(

@@ -35,6 +35,12 @@ def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequ
     return chosen
 
 
+def without_effects(scene: SceneFile, effects: frozenset[Effect]) -> SceneFile:
+    """Return the scene with some effects left out, beside those that it leaves out itself."""
+    names = tuple(name for name in effect_names() if effect_of(name) in effects)
+    return with_choices(scene, switched_on=(), left_out=names)
+
+
 def forced_effects(scene: SceneFile | Scene) -> dict[Effect, bool]:
     """Return the effects that are forced on (True) or off (False).
 

@@ -11,7 +11,7 @@ from model.effects.bound import Bound, Estimate
 from model.effects.names import ALL, Effect, EffectRule
 from model.effects.planner import EffectPlan, plan
 from model.scene.lit_scene import LitScene
-from model.scene.scenario import RegionLight
+from model.scene.scenario import Readout, RegionLight
 from rigctl.errors import ConfigError
 from rigctl.scene.effect_choice import forced_effects
 from rigctl.scene.model_records import settings_of
@@ -72,6 +72,8 @@ def plan_effects(
     rule: EffectRule = "safe",
     every_estimate: bool = False,
     light: SceneLight | None = None,
+    readout: Readout | None = None,
+    exposure_s: float | None = None,
 ) -> PlannedScene:
     """Return which effects a scene calls for at a tolerance, of which these may take one half.
 
@@ -87,6 +89,8 @@ def plan_effects(
         Whether effects are estimated too that need no estimate for the decision.
     light
         Keeps skies between calls.
+    readout, exposure_s
+        Of a run; None for those of the file.
 
     Raises
     ------
@@ -94,7 +98,8 @@ def plan_effects(
         A number is outside its range.
     """
     settings = settings_of(scene)
-    lit = lit_scene(scene, sensor=sensor_of(scene, scene.exposure_s), readout=readout_of(scene))
+    sensor = sensor_of(scene, scene.exposure_s if exposure_s is None else exposure_s)
+    lit = lit_scene(scene, sensor=sensor, readout=readout_of(scene) if readout is None else readout)
     computer = SceneLight() if light is None else light
 
     def known(effects: frozenset[Effect]) -> tuple[RegionLight, ...]:
