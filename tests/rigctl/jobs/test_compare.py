@@ -2,6 +2,7 @@ import json
 
 import pytest
 
+from model.effects.names import ALL, Effect
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
@@ -81,3 +82,20 @@ def test_a_file_that_is_no_calibration_is_refused(folder):
     (folder / "bad.json").write_text("{}")
     with pytest.raises(DataError, match="rigctl calibrate noise"):
         _compare(folder, calibrations=CalibrationPaths(noise=folder / "bad.json"))
+
+
+def test_effects_are_all_taken_unless_a_rule_or_a_name_leaves_them_out(folder):
+    whole, safe = (_compare(folder, rule=rule).effects for rule in ("all", "safe"))
+    assert whole.taken == ALL
+    assert [one.acts_by_bound for one in safe.plan.decisions] == [one.acts_by_bound for one in whole.plan.decisions]
+    there = {one.effect for one in safe.plan.decisions if one.bound.largest > 0.0}
+    assert safe.taken == ALL - (there - safe.plan.active)
+    assert Effect.TEXTURE not in _compare(folder, left_out=("texture",)).effects.taken
+    assert safe.taken <= _compare(folder, rule="safe", switched_on=("dark-current",)).effects.taken
+
+
+def test_effects_without_a_scene_are_refused(folder):
+    with pytest.raises(ConfigError, match="--effects"):
+        _compare(
+            folder, scene=None, regions=_regions_file(folder, ("a", [(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)])), rule="safe"
+        )
