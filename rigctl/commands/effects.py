@@ -13,7 +13,7 @@ _EXIT_VIOLATION = 70
 
 
 def command(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="Scene file.")],
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml|RIG.toml", help="Scene file, or rig file.")],
     tolerance: Annotated[
         float, typer.Option(metavar="T", min=1e-9, max=1.0, help="Of a prediction; effects may take half of it.")
     ] = 0.01,
@@ -42,11 +42,29 @@ def command(
     of detection (absolute). Beside the bound stands an estimate by a coarse evaluation, with its error; --effects says
     which of both decides. --verify evaluates the chain with and without each; a bound that does not hold is an error.
 
+    Of a rig file with [simulation]: the effects that the simulated camera's pictures go through, and what each costs.
+
     Example: rigctl effects examples/scene-panels.toml --tolerance 0.02 --verify
+
+    Example: rigctl effects examples/rig-effects.toml
     """
-    from rigctl.jobs.effects import plan_scene_effects
-    from rigctl.reports.tables.effects_tables import effects_json, effects_table, saved_line
+    from rigctl.jobs.effects import effects_of_rig, plan_scene_effects
+    from rigctl.reports.tables.effects_tables import (
+        effects_json,
+        effects_table,
+        rendering_json,
+        rendering_table,
+        saved_line,
+    )
     from rigctl.reports.writers.terminal_table import terminal_table
+
+    rendered = effects_of_rig(scene)
+    if rendered is not None:
+        if as_json:
+            print_json(rendering_json(rendered))
+        else:
+            results().print(terminal_table(rendering_table(rendered)))
+        return
 
     planned = plan_scene_effects(
         scene,

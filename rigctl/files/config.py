@@ -118,6 +118,17 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
         raise ConfigError(describe(path, error, model)) from error
 
 
+def has_any_key(path: Path, *keys: str) -> bool:
+    """Return whether a TOML file has any of some keys, which tell what kind of file it is.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read.
+    """
+    return not _table(path).keys().isdisjoint(keys)
+
+
 def _table(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8"))

@@ -7,10 +7,14 @@ from pathlib import Path
 from model.effects.names import EffectRule
 from model.effects.planner import EffectPlan
 from rigctl.calibrations.noise.noise_file import read_noise_file
+from rigctl.errors import ConfigError
+from rigctl.files.config import has_any_key
+from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.effect_plan import Verification, plan_effects, verify_effects
 from rigctl.scene.scene_reading import scene_of_file
+from rigctl.simulated.rendering_costs import RenderingCosts, rendering_costs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,6 +34,22 @@ class PlannedEffects:
     plan: EffectPlan
     verification: Verification | None
     remarks: tuple[str, ...]
+
+
+def effects_of_rig(path: Path) -> RenderingCosts | None:
+    """Return what each effect of a simulated camera's pictures costs; None for a file that is no rig file.
+
+    Raises
+    ------
+    ConfigError
+        The rig file is wrong, or of a rig that is not simulated.
+    """
+    if not has_any_key(path, "stage", "camera", "simulation"):
+        return None
+    simulation = load_rig(path).simulation
+    if simulation is None:
+        raise ConfigError(f"{path}: has no [simulation]: a real camera's pictures go through no effects of ours")
+    return rendering_costs(simulation)
 
 
 def plan_scene_effects(

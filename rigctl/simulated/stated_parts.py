@@ -2,6 +2,7 @@
 
 import hashlib
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import assert_never
 
@@ -71,13 +72,14 @@ def stated_world(simulation: SimulationSection, radiance: FloatArray, stage: Sim
     """Return what stands before the camera: a scene behind the polarizer that a stage turns."""
     return World(
         radiance=radiance,
-        polarizer=_polarizer(simulation.polarizer),
+        polarizer=stated_polarizer(simulation.polarizer),
         stage_angle_deg=stage.true_angle_deg,
         flat_radiance=simulation.flat_radiance,
     )
 
 
-def _polarizer(truth: SimulatedPolarizer) -> Polarizer:
+def stated_polarizer(truth: SimulatedPolarizer) -> Polarizer:
+    """Return the polarizer of a simulated rig."""
     return Polarizer(
         transmittance_along=truth.transmittance_along,
         transmittance_across=truth.transmittance_along / truth.extinction_ratio,
@@ -86,14 +88,23 @@ def _polarizer(truth: SimulatedPolarizer) -> Polarizer:
     )
 
 
+def _as_it_is(effect: RenderingEffect) -> RenderingEffect:
+    return effect
+
+
 def stated_camera(
     simulation: SimulationSection,
     world: World,
     session_name: str,
     log: TruthLog | None,
     clock: SimulatedClock | None,
+    *,
+    wrapped: Callable[[RenderingEffect], RenderingEffect] = _as_it_is,
 ) -> SimCamera:
-    """Return the camera before a world; `log` notes what is true of its frames, `clock` None is the host's."""
+    """Return the camera before a world; `log` notes what is true of its frames, `clock` None is the host's.
+
+    `wrapped` makes another of each effect of its pictures, such as one that is timed.
+    """
     lens, detector = _lens(simulation.camera), _detector(simulation.camera)
     return SimCamera(
         world=world,
@@ -105,7 +116,7 @@ def stated_camera(
         utc_ns=time.time_ns if clock is None else clock.utc_ns,
         monotonic_ns=time.monotonic_ns if clock is None else clock.monotonic_ns,
         rendering=[
-            rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed)
+            wrapped(rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed))
             for section in simulation.effects
         ],
     )

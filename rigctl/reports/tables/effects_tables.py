@@ -14,6 +14,7 @@ from rigctl.console.json_text import Json
 from rigctl.numbers.number_text import NOTHING, size
 from rigctl.reports.table import Column, Table
 from rigctl.scene.effect_plan import Verification
+from rigctl.simulated.rendering_costs import RenderingCost, RenderingCosts
 
 _KINDS = ("radiance", "ratios", "deviations", "detection")
 
@@ -72,6 +73,26 @@ def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Js
             "violations": [one.effect.value for one in checked.violations],
         }
     return content
+
+
+def rendering_table(found: RenderingCosts) -> Table[RenderingCost]:
+    """Return the effects of a simulated camera's pictures, with what each costs a frame."""
+    columns: tuple[Column[RenderingCost], ...] = (
+        Column(title="effect", text=lambda row: row.effect, left=True),
+        Column(title="acts on", text=lambda row: row.place, left=True),
+        Column(title="ms a frame", text=lambda row: f"{1e3 * row.cost_s:.2f}"),
+    )
+    title = (
+        f"effects of the simulated pictures: medians of {found.frames} frames, {1e3 * found.frame_s:.1f} ms each; what "
+        "the rig file does not name is not called"
+    )
+    return Table(title=title, columns=columns, rows=found.costs)
+
+
+def rendering_json(found: RenderingCosts) -> dict[str, Json]:
+    """Return the same as JSON holds it."""
+    effects: list[Json] = [{"effect": one.effect, "place": one.place, "cost_s": one.cost_s} for one in found.costs]
+    return {"rendering": effects, "frame_s": found.frame_s, "frames": found.frames}
 
 
 def left_out_line(plan: EffectPlan) -> str:

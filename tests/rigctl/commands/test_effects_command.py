@@ -161,3 +161,13 @@ def test_what_the_estimate_leaves_out_is_said_not_to_be_guaranteed(capsys):
     assert by_estimate
     for name in by_estimate:
         assert any(f"{name} is left out by an estimate" in remark for remark in content["remarks"])
+
+
+def test_a_rig_file_shows_what_each_effect_of_its_pictures_costs(capsys):
+    assert main(["effects", str(EXAMPLES / "rig-effects.toml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    names = ["drift", "beam-wander", "point-spread", "vignetting", "smear", "cosmic-hits", "fixed-pattern"]
+    assert [one["effect"] for one in found["rendering"]] == names
+    assert 0.0 < sum(one["cost_s"] for one in found["rendering"]) < found["frame_s"]
+    assert main(["effects", str(EXAMPLES / "rig-sim.toml"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rendering"] == []
