@@ -62,6 +62,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "acquire": ("rigctl.commands.acquire", "Take a session: durable frames at measured polarizer angles."),
     "resume": ("rigctl.commands.resume", "Go on with a session that holds or was interrupted."),
     "status": ("rigctl.commands.status", "Say where a session stands."),
+    "notify": ("rigctl.commands.notify", "Try the notices that a session sends."),
     "serve": ("rigctl.commands.serve", "Work the rig from a browser: focus, regions, sessions."),
     "watch": ("rigctl.commands.watch", "Show a run in a browser as it grows."),
     "log": ("rigctl.commands.log", "Tell what happened in a session, line by line."),

@@ -7,6 +7,7 @@ from pydantic import AwareDatetime, Field, model_validator
 
 from rigctl.files.choices import RoofChange
 from rigctl.files.config import Section, load, with_std_apart
+from rigctl.files.notify_section import NotifySection
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.rendering_sections import RenderingSection
 
@@ -134,6 +135,7 @@ class RigFile(Section):
     site: SiteSection | None = None
     geometry: GeometrySection | None = None
     simulation: SimulationSection | None = None
+    notify: NotifySection | None = None
 
     @property
     def is_simulated(self) -> bool:

@@ -1,7 +1,7 @@
 """A run folder as it is written: each frame durable before the manifest names it."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -48,6 +48,11 @@ class RunWriter:
         What the chains of manifest and events begin with; None in an old run, which has none.
     utc_ns, monotonic_ns : callable
         The clocks that stamp events [ns].
+
+    Attributes
+    ----------
+    listener : callable or None
+        Told each event, its name and its facts, even where the disk has no room for it; it must not wait.
     """
 
     def __init__(
@@ -61,6 +66,7 @@ class RunWriter:
         monotonic_ns: Clock = time.monotonic_ns,
     ) -> None:
         self.path = path
+        self.listener: Callable[[str, dict[str, JsonValue]], None] | None = None
         self._lock = lock
         self._sequences = set(sequences)
         self._manifest = Journal(path / MANIFEST_FILE, first_link=first_link)
@@ -242,6 +248,9 @@ class RunWriter:
             self._events.note(name, facts)
         except OSError as error:
             raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
+        finally:
+            if self.listener is not None:
+                self.listener(name, facts)
 
     def closing_event(self, name: str, **facts: Any) -> None:
         """Note that what was to be done is done: the event holds how many frames there are, and their chain.

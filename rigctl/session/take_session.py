@@ -19,6 +19,7 @@ from rigctl.runs.session_record import SessionNoise
 from rigctl.runs.wholeness import wholeness
 from rigctl.session.continuation import continuation
 from rigctl.session.control import Control
+from rigctl.session.notices import notices
 from rigctl.session.planning.schedule import round_times_ns
 from rigctl.session.planning.session_steps import Step, plan_steps
 from rigctl.session.reconnect_loop import Opener, Outcome, ReconnectLoop, require_same_devices
@@ -74,7 +75,7 @@ def take_session(
     rounds = (at_ns,) if rounds == (None,) else rounds
     steps = plan_steps(session, rounds)
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
-    with ExitStack() as devices:
+    with notices(rig_file.notify, out) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
         require_hands(steps, are_asked=rig.origin == "simulated" or asks_by_hold)
         inputs = read_inputs(rig_file, files)
@@ -84,6 +85,7 @@ def take_session(
             "noise": None if noise is None else asdict(noise),
         }
         with RunWriter.create(out, description, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
+            writer.listener = None if notifier is None else notifier.tell
             keep_inputs(inputs, out)
             context = session_context(
                 session,
@@ -134,11 +136,12 @@ def resume_session(
         _close_again(path, clock)
         return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
-    with ExitStack() as devices:
+    with notices(rig_file.notify, path) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
         require_hands(rest.steps, are_asked=rig.origin == "simulated" or asks_by_hold)
         require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
+            writer.listener = None if notifier is None else notifier.tell
             _note_resumed(writer, repair, rest.steps)
             control = Control(path)
             control.forget()

@@ -1,0 +1,84 @@
+"""Notices of a session, and that nothing of them delays or fails it."""
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import main
+from rigctl.files.notify_section import NotifySection
+from rigctl.session.notices import Notifier, notices
+from rigctl.session.take_session import take_session
+from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
+
+
+@pytest.fixture
+def heard() -> Iterator[tuple[str, list[dict[str, str]]]]:
+    """Give an address that takes notices, and those that it has taken."""
+    taken: list[dict[str, str]] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            taken.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *words: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/hook", taken
+        server.shutdown()
+        thread.join()
+
+
+def test_the_end_of_a_session_is_told(tmp_path: Path, heard: tuple[str, list[dict[str, str]]]) -> None:
+    address, taken = heard
+    section = NotifySection(webhook=address)
+    rig = small_rig(tmp_path).model_copy(update={"notify": section})
+    assert take_session(rig, small_session(cycles=1), tmp_path / "run", files={}).is_finished
+    assert [(one["run"], one["event"]) for one in taken] == [("run", "finished")]
+    assert "frames: 6" in taken[0]["text"]
+
+
+def test_an_error_that_ends_a_session_is_told(tmp_path: Path, heard: tuple[str, list[dict[str, str]]]) -> None:
+    address, taken = heard
+    with pytest.raises(ValueError, match="broken"), notices(NotifySection(webhook=address), tmp_path / "run"):
+        raise ValueError("broken")
+    assert taken[0]["event"] == "failed"
+    assert "broken" in taken[0]["text"]
+
+
+def test_a_receiver_that_never_answers_delays_nothing(tmp_path: Path) -> None:
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
+    notifier = Notifier(NotifySection(command=sleep, timeout_s=0.2), "run")
+    start_s = time.monotonic()
+    for _ in range(1000):
+        notifier.tell("finished", {})
+    assert time.monotonic() - start_s < 0.2
+    notifier.close()
+    assert time.monotonic() - start_s < 5.0
+
+
+def test_a_command_gets_the_notice_and_a_failure_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "told.json"
+    program = f"import sys; open({str(out)!r}, 'w').write(sys.stdin.read())"
+    base = (EXAMPLES / "rig-sim.toml").read_text().replace("scene-panels.toml", str(EXAMPLES / "scene-panels.toml"))
+    rig = tmp_path / "rig.toml"
+    rig.write_text(base + f"\n[notify]\ncommand = {json.dumps([sys.executable, '-c', program])}\n")
+    assert main(["notify", "test", str(rig)]) == 0
+    assert json.loads(out.read_text())["event"] == "test"
+    rig.write_text(base + '\n[notify]\ncommand = ["/no/such/program"]\n')
+    assert main(["notify", "test", str(rig)]) == 3
+    assert "/no/such/program" in capsys.readouterr().err
+    rig.write_text(base)
+    assert main(["notify", "test", str(rig)]) == 2
+    rig.write_text(base + '\n[notify]\nwebhook = "file:///etc/passwd"\n')
+    assert main(["notify", "test", str(rig)]) == 2
