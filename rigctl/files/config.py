@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from model.rectangular import rectangular_std
 from rigctl.errors import ConfigError
-from rigctl.files.problem_words import Key, demands, meant, other_kind, place_text
+from rigctl.files.problem_words import Key, demands, meant, needed, other_kind, place_text
 from rigctl.numbers.number_range import shown, wild_numbers
 from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
@@ -190,7 +190,7 @@ def _problem(key: Key, place: str, details: Sequence[Any], model: type[BaseModel
     if first["type"] == "extra_forbidden":
         return f"{name}: is no known key{_found(first['input'])}{meant(key, model)}"
     if first["type"] == "missing":
-        return f"{name}: is missing"
+        return f"{name}: is missing{needed(key, model)}"
     is_said = first["type"] in ("value_error", "json_invalid")
     found = "" if is_said else _found(first["input"])
     text, question, alike = demands(details).partition("; did you mean ")

@@ -157,6 +157,16 @@ def meant(key: Key, model: type[BaseModel] | None) -> str:
     return f"; there are {', '.join(here)}" if 0 < len(here) <= _FEW else ""
 
 
+def needed(key: Key, model: type[BaseModel] | None) -> str:
+    """Return what a table that is missing has to have, so that one reads it all at once; empty for a plain value."""
+    if model is None or not key:
+        return ""
+    fields = [one.model_fields[str(key[-1])] for one in _models_at(model, key[:-1]) if str(key[-1]) in one.model_fields]
+    tables = [inner for field in fields for inner in _models_of(field.annotation)]
+    keys = [name for one in tables[:1] for name, field in one.model_fields.items() if field.is_required()]
+    return f"; it has {', '.join(keys)}" if keys and tables[0].__name__ not in _TABLES else ""
+
+
 def _elsewhere(name: str, model: type[BaseModel]) -> str:
     """Return the place of a key of this very name in a table of the file."""
     for table, field in model.model_fields.items():

@@ -95,13 +95,17 @@ def _run(block: Block, names: dict[str, object]) -> None:
     else:
         wanted = int(block.mark.removeprefix("exit ")) if block.mark.startswith("exit") else 0
         for words in block.commands:
-            words = [
-                name for word in words for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])
-            ]
+            words = [name for word in words for name in _expanded(word)]
             last = words if words == block.commands[-1] else None
             code, said = _ours(words[1:]) if Path(words[0]).name == "rigctl" else _other(words)
             if code != (wanted if last else 0):
                 raise RuntimeError(f"{' '.join(words)}\nends with {code}:\n{said}")
+
+
+def _expanded(word: str) -> list[str]:
+    """Return the files that a word with a star stands for; the word itself where there are none, as a shell does."""
+    found = sorted(map(str, Path().glob(word))) if "*" in word and not word.startswith("/") else []
+    return found or [word]
 
 
 def _ours(words: list[str]) -> tuple[int, str]:
@@ -112,6 +116,9 @@ def _ours(words: list[str]) -> tuple[int, str]:
 
 
 def _other(words: list[str]) -> tuple[int, str]:
+    if words[0] == "cd":
+        os.chdir(words[1])
+        return 0, ""
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
     return done.returncode, done.stdout + done.stderr
 

@@ -71,6 +71,7 @@ CASES = [
     (("predict", ROOF), 2, "(found 'noon')", ("2010-05-25T13:07:40-04:00", '"noon"')),
     (("predict", ROOF), 2, "did you mean 'spheres'?", ('aerosol = "depolarizing"', 'aerosol = "sphere"')),
     (("predict", ROOF), 2, "visibility_km: is -5, must be above 0", ("{ value = 23.0, std = 2.0 }", "-5")),
+    (("predict", SCENE), 2, "noise: is missing; it has gain_dn_per_e, read_noise_e", ("[noise]", "[nose]")),
     # Rigs and sessions.
     (TAKE, 2, "did you mean ellx?", ('"ellx"', '"ELL14"')),
     (TAKE, 2, "there are sim:gc780, sim:gige", ('"sim:gc780"', '"sim:gc781"')),
