@@ -47,6 +47,12 @@ class World:
         Each angle seen by one pixel in four, the others made from its neighbours.
     electrons
         At full scale.
+    scene
+        What the light is like: "objects", or one of `SCENES`.
+    polarized, is_evenly_polarized
+        Share of the light that is polarized, where it is not drawn at random; the same everywhere, or object by object.
+    resampled_deg
+        All frames are turned by so much in the picture by who stored them, after their counts were whole.
     """
 
     angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
@@ -60,6 +66,47 @@ class World:
     electrons: float = 20000.0
     read_noise_dn: float = 2.0
     black_dn: float = 0.0
+    scene: str = "objects"
+    polarized: float | None = None
+    is_evenly_polarized: bool = False
+    resampled_deg: float = 0.0
+
+
+SCENES = ("power law", "checker", "steps", "gradient", "stars", "half flat", "stripes")
+DESIGNS_DEG: tuple[tuple[float, ...], ...] = (
+    (0.0, 45.0, 90.0, 135.0),
+    tuple(30.0 * k for k in range(6)),
+    tuple(22.5 * k for k in range(8)),
+    tuple(45.0 * k for k in range(8)),
+)
+
+
+def other_world(rng: np.random.Generator, **fixed: object) -> World:
+    """Return a world of other kinds: scenes, designs, depths, small and narrow pictures, hardly polarized or nearly all.
+
+    None of it was looked at when the thresholds of the diagnosis were chosen.
+    """
+    bits = int(rng.choice([8, 10, 12, 14]))
+    design = int(rng.integers(0, len(DESIGNS_DEG) + 1))
+    angles = DESIGNS_DEG[design] if design < len(DESIGNS_DEG) else tuple(rng.uniform(0.0, 180.0, 12).round(2).tolist())
+    height, width = ((64, 64), (40, 256), (128, 160), (96, 96))[int(rng.integers(0, 4))]
+    drawn = {
+        "angles_deg": angles,
+        "height": height,
+        "width": width,
+        "scene": str(rng.choice(SCENES)),
+        "texture": float(np.exp(rng.uniform(np.log(0.02), np.log(0.4)))),
+        "texture_pixels": float(rng.uniform(0.5, 6.0)),
+        "blur_pixels": float(rng.uniform(0.0, 3.0)),
+        "is_demosaiced": bool(rng.random() < 0.3),
+        "full_scale_dn": 2**bits - 1,
+        "electrons": float(np.exp(rng.uniform(np.log(4e3), np.log(1e5)))),
+        "read_noise_dn": float(rng.uniform(0.3, 0.8) * 2 ** max(bits - 9, 0)),
+        "polarized": float(rng.choice([0.9, 0.3, 0.05, 0.002])),
+        "is_evenly_polarized": bool(rng.random() < 0.4),
+        "resampled_deg": float(rng.choice([0.0, 0.0, rng.uniform(-5.0, 5.0)])),
+    }
+    return replace(World(**drawn), **fixed)  # type: ignore[arg-type]
 
 
 def random_world(rng: np.random.Generator, *, full_scale_dn: int | None = None, black_dn: float = 0.0) -> World:
@@ -82,6 +129,8 @@ def random_world(rng: np.random.Generator, *, full_scale_dn: int | None = None, 
 
 def light(world: World, rng: np.random.Generator) -> tuple[Pictures, Pictures, Pictures]:
     """Return brightness (share of full scale), its polarized share and its angle [rad], of a wider picture."""
+    if world.scene != "objects":
+        return _other_light(world, rng)
     shape = (world.height + 64, world.width + 64)
     grain = gaussian_filter(rng.standard_normal(shape), world.texture_pixels, mode="wrap")
     grain += 0.7 * gaussian_filter(rng.standard_normal(shape), 4 * world.texture_pixels, mode="wrap") * 4
@@ -93,6 +142,48 @@ def light(world: World, rng: np.random.Generator) -> tuple[Pictures, Pictures, P
         share[where] = rng.uniform(0.0, 0.85)
         axis[where] = rng.uniform(0, np.pi)
     return np.clip(bright, 0.02, 0.85), np.clip(share, 0.0, 0.95), axis
+
+
+def _other_light(world: World, rng: np.random.Generator) -> tuple[Pictures, Pictures, Pictures]:
+    shape = (world.height + 64, world.width + 64)
+    bright = 0.45 * np.clip(1.0 + world.texture * _pattern(world, rng, shape), 0.1, 1.9)
+    share, axis = np.full(shape, 0.3 if world.polarized is None else world.polarized), np.full(shape, 0.0)
+    axis += rng.uniform(0, np.pi)
+    if not world.is_evenly_polarized:
+        axis += 0.3 * _smooth(rng, shape)
+        for _ in range(int(rng.integers(2, 7))):
+            where = _object(rng, shape)
+            share[where] *= rng.uniform(0.2, 1.0)
+            axis[where] = rng.uniform(0, np.pi)
+    return np.clip(bright, 0.005, 0.9), share, axis
+
+
+def _pattern(world: World, rng: np.random.Generator, shape: tuple[int, int]) -> Pictures:
+    """Return what varies over the picture, of unit size where it is not of isolated things."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    size = max(2.0, 4.0 * world.texture_pixels)
+    if world.scene == "checker":
+        return np.where((rows // int(size) + columns // int(size)) % 2, 1.0, -1.0)
+    if world.scene == "stripes":
+        return np.sign(np.sin((rows * rng.normal() + columns * rng.normal()) / size))
+    if world.scene == "steps":
+        heights, across = rng.uniform(-1.6, 1.6, 6), (columns * 6) // shape[1]
+        return np.where(rows > shape[0] * rng.uniform(0.3, 0.7), heights[across], -heights[across])
+    if world.scene == "gradient":
+        return 3.4 * (rows / shape[0] - 0.5) + 1.7 * (columns / shape[1] - 0.5)
+    if world.scene == "stars":
+        stars = np.zeros(shape)
+        at = rng.integers(0, shape[0], 40), rng.integers(0, shape[1], 40)
+        stars[at] = rng.exponential(1.0, 40)
+        return gaussian_filter(stars, 1.5) * 14.0 / world.texture - 0.85 / world.texture
+    down, across = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
+    spectrum = np.hypot(down, across)
+    spectrum[0, 0] = np.inf
+    field = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * spectrum ** -rng.uniform(0.5, 2.0), s=shape)
+    field /= field.std()
+    if world.scene == "half flat":
+        field[:, : shape[1] // 2] = 0.0
+    return field
 
 
 def expose(world: World, faults: Faults, rng: np.random.Generator) -> NDArray[np.uint16]:
@@ -123,6 +214,9 @@ def _frame(
 
 def _stored(counts: Pictures, world: World, faults: Faults) -> NDArray[np.uint16]:
     kept = np.clip(np.rint(counts), 0, world.full_scale_dn).astype(np.uint16)
+    if world.resampled_deg:
+        turn = cv2.getRotationMatrix2D((kept.shape[1] / 2, kept.shape[0] / 2), world.resampled_deg, 1.0)
+        kept = cv2.warpAffine(kept, turn, kept.shape[::-1], flags=cv2.INTER_LINEAR)
     if faults.jpeg_quality is not None:
         small = (kept * (255.0 / world.full_scale_dn)).round().astype(np.uint8)
         _, coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, faults.jpeg_quality])

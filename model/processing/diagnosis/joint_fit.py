@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from model.processing.diagnosis.causes import PER_FRAME, SHARED, Cause, parameter_count
 from model.processing.diagnosis.correction import corrected_pictures, corrected_system, frame_faults
-from model.processing.diagnosis.evidence import Evidence, Weigher, best_set, estimates
+from model.processing.diagnosis.evidence import Evidence, by_size, estimates, least_significant
 from model.processing.diagnosis.samples import block_samples, usable_with_neighbours
 from model.processing.diagnosis.scores import Scores, score_covariance, tile_scores
+from model.processing.diagnosis.weigher import Weigher, best_set
 
 FloatArray = NDArray[np.float64]
 
@@ -129,24 +130,63 @@ def _fit_about(
     scores: Scores, parameters: FloatArray, causes: tuple[Cause, ...], light: float, offsets: FloatArray
 ) -> JointFit:
     """Return the fit, with errors from what is left once the causes that it names are taken out."""
-    information = scores.information.sum(axis=0)
-    right = scores.right.sum(axis=0) + information @ parameters
-    about = _everything(causes, information, right)
+    sums = _Sums(scores=scores, parameters=parameters, causes=causes, offsets=offsets)
+    evidence = sums.evidence_about(_everything(causes, sums.information, sums.right), ())
     chosen: tuple[int, ...] | None = None
     for _ in range(_ROUNDS):
-        covariance = score_covariance(scores, about - parameters) + _unseen(information, offsets)
-        evidence = Evidence(
-            causes=causes, information=information, covariance=covariance, right=right, tiles=scores.tiles
-        )
-        weigher, candidates = Weigher(evidence), _candidates(evidence)
-        again = best_set(evidence, weigher, candidates, alpha=FALSE_FINDING_RATE, most=_MOST_CAUSES)
-        about = _sum_of(evidence, again)
-        if again == chosen:
+        candidates, weigher = _candidates(evidence), Weigher(evidence)
+        before, chosen = chosen, best_set(weigher, candidates, most=_MOST_CAUSES)
+        if chosen == before:
             break
-        chosen = again
+        evidence = sums.evidence_of(chosen)
+    # Errors about a set that lacks a cause hold what that cause does: each set is judged by its own.
+    named = chosen or ()
+    while named:
+        worst, chance = least_significant(evidence, named)
+        if chance <= FALSE_FINDING_RATE / len(candidates):
+            break
+        named = named[:worst] + named[worst + 1 :]
+        evidence = sums.evidence_of(named)
     return JointFit(
-        evidence=evidence, weigher=weigher, candidates=candidates, named=again, parameters=about, light=light
+        evidence=evidence,
+        weigher=Weigher(evidence),
+        candidates=candidates,
+        named=by_size(evidence, named),
+        parameters=_sum_of(evidence, named),
+        light=light,
     )
+
+
+class _Sums:
+    """Sums over tiles, made about some parameters, and the evidence that they are."""
+
+    def __init__(
+        self, *, scores: Scores, parameters: FloatArray, causes: tuple[Cause, ...], offsets: FloatArray
+    ) -> None:
+        self._scores, self._parameters, self._causes = scores, parameters, causes
+        self.information = scores.information.sum(axis=0)
+        self.right = scores.right.sum(axis=0) + self.information @ parameters
+        self._unseen = _unseen(self.information, offsets)
+
+    def evidence_of(self, chosen: tuple[int, ...]) -> Evidence:
+        """Return the evidence with the scatter of what some causes leave at their best sizes."""
+        return self.evidence_about(_sum_of(self._evidence(self._unseen, 1.0), chosen), chosen)
+
+    def evidence_about(self, about: FloatArray, fitted: tuple[int, ...]) -> Evidence:
+        """Return the evidence with the scatter of what faults of a known size leave, some of them fitted."""
+        directions = [self._causes[index].directions for index in fitted]
+        nothing = np.zeros((len(self.right), 0))
+        scattered = score_covariance(self._scores, about - self._parameters, np.hstack([nothing, *directions]))
+        return self._evidence(scattered.covariance + self._unseen, scattered.freedom)
+
+    def _evidence(self, covariance: FloatArray, freedom: float) -> Evidence:
+        return Evidence(
+            causes=self._causes,
+            information=self.information,
+            covariance=covariance,
+            right=self.right,
+            freedom=freedom,
+        )
 
 
 def _unseen(information: FloatArray, offsets: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """Normal equations of the joint fit of all faults, and how much their right side scatters from tile to tile."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +15,10 @@ FloatArray = NDArray[np.float64]
 _TILE_BLOCKS, _LARGE_TILE_BLOCKS, _LARGE_BLOCKS = 3, 5, 8000
 # Coarser tiles are made of 2 x 2, 4 x 4 ... of them while there are at least so many.
 _LEAST_COARSE_TILES = 4
+# Of the scaled covariance of scores: directions below are sums of others, to rounding.
+_RANK_TOLERANCE = 1e-8
+# Times the number of tiles that a covariance is known at most.
+_MOST_FREEDOM = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,12 +31,15 @@ class Scores:
         Of each tile.
     right : (T, P) array
         Of each tile.
+    expected_covariance : (P, P) array
+        Of the sum of the right sides, were the residuals of blocks independent with the variance of their weight.
     grid : (int, int)
         Tiles down and across.
     """
 
     information: FloatArray
     right: FloatArray
+    expected_covariance: FloatArray
     grid: tuple[int, int]
 
     @property
@@ -63,10 +70,33 @@ def tile_scores(null_basis: FloatArray, samples: Samples) -> Scores:
     products = np.matmul(instruments * weight, features.transpose(0, 2, 1)) * np.tile(onto, (repeats, repeats))
     rights = np.sum(instruments * weight * np.tile(residual, (1, repeats, 1)), axis=2)
     gather = _gathered(frames)
-    return Scores(information=np.asarray(gather @ products @ gather.T), right=np.asarray(rights @ gather.T), grid=grid)
+    return Scores(
+        information=np.asarray(gather @ products @ gather.T),
+        right=np.asarray(rights @ gather.T),
+        expected_covariance=np.asarray(gather @ _expected_covariance(samples, weights) @ gather.T),
+        grid=grid,
+    )
 
 
-def score_covariance(scores: Scores, parameters: FloatArray) -> FloatArray:
+def _expected_covariance(samples: Samples, weights: FloatArray) -> FloatArray:
+    """Return the covariance of the right sides of independent blocks, the frames correlated as residuals are."""
+    held = weights > 0.0
+    residual = samples.residual[:, held] * np.sqrt(weights[held])
+    between = residual @ residual.T / max(int(np.count_nonzero(held)), 1)
+    instruments = samples.instruments[:, held]
+    repeats = len(instruments) // len(between)
+    return np.asarray((instruments * weights[held]) @ instruments.T * np.tile(between, (repeats, repeats)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScoreCovariance:
+    """Covariance of the sum of the right sides, shape (P, P), and of how many tiles' worth it is known."""
+
+    covariance: FloatArray
+    freedom: float
+
+
+def score_covariance(scores: Scores, parameters: FloatArray, fitted: FloatArray) -> ScoreCovariance:
     """Return the covariance of the sum of the right sides, from what a fit leaves in tiles.
 
     Parameters
@@ -75,25 +105,72 @@ def score_covariance(scores: Scores, parameters: FloatArray) -> FloatArray:
         Of the tiles.
     parameters
         Of the fit, shape (P,).
+    fitted
+        Directions that were fitted, shape (P, Q); a tile is held against the fit to the other tiles.
 
     Notes
     -----
-    Tiles are taken as independent. Where coarser tiles scatter by more than that allows (shading, fringes), the
-    errors of the parameters concerned are widened to what the coarser ones show.
+    Few tiles cannot tell the covariance of many parameters: what they show is shrunk towards that of independent
+    blocks, the more the less the tiles agree (Ledoit and Wolf 2004, J. Multivariate Anal. 88, 365). Tiles are taken as
+    independent. Where coarser tiles scatter by more than that allows (shading, fringes), the errors of the parameters
+    concerned are widened to what the coarser ones show.
     """
-    left = scores.right - scores.information @ parameters
-    covariance = _scatter(left)
-    own = np.diag(covariance).copy()
+    left = _left_out(scores.information, scores.right - scores.information @ parameters, fitted)
+    shrunk = _shrunk(left, scores.expected_covariance)
+    factor = _widening(left.reshape(*scores.grid, -1), np.diag(_scatter(left)))
+    return replace(shrunk, covariance=shrunk.covariance * factor[:, None] * factor[None, :])
+
+
+def _left_out(information: FloatArray, left: FloatArray, fitted: FloatArray) -> FloatArray:
+    """Return what a fit to all other tiles leaves in each (the jackknife, without a fit for each)."""
+    if not fitted.shape[1]:
+        return left
+    of_tiles = information @ fitted
+    own = fitted.T @ of_tiles
+    others = own.sum(axis=0) - own
+    size = np.sqrt(np.abs(np.diag(own.sum(axis=0))))
+    if not np.all(size > 0.0):
+        return left
+    scaled = others / np.outer(size, size)
+    moved = np.linalg.pinv(scaled, rcond=1e-6) @ ((left @ fitted) / size)[:, :, None]
+    return np.asarray(left + np.einsum("tpq,tq->tp", of_tiles / size, moved[:, :, 0]))
+
+
+def _shrunk(left: FloatArray, expected: FloatArray) -> ScoreCovariance:
+    """Return the scatter of tiles, shrunk towards what is expected of them."""
+    held = left[np.any(left != 0.0, axis=1)]
+    count = len(held)
+    size = np.sqrt(np.maximum(np.diag(expected), 0.0))
+    if count < 2 or not np.any(size > 0.0):
+        return ScoreCovariance(covariance=np.zeros_like(expected), freedom=1.0)
+    scale = np.where(size > 0.0, size, np.inf)
+    values, vectors = np.linalg.eigh(expected / np.outer(scale, scale))
+    kept = values > _RANK_TOLERANCE * float(values[-1])
+    back = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    white = (held - held.mean(axis=0)) / scale @ (vectors[:, kept] / np.sqrt(values[kept]))
+    white *= np.sqrt(count / (count - 1.0))
+    scatter = white.T @ white
+    level = float(np.trace(scatter)) / len(scatter)
+    even = level * np.eye(len(scatter))
+    chance = float(np.sum(np.sum(white**2, axis=1) ** 2)) - float(np.sum(scatter**2)) / count
+    apart = float(np.sum((scatter - even) ** 2))
+    share = float(np.clip(chance / apart, 0.0, 1.0)) if apart > 0.0 else 1.0
+    return ScoreCovariance(
+        covariance=np.asarray(back @ ((1.0 - share) * scatter + share * even) @ back.T),
+        freedom=min(count / max((1.0 - share) ** 2, 1e-9), _MOST_FREEDOM * count),
+    )
+
+
+def _widening(coarse: FloatArray, own: FloatArray) -> FloatArray:
+    """Return the factor of each parameter's error, from the scatter of coarser tiles."""
     widening = np.ones(len(own))
-    coarse = left.reshape(*scores.grid, -1)
     while (coarse := _merged(coarse)).shape[0] * coarse.shape[1] >= _LEAST_COARSE_TILES:
         flat = coarse.reshape(-1, coarse.shape[-1])
         ratio = np.diag(_scatter(flat)) / np.where(own > 0.0, own, np.inf)
         # What independent tiles exceed by chance is no widening.
         chance = 3.0 * np.sqrt(2.0 / len(flat))
         widening = np.where(ratio > 1.0 + chance, np.maximum(widening, ratio), widening)
-    factor = np.sqrt(widening)
-    return np.asarray(covariance * factor[:, None] * factor[None, :])
+    return np.sqrt(widening)
 
 
 def _scatter(scores: FloatArray) -> FloatArray:
