@@ -186,12 +186,16 @@ def _pattern(world: World, rng: np.random.Generator, shape: tuple[int, int]) -> 
     return field
 
 
-def expose(world: World, faults: Faults, rng: np.random.Generator) -> NDArray[np.uint16]:
-    """Return the frames of a run, one for each angle, shape (N, height, width)."""
+def expose(
+    world: World, faults: Faults, rng: np.random.Generator, noise: np.random.Generator | None = None
+) -> NDArray[np.uint16]:
+    """Return the frames of a run, one for each angle, shape (N, height, width); noise has its own draws where given."""
     bright, share, axis = light(world, rng)
     if faults.clipped_share > 0.0:
         bright = bright * 1.0 / np.quantile(bright * (1 + share) / 2, 1.0 - faults.clipped_share)
-    frames = [_frame(index, world, faults, (bright, share, axis), rng) for index in range(len(world.angles_deg))]
+    frames = [
+        _frame(index, world, faults, (bright, share, axis), noise or rng) for index in range(len(world.angles_deg))
+    ]
     return np.array([_stored(frame, world, faults) for frame in frames])
 
 

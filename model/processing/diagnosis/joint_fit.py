@@ -21,6 +21,8 @@ LEAST_SHARE_LEFT = 0.05
 # What fine structure between pixels feigns as a curved response (standard deviation).
 _RESPONSE_FLOOR = 0.004
 _PASSES, _ROUNDS, _MOST_CAUSES, _LEAST_TILES = 8, 4, 6, 12
+# Gain of evidence (natural logarithm) below which causes are not exchanged for others once they were taken out.
+_HARDLY_BETTER = 3.0
 # Last steps of a fit are below this share of a standard error.
 _SETTLED = 0.05
 
@@ -91,7 +93,7 @@ def fit_faults(
         scores = _scores_about(system, pictures, near, parameters, light)
         if scores.tiles < _LEAST_TILES:
             return None
-        fit = _fit_about(scores, parameters, causes, light, offsets)
+        fit = _fit_about(scores, parameters, causes, light, offsets, named or ())
         settled = fit.named == named and _is_settled(fit, parameters)
         named, parameters = fit.named, fit.parameters
         if settled or not named:
@@ -127,26 +129,29 @@ def _scores_about(
 
 
 def _fit_about(
-    scores: Scores, parameters: FloatArray, causes: tuple[Cause, ...], light: float, offsets: FloatArray
+    scores: Scores,
+    parameters: FloatArray,
+    causes: tuple[Cause, ...],
+    light: float,
+    offsets: FloatArray,
+    before: tuple[int, ...],
 ) -> JointFit:
-    """Return the fit, with errors from what is left once the causes that it names are taken out."""
+    """Return the fit, with errors from what is left once the causes that it names are taken out.
+
+    Notes
+    -----
+    Causes that were named before stay where others explain the run hardly better: twins would follow one another.
+    """
     sums = _Sums(scores=scores, parameters=parameters, causes=causes, offsets=offsets)
     evidence = sums.evidence_about(_everything(causes, sums.information, sums.right), ())
-    chosen: tuple[int, ...] | None = None
-    for _ in range(_ROUNDS):
-        candidates, weigher = _candidates(evidence), Weigher(evidence)
-        before, chosen = chosen, best_set(weigher, candidates, most=_MOST_CAUSES)
-        if chosen == before:
+    left_out: set[int] = set()
+    while True:
+        evidence, candidates, named = _best_causes(sums, evidence, left_out, before)
+        doubtful = _insignificant(evidence, candidates, named)
+        if doubtful is None:
             break
-        evidence = sums.evidence_of(chosen)
-    # Errors about a set that lacks a cause hold what that cause does: each set is judged by its own.
-    named = chosen or ()
-    while named:
-        worst, chance = least_significant(evidence, named)
-        if chance <= FALSE_FINDING_RATE / len(candidates):
-            break
-        named = named[:worst] + named[worst + 1 :]
-        evidence = sums.evidence_of(named)
+        # What does not stand by itself must not stand in the way of what does.
+        left_out.add(doubtful)
     return JointFit(
         evidence=evidence,
         weigher=Weigher(evidence),
@@ -155,6 +160,31 @@ def _fit_about(
         parameters=_sum_of(evidence, named),
         light=light,
     )
+
+
+def _best_causes(
+    sums: "_Sums", evidence: Evidence, left_out: set[int], kept: tuple[int, ...]
+) -> tuple[Evidence, NDArray[np.intp], tuple[int, ...]]:
+    """Return the causes that explain a run best, some left out, with the errors that are left about them."""
+    named: tuple[int, ...] | None = None
+    for _ in range(_ROUNDS):
+        candidates, weigher = _candidates(evidence), Weigher(evidence)
+        before, named = named, best_set(weigher, np.setdiff1d(candidates, [*left_out]), most=_MOST_CAUSES)
+        if kept and not left_out & set(kept):
+            gained = weigher.log_evidence(named) - weigher.log_evidence(kept)
+            named = kept if gained < _HARDLY_BETTER else named
+        if named == before:
+            break
+        evidence = sums.evidence_of(named)
+    return evidence, candidates, named or ()
+
+
+def _insignificant(evidence: Evidence, candidates: NDArray[np.intp], named: tuple[int, ...]) -> int | None:
+    """Return the least significant of the causes named, where it is not significant at its share of the rate."""
+    if not named:
+        return None
+    worst, chance = least_significant(evidence, named)
+    return named[worst] if chance > FALSE_FINDING_RATE / len(candidates) else None
 
 
 class _Sums:

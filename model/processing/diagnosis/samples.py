@@ -14,6 +14,8 @@ BoolArray = NDArray[np.bool_]
 
 # Side of a block [pixel]: its means hold the edges that show shifts, and little of the noise.
 BLOCK_PIXELS = 4
+# Pixels at the end of a picture into which resampling may have mixed what is beyond it, and whose slopes reach there.
+_EDGE_PIXELS = 3
 # Light below this share of the mean has no logarithm worth having.
 _DARKEST_SHARE = 0.01
 # Of 16 in a block: with fewer it is left out.
@@ -32,6 +34,8 @@ class Samples:
         What one unit of each fault adds to the counts of one frame, kind by kind.
     instruments : (7 N, R, C) array
         The same of the blocks around, whose noise is not that of the residual; shifts, which need edges, of the block.
+    residual_slopes : (2, N, R, C) array
+        Slopes of the residual, across and down: noise, where no picture is shifted.
     light, steepness : (R, C) array
         Mean counts and mean square slope.
     pixels : (R, C) array
@@ -41,15 +45,41 @@ class Samples:
     residual: FloatArray
     features: FloatArray
     instruments: FloatArray
+    residual_slopes: FloatArray
     light: FloatArray
     steepness: FloatArray
     pixels: FloatArray
 
 
 def usable_with_neighbours(usable: BoolArray) -> BoolArray:
-    """Return the pixels that are usable and whose four neighbours are."""
+    """Return the pixels that are usable and whose four neighbours are, away from where the picture ends.
+
+    Notes
+    -----
+    Resampling mixes nothings from beyond the picture, or from a border that holds none, into its outer pixels: such an
+    edge is steep and does not walk with the scene, so that some pixels more are left out there.
+    """
     inner = usable[1:-1, 1:-1] & usable[:-2, 1:-1] & usable[2:, 1:-1] & usable[1:-1, :-2] & usable[1:-1, 2:]
-    return np.pad(inner, 1) if inner.size else np.zeros_like(usable)
+    if not inner.size:
+        return np.zeros_like(usable)
+    return np.asarray(np.pad(inner, 1) & ~_near_the_end(~usable))
+
+
+def _near_the_end(unusable: BoolArray) -> BoolArray:
+    """Return the pixels that are near a side of the picture, or near what is unusable from there on."""
+    wide = np.pad(unusable, _EDGE_PIXELS, constant_values=True)
+    beyond = np.zeros_like(wide)
+    for axis in (0, 1):
+        beyond |= np.logical_and.accumulate(wide, axis=axis)
+        beyond |= np.flip(np.logical_and.accumulate(np.flip(wide, axis), axis=axis), axis)
+    for axis in (0, 1):
+        rows = np.moveaxis(beyond, axis, 0).copy()
+        near = rows.copy()
+        for step in range(1, _EDGE_PIXELS + 1):
+            near[step:] |= rows[:-step]
+            near[:-step] |= rows[step:]
+        beyond = np.moveaxis(near, 0, axis)
+    return beyond[_EDGE_PIXELS:-_EDGE_PIXELS, _EDGE_PIXELS:-_EDGE_PIXELS]
 
 
 def block_samples(
@@ -98,6 +128,7 @@ def block_samples(
         residual=means - fitted,
         features=features,
         instruments=_instruments(features, pixels),
+        residual_slopes=np.array(slopes) - np.array(walks),
         light=np.asarray(fitted.mean(axis=0)),
         steepness=np.asarray(np.mean(walks[0] ** 2 + walks[1] ** 2, axis=0)),
         pixels=pixels,

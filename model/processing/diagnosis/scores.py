@@ -17,6 +17,8 @@ _TILE_BLOCKS, _LARGE_TILE_BLOCKS, _LARGE_BLOCKS = 3, 5, 8000
 _LEAST_COARSE_TILES = 4
 # Of the scaled covariance of scores: directions below are sums of others, to rounding.
 _RANK_TOLERANCE = 1e-8
+# Of the information of a shift that can be taken for noise of slopes.
+_MOST_NOISE = 0.98
 # Times the number of tiles that a covariance is known at most.
 _MOST_FREEDOM = 10.0
 
@@ -68,6 +70,7 @@ def tile_scores(null_basis: FloatArray, samples: Samples) -> Scores:
     onto = null_basis @ null_basis.T
     repeats = features.shape[1] // frames
     products = np.matmul(instruments * weight, features.transpose(0, 2, 1)) * np.tile(onto, (repeats, repeats))
+    products -= _of_noise_in_slopes(samples, weights, onto, products, np.count_nonzero(weight[:, 0] > 0.0, axis=1))
     rights = np.sum(instruments * weight * np.tile(residual, (1, repeats, 1)), axis=2)
     gather = _gathered(frames)
     return Scores(
@@ -76,6 +79,26 @@ def tile_scores(null_basis: FloatArray, samples: Samples) -> Scores:
         expected_covariance=np.asarray(gather @ _expected_covariance(samples, weights) @ gather.T),
         grid=grid,
     )
+
+
+def _of_noise_in_slopes(
+    samples: Samples, weights: FloatArray, onto: FloatArray, products: FloatArray, blocks: NDArray[np.intp]
+) -> FloatArray:
+    """Return what the noise of slopes, which are their own instruments, adds to the information of each tile."""
+    frames, held = len(onto), weights > 0.0
+    added = np.zeros_like(products)
+    redundancy = round(float(np.trace(onto)))
+    first = PER_FRAME.index("shift x") * frames
+    for way, slopes in enumerate(samples.residual_slopes):
+        squares = np.sum(slopes[:, held] ** 2, axis=0) * weights[held] / redundancy
+        # The median of a mean of squares (Wilson and Hilferty 1931): blocks with edges of their own do not count.
+        noise = float(np.median(squares)) / (1.0 - 2.0 / (9.0 * redundancy)) ** 3 if held.any() else 0.0
+        own = slice(first + way * frames, first + (way + 1) * frames)
+        share = noise * (np.eye(frames) - onto) * onto
+        whole = np.diag(products[:, own, own].sum(axis=0))
+        most = np.where(whole > 0.0, _MOST_NOISE * whole, 0.0) / np.maximum(np.diag(share) * blocks.sum(), 1e-300)
+        added[:, own, own] = blocks[:, None, None] * share * min(1.0, float(most.min()))
+    return added
 
 
 def _expected_covariance(samples: Samples, weights: FloatArray) -> FloatArray:

@@ -11,6 +11,8 @@ FloatArray = NDArray[np.float64]
 
 # Scores are trusted to this share of their variance: regressors have noise of their own.
 _SCORE_FLOOR = 0.01
+# Faults are as large as is expected of rigs, or (the tail) some times that.
+_TIMES_EXPECTED = (1.0, 6.0)
 # Share of a regressor's size that is left after others of the same cause, below which it is one of them.
 _NOTHING_LEFT = 1e-6
 # Least eigenvalue of the correlations of regressors that are fitted together: below, two would only undo one another.
@@ -22,9 +24,9 @@ class Weigher:
 
     Notes
     -----
-    Sizes of faults are normal with the standard deviations that are expected of rigs, so that a cause more, or one
-    that would have to be absurdly large, costs what it should. The covariance of the right side is itself estimated:
-    tails are those of Student's distribution.
+    Sizes of faults are normal with the standard deviations that are expected of rigs, or several times these, so that a
+    cause more, or one that would have to be absurdly large, costs what it should. The covariance of the right side is
+    itself estimated: tails are those of Student's distribution.
     """
 
     def __init__(self, evidence: Evidence) -> None:
@@ -63,13 +65,16 @@ class Weigher:
         return heights
 
     def _of_columns(self, columns: NDArray[np.intp]) -> FloatArray:
-        normal = np.eye(columns.shape[1]) + self._gram[columns[:, :, None], columns[:, None, :]]
-        along = self._along[columns]
+        gram, along = self._gram[columns[:, :, None], columns[:, None, :]], self._along[columns]
+        heights = [self._of_sizes(gram * times**2, along * times) for times in _TIMES_EXPECTED]
+        return np.asarray(np.logaddexp.reduce(heights, axis=0) - np.log(len(heights)))
+
+    def _of_sizes(self, gram: FloatArray, along: FloatArray) -> FloatArray:
+        normal = np.eye(gram.shape[1]) + gram
         explained = np.sum(along * np.linalg.solve(normal, along[:, :, None])[:, :, 0], axis=1)
         left = np.maximum(self._total - explained, 0.0)
-        determinants = np.linalg.slogdet(normal)[1]
         misfit = (self._freedom + self._rank) * np.log1p(left / self._freedom)
-        return np.asarray(-0.5 * misfit - 0.5 * determinants)
+        return np.asarray(-0.5 * misfit - 0.5 * np.linalg.slogdet(normal)[1])
 
     def _too_alike(self, chosen: Sequence[int], others: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return which of the others would make a set of regressors that are nearly sums of one another."""
