@@ -146,12 +146,12 @@ def _fit_about(
     evidence = sums.evidence_about(_everything(causes, sums.information, sums.right), ())
     left_out: set[int] = set()
     while True:
-        evidence, candidates, named = _best_causes(sums, evidence, left_out, before)
-        doubtful = _insignificant(evidence, candidates, named)
-        if doubtful is None:
+        evidence, candidates, best = _best_causes(sums, evidence, left_out, before)
+        evidence, named = _that_stand(sums, evidence, best, FALSE_FINDING_RATE / max(len(candidates), 1))
+        if named or not best:
             break
         # What does not stand by itself must not stand in the way of what does.
-        left_out.add(doubtful)
+        left_out |= set(best)
     return JointFit(
         evidence=evidence,
         weigher=Weigher(evidence),
@@ -179,12 +179,17 @@ def _best_causes(
     return evidence, candidates, named or ()
 
 
-def _insignificant(evidence: Evidence, candidates: NDArray[np.intp], named: tuple[int, ...]) -> int | None:
-    """Return the least significant of the causes named, where it is not significant at its share of the rate."""
-    if not named:
-        return None
-    worst, chance = least_significant(evidence, named)
-    return named[worst] if chance > FALSE_FINDING_RATE / len(candidates) else None
+def _that_stand(
+    sums: "_Sums", evidence: Evidence, named: tuple[int, ...], level: float
+) -> tuple[Evidence, tuple[int, ...]]:
+    """Return the causes left when the least significant is taken away, one after the other, with errors about them."""
+    while named:
+        worst, chance = least_significant(evidence, named)
+        if chance <= level:
+            break
+        named = named[:worst] + named[worst + 1 :]
+        evidence = sums.evidence_of(named)
+    return evidence, named
 
 
 class _Sums:
