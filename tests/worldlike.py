@@ -82,7 +82,7 @@ DESIGNS_DEG: tuple[tuple[float, ...], ...] = (
 
 
 def other_world(rng: np.random.Generator, **fixed: object) -> World:
-    """Return a world of other kinds: scenes, designs, depths, small and narrow pictures, hardly or nearly all polarized.
+    """Return a world of other kinds: scenes, designs, depths, small and narrow pictures, hardly or much polarized.
 
     None of it was looked at when the thresholds of the diagnosis were chosen.
     """
