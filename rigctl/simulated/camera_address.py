@@ -48,9 +48,12 @@ def split_truth(address: str) -> tuple[str, TruthLog | None]:
 
 def require_known_camera(address: str) -> None:
     """Raise ConfigError for the address of a simulated camera that there is not."""
-    name = address.partition("?")[0]
+    name, _, options = address.partition("?")
     if name.startswith("sim:") and name not in (*_SIMULATED, SERVED):
         raise ConfigError(f"camera.address: there is no simulated camera {name!r}; there are {', '.join(_SIMULATED)}")
+    unknown = [option for option in options.split("&") if option and not option.startswith(_TRUTH)]
+    if name == _SIMULATED[0] and unknown:
+        raise ConfigError(f"camera.address: {unknown[0]!r} is no key of {name}: allowed is {_TRUTH}FILE")
 
 
 def split_faults(options: str) -> tuple[GigeFaults, str]:

@@ -117,18 +117,26 @@ class Case:
     done: str
 
 
-def make_case(seed: int, folder: Path) -> Case:
-    """Return a case, once the workspace has been changed for it."""
-    draws = random.Random(seed)
-    kinds: tuple[Callable[[random.Random, Path], Case], ...] = (_line, _line, _people, _calibration, _run, _run, _image)
+class _Draws(random.Random):
+    """A generator that knows whether commands of several seconds may be drawn."""
+
+    is_patient = True
+
+
+def make_case(seed: int, folder: Path, *, is_patient: bool = True) -> Case:
+    """Return a case, once the workspace has been changed for it; whoever is not patient gets no command of seconds."""
+    draws = _Draws(seed)
+    draws.is_patient = is_patient
+    kinds: tuple[Callable[[_Draws, Path], Case], ...] = (_line, _line, _people, _calibration, _run, _run, _image)
     return kinds[seed % len(kinds)](draws, folder)
 
 
-def _drawn(draws: random.Random, reads: tuple[str, ...] = ()) -> list[str]:
+def _drawn(draws: _Draws, reads: tuple[str, ...] = ()) -> list[str]:
     """Return a command line that reads one of these; mostly a quick one."""
     chance = draws.random()
-    order = (HEAVY, SLOW, QUICK) if chance < 1 / _HEAVY_EVERY else (SLOW, QUICK, HEAVY)
-    order = (QUICK, SLOW, HEAVY) if chance > 1 / _SLOW_EVERY else order
+    order = (SLOW, QUICK, HEAVY) if chance < 1 / _SLOW_EVERY else (QUICK, SLOW, HEAVY)
+    if chance < 1 / _HEAVY_EVERY and draws.is_patient:
+        order = (HEAVY, SLOW, QUICK)
     for lines in order:
         fit = [line for line in lines if not reads or any(word in reads for word in line)]
         if fit:
@@ -136,7 +144,7 @@ def _drawn(draws: random.Random, reads: tuple[str, ...] = ()) -> list[str]:
     raise ValueError(f"no command reads {', '.join(reads)}")
 
 
-def _line(draws: random.Random, folder: Path) -> Case:
+def _line(draws: _Draws, folder: Path) -> Case:
     """A command line with one word changed, lost, doubled or added."""
     words = _drawn(draws)
     place, kind = draws.randrange(1, len(words) + 1), draws.randrange(4)
@@ -151,27 +159,29 @@ def _line(draws: random.Random, folder: Path) -> Case:
     return Case(arguments=words, done="command line")
 
 
-def _people(draws: random.Random, folder: Path) -> Case:
-    return _with_file(draws, folder, draws.choice(_PEOPLE), damaged_text)
+def _people(draws: _Draws, folder: Path) -> Case:
+    # Of the last one only a command of several seconds reads.
+    names = _PEOPLE if draws.is_patient else _PEOPLE[:-1]
+    return _with_file(draws, folder, draws.choice(names), damaged_text)
 
 
-def _calibration(draws: random.Random, folder: Path) -> Case:
+def _calibration(draws: _Draws, folder: Path) -> Case:
     return _with_file(draws, folder, draws.choice(_CALIBRATIONS), damaged_json)
 
 
-def _with_file(draws: random.Random, folder: Path, name: str, damage: Callable[[bytes, random.Random], bytes]) -> Case:
+def _with_file(draws: _Draws, folder: Path, name: str, damage: Callable[[bytes, random.Random], bytes]) -> Case:
     path = folder / name
     path.write_bytes(damage(path.read_bytes(), draws))
     return Case(arguments=_drawn(draws, (name,)), done=f"{name} damaged")
 
 
-def _run(draws: random.Random, folder: Path) -> Case:
+def _run(draws: _Draws, folder: Path) -> Case:
     name = draws.choice(_RUNS)
     done = damage_run(folder / name, draws)
     return Case(arguments=_drawn(draws, (name,)), done=done)
 
 
-def _image(draws: random.Random, folder: Path) -> Case:
+def _image(draws: _Draws, folder: Path) -> Case:
     name = draws.choice(_IMAGES)
     path = folder / name
     path.write_bytes(damaged_bytes(path.read_bytes(), draws))

@@ -1,6 +1,7 @@
 """Damage to files and command lines, drawn from a generator: the same seed does the same."""
 
 import json
+import os
 import random
 import re
 from pathlib import Path
@@ -83,19 +84,34 @@ def damage_run(run: Path, draws: random.Random) -> str:
     """Damage one file of a run folder; return what was done."""
     files = sorted(path for path in run.rglob("*") if path.is_file())
     file = draws.choice(files)
-    kind = draws.randrange(5)
+    kind = draws.randrange(6)
     if kind == 0:
         file.unlink()
         return f"deleted {file.name}"
+    if kind == 5:
+        return _put_in_its_place(file, draws)
     if kind == 1:
         other = draws.choice(files)
         file.write_bytes(other.read_bytes())
         return f"{file.name} replaced by {other.name}"
     if kind == 2:
-        (run / draws.choice(("status.json", "control", "frames/more.fits", "events.jsonl"))).write_bytes(
+        (run / draws.choice(("status.json", "request", "frames/more.fits", "events.jsonl"))).write_bytes(
             draws.choice((b"1", b"[]", b'{"angles": 3}', b'{"event": "x", "utc": 5}\n', b"stop\n", b"\0" * 100))
         )
         return "a file added"
     damage = damaged_text if file.suffix in (".json", ".jsonl", ".toml") else damaged_bytes
     file.write_bytes(damage(file.read_bytes(), draws))
     return f"{file.name} damaged"
+
+
+def _put_in_its_place(file: Path, draws: random.Random) -> str:
+    """Put in the place of a file what is none: a pipe, a folder, a link to a device, nowhere or itself."""
+    kind = draws.choice(("pipe", "folder", "link to /dev/zero", "link to nowhere", "link to itself"))
+    file.unlink()
+    if kind == "pipe":
+        os.mkfifo(file)
+    elif kind == "folder":
+        file.mkdir()
+    else:
+        file.symlink_to({"link to /dev/zero": "/dev/zero", "link to nowhere": "nowhere"}.get(kind, file.name))
+    return f"{kind} in the place of {file.name}"

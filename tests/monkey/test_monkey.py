@@ -23,7 +23,7 @@ def test_no_input_ends_in_a_fault_of_ours(tmp_path, sound, chunk):
     bad = {}
     for seed in range(chunk, _CASES, _CHUNKS):
         folder = Path(shutil.copytree(sound, tmp_path / str(seed)))
-        case = make_case(seed, folder)
+        case = make_case(seed, folder, is_patient=False)
         problems = problems_of(case, folder)
         if problems:
             bad[seed] = (case, problems)
@@ -46,12 +46,15 @@ def test_no_input_ends_in_a_fault_of_ours(tmp_path, sound, chunk):
         ("", b"", ["predict", "scene.toml", "--write-truth", "OUT.toml", "--sweep", "nan"]),
         ("", b"", ["acquire", "rig.toml", "session.toml", "--out", "run"]),
         ("", b"", ["sim", "stage", "sim:ellx", "--link", "link", "--truth", "session.toml"]),
+        ("", b"", ["predict", "loop"]),
+        ("", b"", ["verify", "loop", "--json"]),
         ("noise.json", b'{"schema_version": 2, "prnu": {"value": 1e40, "std_error": 0}}',
          ["predict", "scene.toml", "--noise", "noise.json"]),
     ],
 )  # fmt: skip
 def test_what_was_found_once_is_found_no_more(tmp_path, sound, file, content, arguments):
     folder = Path(shutil.copytree(sound, tmp_path / "case"))
+    (folder / "loop").symlink_to("loop")
     if file:
         (folder / file).write_bytes(content)
     assert problems_of(Case(arguments=arguments, done=file), folder) == []

@@ -70,3 +70,5 @@ def test_a_simulated_camera_that_there_is_not_is_refused():
     require_known_camera("gige:192.168.0.5")
     with pytest.raises(ConfigError, match="there are sim:gc780, sim:gige"):
         require_known_camera("sim:gc781")
+    with pytest.raises(ConfigError, match="'speed=2' is no key of sim:gc780: allowed is truth=FILE"):
+        require_known_camera("sim:gc780?speed=2")
