@@ -58,6 +58,8 @@ def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path
     found = hashlib.sha256(repr(sorted((key, str(value)) for key, value in options.items())).encode())
     for path in inputs:
         for file in sorted(_files_of_input(path)):
+            if not file.is_file():  # a pipe or a device has no end
+                continue
             with suppress(OSError), file.open("rb") as content:
                 if file.stat().st_size > MOST_RECORD_BYTES:  # nothing reads it whole, and to hash it takes long
                     found.update(repr(file.stat()).encode())
