@@ -5,13 +5,16 @@ Usage: python -m tests.docs.run_pages [PAGE ...]; without a page all that have a
 
 import contextlib
 import io
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Iterable, Iterator
 from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
@@ -21,6 +24,7 @@ from tests.docs.blocks import NOT_RUN, ROOT, Block, blocks_of, pages
 
 # Pages of that folder go on from a rig that has been set up; the others begin with nothing but the examples.
 _OF_A_RIG = "how-to"
+_REFERENCE = ("outputs.md", "file-keys.md", "parameters.md", "codes.md")
 
 
 def run_pages(chosen: list[Path]) -> bool:
@@ -45,7 +49,7 @@ def run_page(page: Path, *, start: Path) -> tuple[str, list[str]]:
         copy_of(start, folder)
     else:
         shutil.copytree(ROOT / "examples", folder / "examples")
-    problems = run_blocks(blocks, folder)
+    problems = [*run_blocks(blocks, folder), *untold_keys(folder)]
     shutil.rmtree(folder)
     return f"{page.relative_to(ROOT)}: {len(blocks)} blocks, {time.monotonic() - begin_s:.1f} s", problems
 
@@ -53,6 +57,31 @@ def run_page(page: Path, *, start: Path) -> tuple[str, list[str]]:
 def runs(block: Block) -> bool:
     """Return whether there is something to run, or to write into a file."""
     return block.mark not in NOT_RUN and (block.language in ("sh", "python") or block.mark == "file")
+
+
+def untold_keys(folder: Path) -> list[str]:
+    """Return the keys of JSON files of a folder that no page of the reference has; names that people gave are none."""
+    texts = [(ROOT / "docs" / page).read_text(encoding="utf-8") for page in _REFERENCE]
+    words = [word.strip("[]") for text in texts for word in re.findall(r"`([^`\n]+)`", text)]
+    told = {part for word in words for part in (word, *word.split("."))}
+    given = {name for file in folder.rglob("*.toml") for name in re.findall(r'^name = "(.*)"', file.read_text(), re.M)}
+    lacking = {
+        key: file.name
+        for file in sorted(folder.rglob("*.json"))
+        for key in _keys(json.loads(file.read_text(encoding="utf-8")))
+        if key not in told | given and not re.match(r"(dn_|ratio_)?[-\d.]+$", key)
+    }
+    return [f"docs/outputs.md lacks {key!r} of {name}" for key, name in lacking.items()]
+
+
+def _keys(content: object) -> Iterator[str]:
+    """Yield the keys of nested tables."""
+    inner: Iterable[object] = content if isinstance(content, list) else ()
+    if isinstance(content, dict):
+        yield from content
+        inner = content.values()
+    for one in inner:
+        yield from _keys(one)
 
 
 def make_start(folder: Path) -> Path:
