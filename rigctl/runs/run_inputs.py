@@ -1,5 +1,6 @@
 """The files that a run was made from: kept in it, and read back out of it."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -30,7 +31,7 @@ def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
         raise ConfigError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
-def keep_inputs(inputs: dict[str, bytes], out: Path) -> None:
+def keep_inputs(inputs: Mapping[str, bytes], out: Path) -> None:
     """Write the inputs into the run.
 
     Raises
@@ -39,6 +40,8 @@ def keep_inputs(inputs: dict[str, bytes], out: Path) -> None:
         They cannot be written.
     """
     folder = out / INPUTS_FOLDER
+    if not inputs:
+        return
     try:
         folder.mkdir(exist_ok=True)
         for what, content in inputs.items():

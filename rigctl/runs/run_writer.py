@@ -1,7 +1,7 @@
 """A run folder as it is written: each frame durable before the manifest names it."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -28,6 +28,7 @@ from rigctl.runs.run_description import (
 )
 from rigctl.runs.run_events import closing_facts
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, file_checksum, read_run
+from rigctl.runs.run_inputs import keep_inputs
 from rigctl.runs.run_lock import RunLock, released_on_error
 from rigctl.storage.durable_file import flush_folder, write_durably
 from rigctl.version import VERSION
@@ -79,6 +80,7 @@ class RunWriter:
         path: Path,
         description: dict[str, JsonValue],
         *,
+        inputs: Mapping[str, bytes] | None = None,
         utc_ns: Clock = time.time_ns,
         monotonic_ns: Clock = time.monotonic_ns,
     ) -> "RunWriter":
@@ -90,6 +92,8 @@ class RunWriter:
             The folder; made where it is not there, with its parents.
         description : mapping
             The resolved session, as JSON can hold it; ``origin`` is "simulated", "device" or "import".
+        inputs : mapping or None
+            Files that it is made from, by what they are: there before the description that states their hashes.
         utc_ns, monotonic_ns : callable
             The clocks that stamp events [ns].
 
@@ -108,6 +112,7 @@ class RunWriter:
             _make_folder(path)
             lock = RunLock(path)
             with released_on_error(lock):
+                keep_inputs(inputs or {}, path)
                 write_durably(path / SESSION_FILE, encode_description(content))
                 link = first_link(read_description(path / SESSION_FILE))
                 return cls(path, lock=lock, sequences=(), first_link=link, utc_ns=utc_ns, monotonic_ns=monotonic_ns)

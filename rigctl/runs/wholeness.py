@@ -130,7 +130,7 @@ def _input_problems(path: Path, description: RunDescription, *, any_frames: bool
         try:
             found = hashlib.sha256(read_bounded(path / name, MOST_RECORD_BYTES)).hexdigest()
         except FileNotFoundError:
-            # They are written after the session file: a kill in between leaves a run without frames and without them.
+            # Once they were written after the session file: a kill in between left a run without frames and them.
             if any_frames:
                 problems.append((name, "missing"))
             continue

@@ -13,7 +13,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.numbers.utc_time import NS_PER_S, unix_ns, utc_moment
 from rigctl.runs.repair import Repair, repair_run
 from rigctl.runs.run_folder import Run, read_contents, read_run
-from rigctl.runs.run_inputs import files_of, keep_inputs, read_inputs
+from rigctl.runs.run_inputs import files_of, read_inputs
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.session_record import SessionNoise
 from rigctl.runs.wholeness import wholeness
@@ -84,9 +84,10 @@ def take_session(
             "until_ns": until_ns,
             "noise": None if noise is None else asdict(noise),
         }
-        with RunWriter.create(out, description, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
+        with RunWriter.create(
+            out, description, inputs=inputs, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns
+        ) as writer:
             writer.listener = None if notifier is None else notifier.tell
-            keep_inputs(inputs, out)
             context = session_context(
                 session,
                 rig_file,
