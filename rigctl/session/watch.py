@@ -16,8 +16,9 @@ from rich.text import Text
 
 from rigctl.console.console_streams import visible
 from rigctl.console.terminal import progress as progress_console
+from rigctl.console.terminal import warn
 from rigctl.live.live_numbers import LiveNumbers
-from rigctl.live.live_status import LastStep, LiveStatus, StepProgress, write_status
+from rigctl.live.live_status import LastStep, LiveContent, LiveStatus, StepProgress, write_status
 from rigctl.live.live_text import live_lines
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.session.planning.session_steps import Step, step_times_ns
@@ -53,6 +54,7 @@ class Watch:
         self._lock = threading.Lock()
         self._told_s = -_TELL_EACH_S
         self._status = LiveStatus(session=title, frames_planned=len(steps), frames=0)
+        self._is_blind = False
         self._screen = Live(get_renderable=self._shown, console=progress_console(), transient=True)
 
     def __enter__(self) -> Self:
@@ -62,7 +64,7 @@ class Watch:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._tell(numbers=self._live.content())
+        self._tell(numbers=self._numbers())
         self._screen.stop()
 
     def begin(self, *, left: int) -> None:
@@ -79,9 +81,19 @@ class Watch:
         is_last = frames == len(self._steps)
         if now_s - self._told_s >= _TELL_EACH_S or is_last:
             self._told_s = now_s
-            self._tell(frames=frames, progress=self._progress(step), numbers=self._live.content())
+            self._tell(frames=frames, progress=self._progress(step), numbers=self._numbers())
         else:
             self._status = replace(self._status, frames=frames)
+
+    def _numbers(self) -> LiveContent | None:
+        """Return what the frames show; None where that cannot be computed: a fault here costs no frame."""
+        try:
+            return self._live.content()
+        except Exception as error:
+            if not self._is_blind:
+                warn(f"no live numbers: {type(error).__name__}: {error}; the frames are stored all the same")
+            self._is_blind = True
+            return None
 
     def _shown(self) -> Group:
         numbers = self._status.numbers

@@ -1,11 +1,17 @@
-"""The writer's thread: order, waiting, and failures that are not swallowed."""
+"""The writer's thread: order, waiting, and failures that are not swallowed; who watches costs no frame."""
 
 import threading
 
 import numpy as np
 import pytest
 
+from rigctl.live.live_numbers import LiveNumbers
+from rigctl.live.live_status import read_status
 from rigctl.session.frame_store import QUEUE_FRAMES, WriterThread
+from rigctl.session.planning.session_steps import plan_steps
+from rigctl.session.session_clock import SessionClock
+from rigctl.session.watch import Watch
+from tests.rigctl.example_files import small_session
 from tests.rigctl.run_samples import make_record
 
 _COUNTS = np.zeros((2, 2), dtype=np.uint16)
@@ -73,3 +79,17 @@ def _put_and_fail(thread):
     with thread:
         thread.put(make_record(0), _COUNTS)
         raise KeyError
+
+
+def test_live_numbers_that_cannot_be_computed_stop_nothing(tmp_path, monkeypatch, capsys):
+    def broken(_self):
+        raise AttributeError("a fault of ours")
+
+    monkeypatch.setattr(LiveNumbers, "content", broken)
+    steps = plan_steps(small_session())
+    with Watch(tmp_path, steps, title="small", clock=SessionClock(), live=LiveNumbers()) as watch:
+        watch.begin(left=len(steps))
+        for step in steps:
+            watch.stored(step)
+    assert read_status(tmp_path).frames == len(steps)
+    assert capsys.readouterr().err.count("no live numbers: AttributeError") == 1
