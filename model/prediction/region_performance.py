@@ -28,14 +28,14 @@ class PolarizationStrength:
         Quantiles of the pixels' DoLP given S0 > 0; they exist whether or not moments do.
     nedolp
         First-order noise-equivalent DoLP from temporal noise: the deviation of DoLP that unpolarised light of this
-        intensity would show.
+        intensity would show. None where nothing is known of temporal noise.
     unpolarised_mean
         Mean DoLP that unpolarised light of this intensity shows by noise alone; not a number where it does not exist.
     """
 
     probabilities: FloatArray
     quantiles: FloatArray
-    nedolp: float
+    nedolp: float | None
     unpolarised_mean: float
 
 
@@ -89,13 +89,14 @@ def polarization_strength(
     [MK14] section IV-A; definition.
     """
     stokes = prediction.stokes_dn
-    floor = noise_equivalent(stokes.mean, prediction.stokes_noise_dn2, tolerance=1e-6)
+    is_known = bool(np.any(prediction.stokes_noise_dn2))
+    floor = noise_equivalent(stokes.mean, prediction.stokes_noise_dn2, tolerance=1e-6) if is_known else None
     levels = np.asarray(probabilities, dtype=np.float64)
     return PolarizationStrength(
         probabilities=levels,
         quantiles=np.asarray(dolp.quantile(levels, stokes.mean, stokes.cov)),
-        nedolp=float(floor.first_order),
-        unpolarised_mean=float(floor.mean),
+        nedolp=None if floor is None else float(floor.first_order),
+        unpolarised_mean=np.nan if floor is None else float(floor.mean),
     )
 
 
@@ -188,7 +189,7 @@ def pair_detection(
     """
     try:
         return detections_of_pair(target, background, (predictions,), p_false_alarm, tolerance=tolerance)[0]
-    except ValueError as error:
+    except (ValueError, ArithmeticError) as error:
         rates = np.asarray(p_false_alarm, dtype=np.float64)
         nothing = np.full(rates.shape, np.nan)
         return PairDetection(
@@ -199,7 +200,11 @@ def pair_detection(
             auc=np.nan,
             p_detection_error=nothing,
             auc_error=np.nan,
-            warnings=(f"{background} cannot be a background: {error}",),
+            warnings=(
+                f"{background} cannot be a background: {error}"
+                if isinstance(error, ValueError)
+                else f"{target} on {background}: {error}",
+            ),
         )
 
 

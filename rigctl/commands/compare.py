@@ -181,10 +181,18 @@ def show(compared: "ComparedRun", out: Path) -> None:
         console.print(f"nothing was tested{reserved}", markup=False)
     elif comparison.agrees:
         text = f"model and measurement agree{reserved}: {tests} numbers tested at alpha = {comparison.alpha:g}"
-        console.print(text, markup=False)
+        console.print(text + _beside_themselves(comparison, tests), markup=False)
     else:
         _show_disagreements(comparison, tests)
     console.print(f"report: {out / 'report.html'}, {out / 'report.pdf'}", markup=False)
+
+
+def _beside_themselves(comparison: "Comparison", tests: int) -> str:
+    """Return how many numbers of a closed loop are no tests, in words."""
+    left_out = len(comparison.rows) - tests
+    if comparison.kind != "closed loop" or not left_out:
+        return ""
+    return f"; {left_out} that stand beside themselves are not counted"
 
 
 def _show_run(comparison: "Comparison") -> None:
@@ -209,7 +217,11 @@ def _show_disagreements(comparison: "Comparison", tests: int) -> None:
 
     console = results()
     off = sorted(comparison.disagreements, key=lambda row: -abs(row.z or 0.0))
-    console.print(f"model and measurement DISAGREE in {len(off)} of {tests} numbers (alpha = {comparison.alpha:g})")
+    beside = _beside_themselves(comparison, tests)
+    console.print(
+        f"model and measurement DISAGREE in {len(off)} of {tests} numbers (alpha = {comparison.alpha:g}){beside}",
+        markup=False,
+    )
     console.print(terminal_table(row_table(off[:_SHOWN])))
     for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
         console.print(f"points to {cause}: {advice}", markup=False)

@@ -184,11 +184,15 @@ class _RegionLoop:
                 measured=check.measured,
                 std_error=error,
             )
-            own = self._region.quantities[quantity][statistic].std_error
-            yield row if error < _BESIDE_ITSELF * own else scored(row, 0.0)
+            own = self._region.quantities.get(quantity, {}).get(statistic)
+            yield row if own is None or error < _BESIDE_ITSELF * own.std_error else scored(row, 0.0)
 
     def _law_rows_exist(self) -> bool:
-        return "dolp_pixels" in self._region.quantities and "dolp_pixels" in self.prediction.quantities
+        # Pixels that are all alike have no law.
+        is_spread = bool(np.all(np.ptp(self._region.stokes_pixels, axis=1) > 0.0))
+        return is_spread and all(
+            "dolp_pixels" in found for found in (self._region.quantities, self.prediction.quantities)
+        )
 
     def _half_rows(self) -> Iterable[Row]:
         """Return the spread over pixels: texture and noise of one half of the pixels predict it for the other half."""

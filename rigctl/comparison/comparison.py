@@ -1,6 +1,6 @@
 """Model beside measurement, row by row, with a decision over all rows."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -32,8 +32,8 @@ from rigctl.scene.scene_inputs import Inputs, only_uncertain
 
 FloatArray = NDArray[np.float64]
 
-
-_FOLLOWED = ("dolp", "dolp_pixels", "s0")
+# So many numbers of a region that are hardly tested are said at the head of a report; all stand in its tables.
+_MOST_SAID = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,18 +118,27 @@ class Comparison:
 
     @property
     def weak(self) -> tuple[str, ...]:
-        """What this comparison could hardly have seen, in words: tests of polarization and light of each region."""
-        return tuple(
-            f"{row.region}: {row.quantity}, {row.statistic}: only a difference above {row.smallest_difference_90:.2g} "
-            f"would have been seen with a chance of 90 %, of {abs(row.predicted):.2g}"
-            for row in self.rows
-            if row.agrees is not None and row.is_weak and row.statistic == "mean" and row.quantity in _FOLLOWED
-        )
+        """What this comparison could hardly have seen, in words, region by region."""
+        by_region: dict[str, list[Row]] = {}
+        for row in self.rows:
+            if row.agrees is not None and row.is_weak:
+                by_region.setdefault(row.region, []).append(row)
+        return tuple(f"{region}: {_weakly_tested(rows)}" for region, rows in by_region.items())
 
     @property
     def disagreements(self) -> tuple[Row, ...]:
         """The rows that disagree."""
         return tuple(row for row in self.rows if row.agrees is False)
+
+
+def _weakly_tested(rows: Sequence[Row]) -> str:
+    said = "; ".join(
+        f"{row.quantity} {row.statistic} only if off by more than {row.smallest_difference_90:.2g}, of "
+        f"{abs(row.predicted):.2g}"
+        for row in rows[:_MOST_SAID]
+    )
+    more = "" if len(rows) <= _MOST_SAID else f"; and {len(rows) - _MOST_SAID} more"
+    return f"a difference would have been seen (with a chance of 90 %) in {said}{more}"
 
 
 def compare_with_scene(

@@ -19,6 +19,8 @@ from rigctl.prediction.propagated_inputs import NumberKey
 _POWER = 0.9
 # A difference that is seen only where it is larger than this share of a number tells nothing of it.
 _USELESS_SHARE = 0.5
+# The farthest that an AoLP can be off is twice this; numbers that may be nothing by nature have no size of their own.
+_TURN_DEG, _SIGNED = 45.0, ("s1", "s2", "s1n", "s2n")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +61,10 @@ class Row:
 
     @property
     def is_weak(self) -> bool:
-        """Whether only a difference larger than half the number would have been seen."""
+        """Whether only a difference larger than half the number (of AoLP, of 45 deg) would have been seen."""
         seen = self.smallest_difference_90
-        return seen is not None and seen > _USELESS_SHARE * abs(self.predicted)
+        size = _TURN_DEG if self.quantity == "aolp_deg" else abs(self.predicted)
+        return seen is not None and self.quantity not in _SIGNED and seen > _USELESS_SHARE * size
 
     @property
     def key(self) -> NumberKey:

@@ -65,6 +65,8 @@ def scene_budget(
     """
     found = []
     for name, prediction in predictions.items():
+        if name not in measurement.regions:
+            continue
         region = measurement.regions[name]
         causes = noise_causes(
             prediction.channels,

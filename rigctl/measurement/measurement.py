@@ -100,6 +100,7 @@ def measure(
     flats: FlatFields | None = None,
     polarizer: PolarizerParameters | None = None,
     found: FoundCorrections | None = None,
+    may_measure_none: bool = False,
 ) -> Measurement:
     """Return the Stokes pictures of a run and the numbers of its regions.
 
@@ -119,11 +120,13 @@ def measure(
         A polarizer calibration: frames are divided by the throughput of their angle.
     found : FoundCorrections or None
         What the run's own diagnosis has frames corrected by, beside the calibrations.
+    may_measure_none : bool
+        Not one region need give numbers: why stands in `unmeasured`.
 
     Raises
     ------
     DataError
-        The frames cannot give Stokes parameters, with the reason; or not one region gives numbers.
+        The frames cannot give Stokes parameters, with the reason; or not one region gives numbers, unless that may be.
     ConfigError
         A region does not fit the pictures.
     """
@@ -145,6 +148,8 @@ def measure(
     pixels = frames.pixels(inside)
     areas = [_Area(name=name, outer=outer[name], inside=mask, pixels=pixels[name]) for name, mask in inside.items()]
     measured, unmeasured = _measured_regions(areas, frames, plan)
+    if unmeasured and not measured and not may_measure_none:
+        raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
     return Measurement(
         run=run,
         grid=grid,
@@ -192,8 +197,6 @@ def _measured_regions(
             )
         except (DataError, ValueError, ArithmeticError) as error:
             unmeasured[area.name] = str(error)
-    if unmeasured and not measured:
-        raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
     return measured, unmeasured
 
 

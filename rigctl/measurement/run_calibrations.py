@@ -61,6 +61,7 @@ class RunCalibrations:
             flats=self.flats,
             polarizer=self.polarizer,
             found=found,
+            may_measure_none=True,
         )
 
 

@@ -16,6 +16,8 @@ from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
 
+# Smaller pictures hold no blocks.
+_LEAST_SIDE_PIXELS = 8
 # Half turns are looked at frame by frame as long as there are no more frames than this.
 _MOST_FRAMES = 16
 # A first look takes squares of larger pictures as one pixel, and reads no more counts than this.
@@ -157,8 +159,16 @@ def diagnose_pictures(
     side_pixels : int
         Of a pixel of the pictures, in pixels of the camera.
     """
-    found = diagnose(plan, pictures, usable, angles_rad=angles_rad, times=times, step=step)
     angles_deg = tuple(float(angle) for angle in np.degrees(angles_rad).round(6) % 360.0)
+    if min(usable.shape) < _LEAST_SIDE_PIXELS:
+        return replace(
+            undiagnosed("the pictures are too small to hold a dozen tiles of 12 pixels"), angles_deg=angles_deg
+        )
+    try:
+        found = diagnose(plan, pictures, usable, angles_rad=angles_rad, times=times, step=step)
+    except (ValueError, ArithmeticError) as error:
+        # Frames such as no camera takes; what can be measured of them is measured all the same.
+        return replace(undiagnosed(f"these frames give no joint fit: {error}"), angles_deg=angles_deg)
     terms = tuple(_term(term, found, plan, angles_deg, means, side_pixels) for term in found.terms)
     return RunDiagnosis(
         terms=terms if side_pixels == 1 else _told_coarsely(terms),

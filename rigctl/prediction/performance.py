@@ -16,6 +16,9 @@ FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 # Those for which a prediction states the probability of detection, and those of a sweep.
 STATED_RATES, SWEPT_RATES = FALSE_ALARM_RATES[1:4], FALSE_ALARM_RATES[1:]
 
+# Why NEDoLP is not known.
+NO_NOISE = "no noise calibration was given: temporal noise is not told from texture"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Performance:
@@ -42,4 +45,10 @@ def performance_of(predictions: Mapping[str, RegionPrediction]) -> Performance:
 
 
 def _strength(prediction: RegionPrediction) -> PolarizationStrength | None:
-    return polarization_strength(prediction) if prediction.stokes_dn.mean[0] > 0.0 else None
+    if not prediction.stokes_dn.mean[0] > 0.0:
+        return None
+    try:
+        return polarization_strength(prediction)
+    except ArithmeticError:
+        # Quantiles of a law that no quadrature follows; the region's other numbers stand.
+        return None

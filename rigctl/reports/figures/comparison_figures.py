@@ -70,7 +70,7 @@ def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
 
 def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction]) -> bytes:
     """Return histograms of s1, s2 and DoLP of each region's pixels with their exact laws, as [MK14] Fig. 8."""
-    names = list(predictions)
+    names = [name for name in predictions if name in measurement.regions]
     figure, axes = subplots(len(names), 3, size=(11.0, 2.9 * len(names)))
     for line, name in enumerate(names):
         pixels, stokes = measurement.regions[name].stokes_pixels, predictions[name].stokes_dn

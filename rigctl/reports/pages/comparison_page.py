@@ -13,7 +13,7 @@ from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import UNSEEN
 from rigctl.numbers.number_text import p_value
-from rigctl.prediction.performance import Performance
+from rigctl.prediction.performance import NO_NOISE, Performance
 from rigctl.reports.figures import comparison_figures, measurement_figures
 from rigctl.reports.figures.scene_figures import light_figure
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
@@ -225,6 +225,8 @@ def _strength(comparison: Comparison, performance: Performance) -> Iterable[Sect
         "light of this intensity would show by temporal noise."
     )
     blocks: tuple[Block, ...] = (strength, strength_table(comparison.predictions, performance))
+    if any(found is not None and found.nedolp is None for found in performance.strengths.values()):
+        blocks += (Paragraph(text=f"NEDoLP is not known: {NO_NOISE}."),)
     detection = detection_table(performance)
     if detection.rows:
         text = (

@@ -14,7 +14,7 @@ from rigctl.console.json_text import Json
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 from rigctl.measurement.run_diagnosis import UNSEEN, FaultTerm, RunDiagnosis
-from rigctl.prediction.performance import Performance
+from rigctl.prediction.performance import NO_NOISE, Performance
 from rigctl.reports.writers.data_files import finite
 
 SCHEMA_VERSION = 1
@@ -52,7 +52,10 @@ def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
     if found is None:
         return None
     quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
-    return {"quantiles": quantiles, "nedolp": found.nedolp, "unpolarised_mean": finite(found.unpolarised_mean)}
+    numbers: dict[str, Json] = {"quantiles": quantiles, "nedolp": found.nedolp}
+    if found.nedolp is None:
+        numbers["nedolp_reason"] = NO_NOISE
+    return numbers | {"unpolarised_mean": finite(found.unpolarised_mean)}
 
 
 def _pair(pair: PairDetection) -> dict[str, Json]:

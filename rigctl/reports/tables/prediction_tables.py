@@ -70,7 +70,7 @@ def strength_table(predictions: Mapping[str, RegionPrediction], performance: Per
     columns: tuple[Column[_Strength], ...] = (
         Column(title="region", text=lambda row: row.region, left=True),
         *(Column(title=title, text=partial(_quantile, k=k)) for k, title in enumerate(_QUANTILES)),
-        Column(title="NEDoLP", text=lambda row: NOTHING if row.found is None else f"{row.found.nedolp:.4f}"),
+        Column(title="NEDoLP", text=_nedolp),
         Column(title="moments by", text=lambda row: row.prediction.dolp_method, left=True),
         Column(title="error", text=lambda row: size(row.prediction.dolp_error)),
     )
@@ -79,6 +79,12 @@ def strength_table(predictions: Mapping[str, RegionPrediction], performance: Per
         for name, prediction in predictions.items()
     )
     return Table(columns=columns, rows=rows)
+
+
+def _nedolp(row: _Strength) -> str:
+    if row.found is None:
+        return NOTHING
+    return "not known" if row.found.nedolp is None else f"{row.found.nedolp:.4f}"
 
 
 def detection_table(performance: Performance) -> Table[PairDetection]:
