@@ -171,7 +171,7 @@ def _ecc(reference: _Picture, moved: _Picture, start: FloatArray) -> FloatArray:
     try:
         _, found = cv2.findTransformECC(reference, moved, motion, cv2.MOTION_TRANSLATION, _CRITERIA, everywhere, 1)
     except cv2.error as error:
-        raise CalibrationError(f"pictures cannot be registered: they have no edges in common ({error.err})") from error
+        raise CalibrationError("pictures cannot be registered: they have no edges in common") from error
     return np.asarray(found, dtype=np.float64)[:, 2]
 
 

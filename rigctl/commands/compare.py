@@ -158,7 +158,7 @@ def _why_not(comparison: "Comparison") -> tuple[str, ...]:
 
 def show(compared: "ComparedRun", out: Path) -> None:
     """Print what the run shows of itself, the verdict, what disagrees, and where that points."""
-    from rigctl.comparison.verdict import reservations
+    from rigctl.comparison.verdict import not_judged, reservations
     from rigctl.files.rig_file import PLACEHOLDER
 
     comparison, console = compared.comparison, results()
@@ -176,7 +176,7 @@ def show(compared: "ComparedRun", out: Path) -> None:
     if comparison.agrees is None:
         for why in _why_not(comparison):
             warn(why)
-        console.print("model and measurement cannot be judged: the run is unsound", markup=False)
+        console.print(not_judged(comparison.checks), markup=False)
     elif tests == 0:
         console.print(f"nothing was tested{reserved}", markup=False)
     elif comparison.agrees:

@@ -88,6 +88,12 @@ def reservations(checks: Sequence[Check], regions: Mapping[str, RegionVerdict]) 
     return "; ".join([*parts, f"cannot be judged: {', '.join(unjudged)}"] if unjudged else parts)
 
 
+def not_judged(checks: Sequence[Check]) -> str:
+    """Return the verdict of a comparison that cannot be judged, in a sentence without its point."""
+    why = "the run is unsound" if any(check.verdict == "refused" for check in checks) else "no region gives its numbers"
+    return f"model and measurement cannot be judged: {why}"
+
+
 def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence[Check]) -> list[str]:
     """Return why regions cannot be judged, those of one reason together; those that a check refused are said there."""
     refused = refused_regions(checks)

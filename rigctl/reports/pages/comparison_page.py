@@ -8,7 +8,7 @@ from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.input_attribution import InputAttribution
-from rigctl.comparison.verdict import VERDICT_WORDS, refusals, reservations, said_of, unjudged_lines
+from rigctl.comparison.verdict import VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import UNSEEN
@@ -68,7 +68,7 @@ def verdict(comparison: Comparison) -> str:
     held_with = reservations(comparison.checks, comparison.regions)
     flagged = f" {held_with[:1].upper()}{held_with[1:]}." if held_with else ""
     if found == "cannot_be_judged":
-        return f"Model and measurement cannot be judged: the run is unsound.{flagged}"
+        return f"{not_judged(comparison.checks).capitalize()}.{flagged}"
     if not any(row.agrees is not None for row in comparison.rows):
         return f"Nothing was tested.{flagged}"
     return f"Model and measurement {VERDICT_WORDS[found].lower()}.{flagged}"

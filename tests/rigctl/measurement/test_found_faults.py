@@ -180,3 +180,34 @@ def test_a_turned_picture_is_no_plain_shift_and_moves_nothing_unless_forced(
     assert "not a plain shift of this run" in capsys.readouterr().err
     assert main([*moved, "--force-registration"]) == 0
     assert "moved back" in capsys.readouterr().err
+
+
+def test_a_comparison_of_which_no_region_gives_numbers_has_its_report(tmp_path: Path) -> None:
+    run_with(tmp_path, Faults())
+    one_pixel = '[[regions]]\nname = "{}"\nrectangle = {{ x = {}, y = 5, width = 1, height = 1 }}\n'
+    (tmp_path / "regions.toml").write_text(one_pixel.format("a", 5) + one_pixel.format("b", 9))
+    words = [str(tmp_path / "run"), "--regions", str(tmp_path / "regions.toml"), "--out", str(tmp_path / "out")]
+    assert main(["compare", *words]) == EXIT_DATA
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "cannot be judged: no region gives its numbers" in page
+    assert "a cannot be judged: region a: 1 pixels are left of 1" in page
+    found = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert (found["agrees"], found["verdict"]) == (None, "cannot_be_judged")
+    assert {region["verdict"] for region in found["regions"].values()} == {"cannot_be_judged"}
+    assert all("at least 16 are needed" in region["reason"] for region in found["regions"].values())
+
+
+@pytest.mark.parametrize("shape", [(1, 5), (3, 40), (17, 17), (40, 150)])
+@pytest.mark.parametrize("level", ["dark", "clipped", "even", "noise"])
+def test_frames_such_as_no_camera_takes_end_in_no_fault_of_ours(
+    tmp_path: Path, shape: tuple[int, int], level: str
+) -> None:
+    draws = np.random.default_rng(shape)
+    made = {"dark": np.zeros(shape), "clipped": np.full(shape, 4095.0), "even": np.full(shape, 900.0)}
+    frames = [(at(a), made.get(level, draws.integers(0, 4096, shape))) for a in (0.0, 45.0, 90.0, 135.0)]
+    make_run(tmp_path / "run", frames)
+    whole = f"[[regions]]\nname = 'whole'\nrectangle = {{ x = 0, y = 0, width = {shape[1]}, height = {shape[0]} }}\n"
+    (tmp_path / "regions.toml").write_text(whole)
+    words = [str(tmp_path / "run"), "--regions", str(tmp_path / "regions.toml"), "--out", str(tmp_path / "out")]
+    assert main(["stokes", *words, "--correct", "throughput,shift"]) in (0, EXIT_DATA)
+    assert json.loads((tmp_path / "out" / "stokes.json").read_text())["diagnosis"]["first"] is None or level == "noise"
