@@ -19,6 +19,7 @@ from model.processing.redundancy import pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
 from rigctl.comparison.rows import Row
+from rigctl.imports.image_levels import LEVELS, histogram, odd_pattern
 from rigctl.measurement.measurement import Measurement, frame_order, signal_of_cycle
 from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
 from rigctl.numbers.number_text import p_value
@@ -92,6 +93,7 @@ def run_checks(
         _registration(measurement, registration),
         _drift(measurement),
         *_usable(measurement),
+        *_bits(measurement),
     )
 
 
@@ -165,6 +167,16 @@ def _usable(measurement: Measurement) -> Iterable[Check]:
             text=f"{share:.1%} of the pixels are clipped in one frame or more, and left out; flagged above "
             f"{_CLIPPED_FLAGGED:.0%}: expose for less",
         )
+
+
+def _bits(measurement: Measurement) -> Iterable[Check]:
+    """Flag counts whose histogram is not a camera's own."""
+    run, levels = measurement.run, np.zeros(LEVELS, dtype=np.int64)
+    for record in measurement.grid.records[0]:
+        levels += histogram(run.counts(record))
+    found = odd_pattern(levels)
+    if found:
+        yield Check(name="odd bits", verdict="flagged", text=f"{found}; rounding is coarser than the counts say")
 
 
 def _registration(measurement: Measurement, found: Registration | str) -> Check:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import percentile_filter
 
 LEVELS = 65536
 # How many pixels have to share a value before it is more than chance.
@@ -12,6 +13,9 @@ _PIXELS = 20
 _TIMES_ITS_NEIGHBOURS = 20
 _NEAR_THE_TOP = 0.9
 _LEVELS_OF_A_NOISY_IMAGE = 16
+# Patterns are looked for in so many counts and more, where so many pixels fall on each; so many gaps are no chance.
+_TRIMMED, _SPIKE = 0.02, 3.0
+_TELLING_COUNTS, _PIXELS_A_COUNT, _LEAST_GAPS = 12, 30.0, 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,3 +111,52 @@ def _is_many(levels: NDArray[np.int64], value_dn: int) -> bool:
 
 def _fraction(levels: NDArray[np.int64], value_dn: int) -> float:
     return float(levels[value_dn] / levels.sum())
+
+
+def odd_pattern(levels: NDArray[np.int64]) -> str:
+    """Return what a histogram of counts says of bits that are not a camera's own, in words; empty where nothing.
+
+    Parameters
+    ----------
+    levels : (65536,) array of int
+        Pixels by count, of images of one camera.
+
+    Notes
+    -----
+    Looked at are counts between the 2nd and the 98th percentile, in steps of the common zero bits, where so many pixels
+    fall on each that one without any is no chance.
+    """
+    step = 1 << common_zero_bits(levels)
+    # A border or a clipped sky is a spike, and no end of the range.
+    plain = np.minimum(levels, _SPIKE * np.median(levels[levels > 0])) if levels.any() else levels
+    shares = np.cumsum(plain) / max(float(plain.sum()), 1.0)
+    low, high = (int(np.searchsorted(shares, share)) for share in (_TRIMMED, 1.0 - _TRIMMED))
+    low += -low % step
+    counts = np.arange(low, high + 1, step)
+    here = levels[counts]
+    if counts.size < _TELLING_COUNTS or float(here.mean()) < _PIXELS_A_COUNT:
+        return ""
+    stuck = _stuck_bits(counts[here > 0], step)
+    if stuck:
+        return f"{' and '.join(stuck)} in every count from {low} to {high}: a bit is stuck, or was masked"
+    gaps = counts[(here == 0) & (percentile_filter(here, 80, size=9) > _PIXELS_A_COUNT)]
+    if gaps.size < _LEAST_GAPS:
+        return ""
+    first = ", ".join(str(gap) for gap in gaps[:3])
+    return (
+        f"{gaps.size} of {counts.size} counts from {low} to {high} never occur ({first}, ...): codes are missing, or "
+        "counts were stretched or went through a table"
+    )
+
+
+def _stuck_bits(used: NDArray[np.int64], step: int) -> list[str]:
+    """Return the bits that are the same in all counts though these span both of their values several times."""
+    found = []
+    span = int(used[-1] - used[0])
+    for bit in range(step.bit_length() - 1, 16):
+        if span < 4 << bit:
+            break
+        values = (used >> bit) & 1
+        if np.all(values == values[0]):
+            found.append(f"bit {bit} is {values[0]}")
+    return found

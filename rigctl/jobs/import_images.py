@@ -9,6 +9,7 @@ import numpy as np
 
 from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.images.image_file import STALE
+from rigctl.imports.image_levels import odd_pattern
 from rigctl.imports.image_scale import Scale, find_scale
 from rigctl.imports.image_survey import Survey, SurveyedImage, survey_images
 from rigctl.imports.import_request import ImportRequest, request_problems
@@ -166,6 +167,10 @@ def _file_remarks(survey: Survey, scale: Scale) -> Iterator[str]:
     clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SAID]
     if clipped:
         yield f"saturated pixels, where nothing is measured: {', '.join(clipped)}"
+    patterns: dict[str, list[str]] = {}
+    for image in survey.images:
+        patterns.setdefault(odd_pattern(image.levels), []).append(image.path.name)
+    yield from (f"odd bits in {', '.join(names)}: {text}" for text, names in patterns.items() if text)
     coded = [image.path.name for image in survey.images if image.is_jpeg]
     if coded:
         yield f"{len(coded)} of {len(survey.images)} files ({', '.join(coded)}): {JPEG}"
