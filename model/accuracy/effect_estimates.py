@@ -8,12 +8,13 @@ import numpy as np
 from model.accuracy.effect_check import change, readings_of
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Readings
+from model.accuracy.evaluation.quantities import Reading, Readings, differences
 from model.accuracy.evaluation.settings import Settings
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
 from model.effects.bound import Bound, Estimate
 from model.effects.names import ALL, Effect
 from model.effects.planner import LIGHT
+from model.prediction.quantity_table import SHARES
 from model.scene.lit_scene import LitScene
 
 # The coarse chain: fewest streams and layers, a small grid of the sky, two by two tiles; its light is good to some
@@ -23,6 +24,9 @@ _STATISTICS, _POINT = 1e-4, 1e-9
 # Errors as shares of the change: of light as the coarse chain has it, and of numbers that only rest on such light.
 # Beside them the square of the change: what two effects do together is their sum to first order only.
 _OF_LIGHT, _OF_OTHERS = 0.3, 0.1
+# Of the change of the polarised light over itself: light that is turned, and no less polarised, changes no SNR to first
+# order, but the coarse chain has its direction no better than its amount.
+_OF_TURNED, _NO_DOLP = 0.05, 1e-12
 
 
 def estimate_effects(
@@ -90,8 +94,25 @@ def _estimates(
             value = change(without(beside), without(beside | {effect}))
         except ValueError:
             continue
-        found[effect] = Estimate(value=value, error=_error(effect, value))
+        error = _error(effect, value)
+        turned = _OF_TURNED * _turned(without(beside), without(beside | {effect}))
+        found[effect] = Estimate(value=value, error=replace(error, deviations=error.deviations + turned))
     return found
+
+
+def _turned(whole: Readings, without: Readings) -> float:
+    """Largest change of polarised light over that light: the SNR of a region may change so much, or hardly at all."""
+    apart = differences(whole, without)
+    moved: dict[str, float] = {}
+    for reading, change_of in apart.items():
+        if reading.quantity in SHARES and reading.statistic == "mean":
+            moved[reading.place] = max(moved.get(reading.place, 0.0), change_of)
+    return max((size / _dolp(whole, place) for place, size in moved.items() if size > 0.0), default=0.0)
+
+
+def _dolp(whole: Readings, place: str) -> float:
+    found = whole.get(Reading(place, "dolp", "mean"))
+    return 0.0 if found is None else max(found.number, _NO_DOLP)
 
 
 def _without_detection(found: Estimate) -> Estimate:

@@ -114,6 +114,9 @@ class Disturbance:
         channels: its eigenvalues lie within 1 - share and 1 + share.
     counts
         Change of counts that leaves the Stokes parameters alone, over S0.
+    share_of_dolp
+        The same as `share` for the pixels' DoLP alone, where that is less: a factor common to a pixel's Stokes vector
+        is a share of the covariance, and leaves its DoLP alone. None for the share itself.
     """
 
     s0: float = 0.0
@@ -121,11 +124,12 @@ class Disturbance:
     factor: float = 0.0
     share: float = 0.0
     counts: float = 0.0
+    share_of_dolp: float | None = None
 
     @property
     def is_nothing(self) -> bool:
         """True if the effect is not there at all."""
-        return not any(astuple(self))
+        return not (self.s0 or self.polarised or self.factor or self.share or self.counts)
 
 
 NOTHING = Disturbance()

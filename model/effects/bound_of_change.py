@@ -46,6 +46,9 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     Cauchy and Schwarz the mean of the pixels' DoLP changes by at most c times its deviation, its variance by at most 2
     c + c^2 of itself (kurtosis up to 5). Deviations of what is linear change by at most x.
 
+    A factor 1 + e common to a pixel's Stokes vector leaves its DoLP as it is with the rest of its fluctuation over 1 + e:
+    a mixture of distributions, whose divergence is at most the mean of theirs, 6 <e^2>, as of a share of 2 rms(e).
+
     Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (a + b) / (1 - a). The deviation of DoLP
     changes as its gradient does: by no more than (2 b / P + 3 a) times the largest deviation of a Stokes parameter over
     the least, and where polarised light is not clear of its noise by no more than the change over the deviation.
@@ -56,14 +59,21 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     """
     if found.is_nothing:
         return Bound()
+    share = found.share if found.share_of_dolp is None else found.share_of_dolp
     tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low if bounds.is_known else np.inf
-    if not (tail < _LARGEST_TAIL and found.s0 < 0.5 and found.polarised < 0.5 and found.share < _LARGEST_SHARE):
+    if not (
+        tail < _LARGEST_TAIL
+        and found.s0 < 0.5
+        and found.polarised < 0.5
+        and share < _LARGEST_SHARE
+        and found.share < 1.0
+    ):
         return _ANYTHING
     shift = (found.s0 + found.polarised) / (1.0 - found.s0)
-    divergence = _divergence(found.share)
+    divergence = _divergence(share)
     low, high = deviation_limits(bounds)
     dolp_low = bounds.polarised_low / bounds.s0_high
-    spread = 2.0 * divergence + divergence**2 + found.share
+    spread = 2.0 * divergence + divergence**2 + share
     spread += _of_gradient(bounds, found, shift=shift, low=low, dolp_low=dolp_low)
     if not spread < 0.5:
         return _ANYTHING
@@ -72,7 +82,7 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     return Bound(
         radiance=_of_counts(bounds, found, shift),
         ratios=shift / (1.0 - tail) + divergence * high,
-        deviations=(spread + divergence + snr + found.factor) / (1.0 - spread),
+        deviations=max((spread + divergence + snr + found.factor) / (1.0 - spread), found.share),
     )
 
 

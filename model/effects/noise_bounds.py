@@ -8,6 +8,10 @@ from model.effects.sun_light import SunLight
 from model.scene.lit_scene import LitScene
 from model.sensor.pixel_noise import saturation_probability
 
+# The share that a factor common to a pixel's Stokes vector is of its DoLP, over the factor's root mean square: 2, and
+# room for larger factors, up to a twentieth.
+_OF_FACTOR, _LARGEST_FACTOR = 2.3, 0.05
+
 
 def dark_current(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
     """Return the share of dark electrons' shot noise: their mean is taken off, and they add to nothing else."""
@@ -46,9 +50,15 @@ def texture(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturba
         return NOTHING
     if not region.is_known:
         return Disturbance(share=np.inf)
-    return Disturbance(
-        share=region.spatial_share((1.0 + scene.sensor.noise.prnu**2) * region.to_channels(region.texture))
-    )
+    factor = 1.0 + scene.sensor.noise.prnu**2
+    share = region.spatial_share(factor * region.to_channels(region.texture))
+    one = region.region
+    if one.radiance is None or any(one.texture_diagonal) or one.texture_rms > _LARGEST_FACTOR:
+        # Of a material the path has no texture, so that it is no factor common to all of the light.
+        return Disturbance(share=share)
+    own = region.counts_per_radiance**2 * one.texture_cov
+    rest = region.spatial_share(factor * region.to_channels(own)) if np.any(own) else 0.0
+    return Disturbance(share=share, share_of_dolp=min(rest + _OF_FACTOR * one.texture_rms, share))
 
 
 def nonuniformity(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
@@ -59,10 +69,11 @@ def nonuniformity(scene: LitScene, region: RegionBounds, _light: SunLight) -> Di
     if not region.is_known:
         return Disturbance(share=np.inf)
     ones, gain = np.ones_like(region.signal_high), noise.gain_dn_per_e
-    response = np.outer(region.signal_high, region.signal_high) + region.to_channels(region.cov_high)
-    return Disturbance(
-        share=region.spatial_share(noise.prnu**2 * response + (gain * noise.dsnu_e) ** 2 * np.outer(ones, ones))
-    )
+    rest = noise.prnu**2 * region.to_channels(region.cov_high) + (gain * noise.dsnu_e) ** 2 * np.outer(ones, ones)
+    share = region.spatial_share(noise.prnu**2 * np.outer(region.signal_high, region.signal_high) + rest)
+    if noise.prnu > _LARGEST_FACTOR:
+        return Disturbance(share=share)
+    return Disturbance(share=share, share_of_dolp=min(region.spatial_share(rest) + _OF_FACTOR * noise.prnu, share))
 
 
 def saturation(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
