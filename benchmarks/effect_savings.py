@@ -29,7 +29,7 @@ _RULES: tuple[EffectRule, ...] = ("all", "safe", "estimated")
 
 @dataclass(frozen=True, kw_only=True)
 class Saving:
-    """Outcome of a rule in a scene: what is left out, the time, and the largest difference from the finer prediction."""
+    """Outcome of a rule in a scene: what is left out, time, and the largest difference from the finer prediction."""
 
     rule: EffectRule
     left_out: tuple[str, ...]

@@ -146,9 +146,11 @@ def coarse_settings(scene: LitScene, *, wavelengths: int) -> Settings:
 
 def _error(effect: Effect, value: Bound) -> Bound:
     share = _OF_LIGHT if effect in LIGHT else _OF_OTHERS
+    # Light that is missed here is a ratio that is missed there.
+    of_means = max(value.radiance, value.ratios) if effect in LIGHT else value.ratios
     return Bound(
         radiance=value.radiance * (share + value.radiance),
-        ratios=value.ratios * (share + value.ratios),
+        ratios=share * of_means + value.ratios**2,
         deviations=value.deviations * (share + value.deviations),
         detection=value.detection * (share + value.detection),
     )

@@ -46,8 +46,8 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     Cauchy and Schwarz the mean of the pixels' DoLP changes by at most c times its deviation, its variance by at most 2
     c + c^2 of itself (kurtosis up to 5). Deviations of what is linear change by at most x.
 
-    A factor 1 + e common to a pixel's Stokes vector leaves its DoLP as it is with the rest of its fluctuation over 1 + e:
-    a mixture of distributions, whose divergence is at most the mean of theirs, 6 <e^2>, as of a share of 2 rms(e).
+    A factor 1 + e common to a pixel's Stokes vector leaves its DoLP as it is with the rest of its fluctuation over 1 +
+    e: a mixture of distributions, whose divergence is at most the mean of theirs, 6 <e^2>, as of a share of 2 rms(e).
 
     Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (a + b) / (1 - a). The deviation of DoLP
     changes as its gradient does: by no more than (2 b / P + 3 a) times the largest deviation of a Stokes parameter over
@@ -82,7 +82,10 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     return Bound(
         radiance=_of_counts(bounds, found, shift),
         ratios=shift / (1.0 - tail) + divergence * high,
-        deviations=max((spread + divergence + snr + found.factor) / (1.0 - spread), found.share),
+        # An SNR to first order knows no common factor: it grows as the deviation falls.
+        deviations=max(
+            (spread + divergence + snr + found.factor) / (1.0 - spread), (1.0 - found.share) ** -0.5 - 1.0, found.share
+        ),
     )
 
 
