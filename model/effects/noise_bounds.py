@@ -52,9 +52,9 @@ def texture(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturba
         return Disturbance(share=np.inf)
     factor = 1.0 + scene.sensor.noise.prnu**2
     share = region.spatial_share(factor * region.to_channels(region.texture))
-    one = region.region
-    if one.radiance is None or any(one.texture_diagonal) or one.texture_rms > _LARGEST_FACTOR:
-        # Of a material the path has no texture, so that it is no factor common to all of the light.
+    one, is_still = region.region, scene.imperfections.misregistration_pixels == 0.0
+    if one.radiance is None or not is_still or any(one.texture_diagonal) or one.texture_rms > _LARGEST_FACTOR:
+        # Of a material the path has no texture, and pictures that shift differ in it: it is no common factor there.
         return Disturbance(share=share)
     own = region.counts_per_radiance**2 * one.texture_cov
     rest = region.spatial_share(factor * region.to_channels(own)) if np.any(own) else 0.0
