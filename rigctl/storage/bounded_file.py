@@ -40,8 +40,10 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
     if facts.st_size > most_bytes:
         raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
     with path.open("rb") as file:
-        # One byte more than allowed, to see whether it has grown meanwhile.
-        data = file.read(most_bytes + 1)
+        # One byte more than it had, to see whether it has grown meanwhile; then one more than allowed.
+        data = file.read(facts.st_size + 1)
+        if len(data) > facts.st_size:
+            data += file.read(most_bytes + 1 - len(data))
     if len(data) > most_bytes:
         raise OSError(errno.EFBIG, f"grows, and at most {_mb(most_bytes)} MB are read", str(path))
     return data

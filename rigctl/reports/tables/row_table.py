@@ -7,6 +7,8 @@ from rigctl.comparison.rows import Row, error_of_both
 from rigctl.numbers.number_text import NOTHING, signed, to_digits
 from rigctl.reports.table import Column, Shown, Table
 
+# No error of a report is so small but by rounding.
+_ROUNDING = 1e-12
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 
 
@@ -30,7 +32,9 @@ def _with_region(row: Row) -> str:
 
 
 def _two_digits(number: float | None) -> str:
-    return NOTHING if number is None else f"{number:.2g}"
+    if number is None:
+        return NOTHING
+    return f"{number:.2g}" if abs(number) > _ROUNDING else "0"
 
 
 # A report has a table for each region, and both scores; the terminal is narrow. Keys are those of `Row`.

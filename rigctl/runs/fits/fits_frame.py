@@ -191,7 +191,7 @@ def decode_frame(data: bytes) -> FitsFrame:
     height, width = _shape(values)
     if len(data) != header_length + _padded(2 * height * width):
         raise DataError(f"{len(data)} bytes are not what {height} rows of {width} samples take")
-    return FitsFrame(values=values, counts=_from_signed(data[header_length:], (height, width)))
+    return FitsFrame(values=values, counts=_from_signed(data, (height, width), offset=header_length))
 
 
 def _find_end(data: bytes) -> int:
@@ -219,7 +219,9 @@ def _shape(values: Mapping[str, str | None]) -> tuple[int, int]:
     return int(values["NAXIS2"] or "0"), int(values["NAXIS1"] or "0")
 
 
-def _from_signed(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
+def _from_signed(data: bytes, shape: tuple[int, int], *, offset: int) -> NDArray[np.uint16]:
     height, width = shape
-    stored = np.frombuffer(data, dtype=">u2", count=height * width).astype(np.uint16)
-    return (stored ^ _SIGN_BIT).reshape(shape)
+    # One copy, which is the caller's own: the bytes of a file stay as they are.
+    counts = np.frombuffer(data, dtype=">u2", count=height * width, offset=offset).astype(np.uint16)
+    counts ^= _SIGN_BIT
+    return counts.reshape(shape)
