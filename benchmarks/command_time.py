@@ -105,7 +105,7 @@ def table(folder: Path) -> list[str]:
     ours, limit = reading(demo / "run")
     text = (
         f"`rigctl acquire` to its first frame: {first:.2f} s on the clock, {first / start:.0f} starts of python (1 s "
-        f"is wanted). A frame of 782 x 582 from its file, checksum and header held against the manifest: {ours:.2f} ms of "
+        f"wanted). A frame of 782 x 582 from its file, checksum and header held against the manifest: {ours:.2f} ms of "
         f"processor; its bytes and their SHA-256 alone, the limit: {limit:.2f} ms ({ours / limit:.1f} times)."
     )
     return [*lines, "", text]

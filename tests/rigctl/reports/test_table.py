@@ -42,8 +42,8 @@ def page_rows(text):
     return [re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", row) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", text)]
 
 
-def terminal_text(table):
-    console = Console(file=io.StringIO(), width=100)
+def terminal_text(table, width=100):
+    console = Console(file=io.StringIO(), width=width)
     console.print(terminal_table(table))
     return console.file.getvalue()
 
@@ -145,3 +145,12 @@ def test_only_a_report_that_judges_has_a_verdict():
 def test_the_name_of_a_file_says_how_a_report_is_written(tmp_path):
     assert report_file(report(), tmp_path / "noise.pdf").startswith(b"%PDF")
     assert report_file(report(), tmp_path / "noise.html").startswith(b"<!doctype html>")
+
+
+def test_a_table_whose_numbers_would_break_is_turned():
+    table = Table(columns=(*COLUMNS, TWICE), rows=READINGS)
+    upright = terminal_text(table, width=40).splitlines()
+    assert re.split(r"\s{2,}", upright[0].strip()) == ["place", "light [DN]", "its error", "twice"]
+    turned = terminal_text(table, width=20).splitlines()
+    assert [line.split()[-1] for line in turned if line.startswith("light [DN]")] == ["1.2", "2.0"]
+    assert max(map(len, turned)) <= 20
