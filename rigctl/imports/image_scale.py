@@ -79,7 +79,7 @@ def find_scale(
     full_scale_dn = (2**depth - 1) << shift
     saturation_dn, saturation_remarks = _saturation(request, levels, full_scale_dn)
     # A sky that is clipped up to the edge is no border.
-    dark = [border for border in borders if border.value_dn < saturation_dn]
+    dark = [border for border in borders if border.value_dn < min(saturation_dn, largest(levels))]
     missing_dn, missing_remarks = _missing(request, levels, black_level_dn, dark)
     unit = 2**shift
     return Scale(

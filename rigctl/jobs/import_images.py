@@ -167,10 +167,9 @@ def _file_remarks(survey: Survey, scale: Scale) -> Iterator[str]:
     clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SAID]
     if clipped:
         yield f"saturated pixels, where nothing is measured: {', '.join(clipped)}"
-    patterns: dict[str, list[str]] = {}
-    for image in survey.images:
-        patterns.setdefault(odd_pattern(image.levels), []).append(image.path.name)
-    yield from (f"odd bits in {', '.join(names)}: {text}" for text, names in patterns.items() if text)
+    odd = {image.path.name: text for image in survey.images if (text := odd_pattern(image.levels))}
+    if odd:
+        yield f"odd bits in {len(odd)} of {len(survey.images)} files ({', '.join(odd)}): {next(iter(odd.values()))}"
     coded = [image.path.name for image in survey.images if image.is_jpeg]
     if coded:
         yield f"{len(coded)} of {len(survey.images)} files ({', '.join(coded)}): {JPEG}"

@@ -69,7 +69,9 @@ def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray
 
 def _aolp_error_deg(stokes: Float32Array) -> Float32Array:
     squares = sum(_scatter_squares(component) for component in stokes[1:]) / 2.0
-    polarized = np.maximum(np.hypot(stokes[1], stokes[2]), 1e-12)
+    # Of the neighbours' mean: where there is no polarization, that of single pixels is the noise itself.
+    smooth = [cv2.blur(component, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE) for component in stokes[1:]]
+    polarized = np.maximum(np.hypot(*smooth), 1e-12)
     return np.asarray(np.minimum(np.degrees(0.5 * np.sqrt(squares) / polarized), 90.0))
 
 

@@ -153,7 +153,11 @@ def test_shifts_without_a_circle_are_looked_up_by_angle() -> None:
 
 
 def test_a_shift_that_shows_is_a_finding(run: Run, registration: ImageRegistration) -> None:
-    assert (register_run(run).finding or "").startswith("shifted_frames: the picture at 135.0 deg lies 1.1")
+    finding = register_run(run).finding or ""
+    assert finding.startswith("shifted_frames: the picture at 45.0 deg lies 0.4")
+    # Every picture that is shifted is named.
+    assert "at 90.0 deg lies 0.8" in finding
+    assert "at 135.0 deg lies 1.1" in finding
     first = [record for record in run.frames if record.stage_angle_deg == 0.0][:2]
     still = make_run(
         run.path.parent / "still",
