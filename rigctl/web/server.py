@@ -74,7 +74,11 @@ class PageServer:
         is_secure = place.certificate is not None
         access = Access()
         guard = Guard(app, access, hosts=names_of_this_machine(place.host), port=port, is_secure=is_secure)
-        self._server = uvicorn.Server(_config(guard, place))
+        try:
+            self._server = uvicorn.Server(_config(guard, place))
+        except ConfigError:
+            self._listening.close()
+            raise
         base = f"http{'s' if is_secure else ''}://{_shown(place.host)}:{port}/?token="
         self.addresses = Addresses(look_url=base + access.look, act_url=base + access.act if can_act else None)
 
@@ -93,6 +97,9 @@ class PageServer:
         self._server.should_exit = True
         self._thread.join()
         self._listening.close()
+
+
+_SHOWN = 100
 
 
 def _config(app: ASGIApp, place: Place) -> uvicorn.Config:
@@ -123,10 +130,11 @@ def _listening(place: Place) -> socket.socket:
     try:
         listening.bind((place.host, place.port))
         listening.listen(_BACKLOG)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # a name that no network can have is a UnicodeError
         listening.close()
+        reason = error.strerror if isinstance(error, OSError) else "is no address"
         raise ConfigError(
-            f"--listen {place.host}:{place.port}: {error.strerror}; name another port, or 0 for any that is free"
+            f"--listen {place.host[:_SHOWN]}:{place.port}: {reason}; name another port, or 0 for any that is free"
         ) from error
     return listening
 

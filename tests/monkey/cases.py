@@ -91,6 +91,22 @@ compare run --regions regions.toml --out OUT --json
 paper --figure 9 --materials rough --digitised digitised.csv --json
 demo --out OUT --seed -1
 """
+# They serve until they are stopped: only with a mistake in them.
+_SERVING = """
+watch run --listen nowhere --json
+watch run --listen 1:2:3
+watch run --listen 127.0.0.1:0 --certificate none.pem --key none.pem
+watch scene.toml
+serve rig.toml --listen nowhere
+serve nothing --runs none --json
+notify test rig.toml
+notify test scene.toml
+regions draw run --out OUT.toml --port 99999999
+regions draw none --out OUT.toml --no-browser
+sim stage nothing --link OUT
+sim camera nothing --rig rig.toml
+sim camera 127.0.0.1?hang=x
+"""
 _IMAGES = ("images/0.png", "images/picture.tif", "images/ours.fits", "levels/dark_20us_0.png")
 _PEOPLE = (
     "scene.toml", "session.toml", "rig.toml", "regions.toml", "material.toml", "data.txt", "fit.toml", "roof.toml",
@@ -106,6 +122,7 @@ def _words(lines: str) -> tuple[list[str], ...]:
 
 
 QUICK, SLOW, HEAVY = _words(_QUICK), _words(_SLOW), _words(_HEAVY)
+SERVING = (*_words(_SERVING), ["watch", "run", "--listen", "a" * 300 + ":80"])
 _SLOW_EVERY, _HEAVY_EVERY = 12, 60
 
 

@@ -4,8 +4,10 @@ import shutil
 from pathlib import Path
 
 import pytest
+import typer
 
-from tests.monkey.cases import Case, make_case
+from rigctl import cli
+from tests.monkey.cases import HEAVY, QUICK, SERVING, SLOW, Case, make_case
 from tests.monkey.judge import problems_of
 from tests.monkey.workspace import make_workspace
 
@@ -58,6 +60,21 @@ def test_what_was_found_once_is_found_no_more(tmp_path, sound, file, content, ar
     if file:
         (folder / file).write_bytes(content)
     assert problems_of(Case(arguments=arguments, done=file), folder) == []
+
+
+@pytest.mark.parametrize("arguments", SERVING, ids=lambda words: " ".join(words)[:60].replace("\0", "0"))
+def test_what_serves_refuses_a_mistake_at_once(tmp_path, sound, arguments):
+    folder = Path(shutil.copytree(sound, tmp_path / "case"))
+    assert problems_of(Case(arguments=arguments, done=""), folder) == []
+
+
+def test_every_command_is_tried():
+    lines = (*QUICK, *SLOW, *HEAVY, *SERVING)
+    group = typer.main.get_command(cli.app)
+    for verb in cli.VERBS:
+        inner = getattr(group.get_command(None, verb), "commands", {}) or {"": None}
+        wanted = [[verb, name] if name else [verb] for name in inner]
+        assert [words for words in wanted if not any(line[: len(words)] == words for line in lines)] == []
 
 
 def test_the_same_seed_makes_the_same_case(tmp_path, sound):
