@@ -246,7 +246,7 @@ def _everything(causes: tuple[Cause, ...], information: FloatArray, right: Float
     """Return the sizes of all faults at once, each held by what is expected of rigs."""
     expected = np.column_stack([cause.directions * cause.expected for cause in causes])
     prior = expected @ expected.T
-    return np.asarray(prior @ np.linalg.solve(np.eye(len(right)) + information @ prior, right))
+    return np.asarray(prior @ np.linalg.lstsq(np.eye(len(right)) + information @ prior, right)[0])
 
 
 def _sum_of(evidence: Evidence, chosen: tuple[int, ...]) -> FloatArray:

@@ -19,6 +19,8 @@ _LEAST_COARSE_TILES = 4
 _RANK_TOLERANCE = 1e-8
 # Of the information of a shift that can be taken for noise of slopes.
 _MOST_NOISE = 0.98
+# Of the light: pictures without any noise are computed ones, whose residual is that of rounding.
+_LEAST_NOISE = 1e-7
 # Times the number of tiles that a covariance is known at most.
 _MOST_FREEDOM = 10.0
 
@@ -219,7 +221,7 @@ def _variance_of_a_pixel(samples: Samples) -> FloatArray:
     parts = np.column_stack([np.ones_like(light), light, light**2, samples.steepness[held]])
     if not held.any():
         return np.full(samples.pixels.shape, np.inf)
-    level = float(np.median(squares)) / 0.455 + 1e-300
+    level = float(np.median(squares)) / 0.455 + (_LEAST_NOISE * float(light.max())) ** 2 + 1e-300
     sizes = parts.max(axis=0) + (parts.max(axis=0) == 0.0)
     expected = np.full_like(light, level)
     for _ in range(3):

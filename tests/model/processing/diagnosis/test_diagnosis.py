@@ -7,7 +7,7 @@ import pytest
 
 from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
 from model.processing.reconstruction import design
-from tests.worldlike import Faults, World, expose, random_world
+from tests.worldlike import Faults, World, expose, other_world, random_world
 
 CLEAN_SEEDS = range(24)
 FOUND_SEEDS = range(3)
@@ -35,7 +35,8 @@ def _term(found: Diagnosis, name: str, frame: int | None) -> Term:
 
 
 def test_runs_without_a_fault_show_none() -> None:
-    found = [_diagnosed(random_world(np.random.default_rng(seed)), Faults(), seed) for seed in CLEAN_SEEDS]
+    worlds = [(other_world if seed % 2 else random_world)(np.random.default_rng(seed)) for seed in CLEAN_SEEDS]
+    found = [_diagnosed(world, Faults(), seed) for seed, world in zip(CLEAN_SEEDS, worlds, strict=True)]
     assert sum(one.first is not None for one in found) <= 1
 
 
@@ -115,3 +116,32 @@ def test_a_picture_with_hardly_a_usable_pixel_is_not_testable(usable_pixels: int
     found = diagnose(design(angles_rad), np.full((4, 64, 64), 9.0), usable, angles_rad=angles_rad, times=range(4))
     assert found.reason
     assert found.first is None
+
+
+@pytest.mark.parametrize("angles", [4, 6, 12])
+def test_even_pictures_without_noise_show_nothing_and_end(angles: int) -> None:
+    angles_rad = np.arange(angles) * np.pi / angles
+    found = diagnose(
+        design(angles_rad),
+        np.full((angles, 64, 64), 77.0),
+        np.ones((64, 64)),
+        angles_rad=angles_rad,
+        times=range(angles),
+    )
+    assert found.first is None
+
+
+def test_edges_that_resampling_made_at_the_rim_do_not_hide_a_shift() -> None:
+    found = _diagnosed(replace(_world(4), resampled_deg=2.2), Faults(shift_pixels={3: (0.4, -0.3)}), 4)
+    assert found.first is not None
+    assert (found.first.name, found.first.frame) == ("shift", 3)
+    assert found.first.value == pytest.approx(0.5, abs=4.0 * (found.first.std_error or 0.0))
+
+
+@pytest.mark.parametrize("seed", range(900, 904))
+def test_small_pictures_of_many_angles_have_their_fault_named_or_the_confusion_said(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    world = other_world(rng, height=64, width=64)
+    found = _diagnosed(world, Faults(throughput={1: 0.04}), seed)
+    assert found.first is not None
+    assert ("throughput", 1) in {(found.first.name, found.first.frame), *found.first.confused_with}
