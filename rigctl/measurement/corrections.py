@@ -76,6 +76,10 @@ class FoundCorrections:
         Taken off the frames of each angle beside the dark level [unit of the measurement].
     shifts : FrameShifts or None
         Frames are moved back by them.
+    dark_error : (N,) array
+        Standard error of the level taken off [unit of the measurement].
+    shift_error : (N, 2) array
+        Standard error of the shifts, x and y [pixel].
     remarks : tuple of str
         What was done, or that there was nothing to do, in words.
     """
@@ -83,7 +87,37 @@ class FoundCorrections:
     throughput: Throughput | None
     dark: FloatArray | None
     shifts: FrameShifts | None
+    dark_error: FloatArray
+    shift_error: FloatArray
     remarks: tuple[str, ...]
+
+    def level_error(self, channels: FloatArray, inside: BoolArray) -> FloatArray:
+        """Return the standard error that dark levels and shifts add to a region's mean, each angle by itself, (N,).
+
+        Parameters
+        ----------
+        channels : (N, H, W) array
+            Pictures, corrected.
+        inside : (H, W) array of bool
+            The region.
+        """
+        square = np.square(self.dark_error)
+        if np.any(self.shift_error > 0.0) and inside.any():
+            slopes = region_slopes(channels, inside)
+            square = square + np.sum(np.square(self.shift_error * slopes), axis=1)
+        return np.asarray(np.sqrt(square))
+
+
+def region_slopes(channels: FloatArray, inside: BoolArray) -> FloatArray:
+    """Return the mean slopes of a region behind each angle, x and y, shape (N, 2); nothing along one pixel."""
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    slopes = np.zeros((len(channels), 2))
+    for way, (axis, length) in enumerate(((2, len(columns)), (1, len(rows)))):
+        if length > 1:
+            steep = np.gradient(channels[(slice(None), *part)], axis=axis)
+            slopes[:, way] = steep[:, inside[part]].mean(axis=1)
+    return slopes
 
 
 NOTHING = Corrections()

@@ -61,6 +61,8 @@ def found_faults(grid: FrameGrid, diagnosis: RunDiagnosis, names: Sequence[str])
         throughput=Throughput(value=1.0 + throughput, error=errors[0]) if taken["throughput"] else None,
         dark=dark if taken["dark-level"] else None,
         shifts=_shifts(grid, moved) if taken["shift"] else None,
+        dark_error=errors[2] * taken["dark-level"],
+        shift_error=errors[3:5].T * taken["shift"],
         remarks=tuple(_remarks(names, taken, sizes, moved)),
     )
 

@@ -147,7 +147,7 @@ def measure(
     frames = _Frames(run, grid, dark_level, corrections)
     pixels = frames.pixels(inside)
     areas = [_Area(name=name, outer=outer[name], inside=mask, pixels=pixels[name]) for name, mask in inside.items()]
-    measured, unmeasured = _measured_regions(areas, frames, plan)
+    measured, unmeasured = _measured_regions(areas, frames, plan, found)
     if unmeasured and not measured and not may_measure_none:
         raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
     return Measurement(
@@ -176,10 +176,11 @@ class _Area:
 
 
 def _measured_regions(
-    areas: Iterable[_Area], frames: "_Frames", plan: Design
+    areas: Iterable[_Area], frames: "_Frames", plan: Design, found: FoundCorrections | None
 ) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
     """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
     usable = ~(frames.saturated | frames.missing)
+    channels = frames.sums / frames.grid.cycles
     measured: dict[str, MeasuredRegion] = {}
     unmeasured: dict[str, str] = {}
     for area in areas:
@@ -194,6 +195,7 @@ def _measured_regions(
                 plan=plan,
                 level_std_error=frames.dark_level.std_error_dn * frames.grid.to_unit,
                 relative_error=frames.corrections.relative_error(frames.grid.angles),
+                own_error=0.0 if found is None else found.level_error(channels, area.inside & usable),
             )
         except (DataError, ValueError, ArithmeticError) as error:
             unmeasured[area.name] = str(error)

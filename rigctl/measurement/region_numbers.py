@@ -79,6 +79,7 @@ def measure_region(
     plan: Design,
     level_std_error: FloatArray,
     relative_error: FloatArray,
+    own_error: FloatArray | float = 0.0,
 ) -> MeasuredRegion:
     """Return the numbers of a region.
 
@@ -100,6 +101,8 @@ def measure_region(
         Standard error of the dark level that was taken off, one cause for all angles.
     relative_error : (N,) array
         Relative standard error of each angle's throughput, independent of the others.
+    own_error : (N,) array or float
+        Standard error of each angle's own level, independent of the others: of a dark level or a shift of its own.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def measure_region(
     inflation = pixels.shape[2] / independent
     repeatability = _repeatability(pixels)
     channels_mean = _with_level_errors(
-        mean_moments(mean), inflation, level_std_error, np.hypot(relative_error, repeatability)
+        mean_moments(mean), inflation, level_std_error, np.hypot(relative_error, repeatability), own_error
     )
     stokes_pixels = np.asarray(plan.inverse @ pixels[0])
     stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
@@ -162,9 +165,14 @@ def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Desig
 
 
 def _with_level_errors(
-    moments: Moments, inflation: float, level_std_error: FloatArray, relative_error: FloatArray
+    moments: Moments,
+    inflation: float,
+    level_std_error: FloatArray,
+    relative_error: FloatArray,
+    own_error: FloatArray | float,
 ) -> Moments:
-    common = np.outer(level_std_error, level_std_error) + np.diag(np.square(moments.mean * relative_error))
+    own = np.square(moments.mean * relative_error) + np.square(own_error)
+    common = np.outer(level_std_error, level_std_error) + np.diag(own)
     return Moments(mean=moments.mean, cov=moments.cov * inflation + common)
 
 

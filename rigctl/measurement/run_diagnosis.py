@@ -11,6 +11,7 @@ from model.processing.diagnosis.consequences import consequence
 from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
 from model.processing.reconstruction import Design, design
 from rigctl.errors import ConfigError, DataError
+from rigctl.measurement.corrections import region_slopes
 from rigctl.measurement.measurement import Measurement, measure, signal_of_cycle
 from rigctl.runs.run_folder import Run
 
@@ -24,7 +25,7 @@ _MOST_FRAMES = 16
 QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
 # A power law's size is that of its exponent less one.
 _EXPONENT = "exponent - 1"
-# What walks leaves the mean of an even region where it is.
+# What walks leaves the mean of an even region where it is: its slopes tell.
 _OF_EDGES = ("shift", "wobble")
 _OF_PAIRS = "throughput of pairs"
 _DEG_PER_RAD = float(np.degrees(1.0))
@@ -129,11 +130,19 @@ def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) ->
     """
     plan, pictures, angles_rad, times = _frames(measurement)
     usable = ~(measurement.saturated | measurement.missing)
-    means = dict(_means(measurement, pictures, usable))
+    means, slopes = dict(_means(measurement, pictures, usable)), dict(_slopes(measurement, pictures, usable))
     seen, seen_usable, side = coarse_pictures(pictures, usable, most_pixels=most_pixels or usable.size)
     step = float(measurement.grid.to_unit.max())
     return diagnose_pictures(
-        plan, seen, seen_usable, angles_rad=angles_rad, times=times, step=step, means=means, side_pixels=side
+        plan,
+        seen,
+        seen_usable,
+        angles_rad=angles_rad,
+        times=times,
+        step=step,
+        means=means,
+        slopes=slopes,
+        side_pixels=side,
     )
 
 
@@ -146,6 +155,7 @@ def diagnose_pictures(
     times: Sequence[float],
     step: float,
     means: Mapping[str, FloatArray],
+    slopes: Mapping[str, FloatArray] | None = None,
     side_pixels: int = 1,
 ) -> RunDiagnosis:
     """Return what pictures say of their faults.
@@ -156,6 +166,8 @@ def diagnose_pictures(
         As the model's `diagnose` takes them.
     means : mapping
         Region to its mean behind each frame.
+    slopes : mapping or None
+        Region to its mean slopes behind each frame, shape (N, 2) [per pixel of the camera]: what a shift does to it.
     side_pixels : int
         Of a pixel of the pictures, in pixels of the camera.
     """
@@ -169,7 +181,7 @@ def diagnose_pictures(
     except (ValueError, ArithmeticError) as error:
         # Frames such as no camera takes; what can be measured of them is measured all the same.
         return replace(undiagnosed(f"these frames give no joint fit: {error}"), angles_deg=angles_deg)
-    terms = tuple(_term(term, found, plan, angles_deg, means, side_pixels) for term in found.terms)
+    terms = tuple(_term(term, found, plan, angles_deg, means, slopes or {}, side_pixels) for term in found.terms)
     return RunDiagnosis(
         terms=terms if side_pixels == 1 else _told_coarsely(terms),
         reason=found.reason,
@@ -293,17 +305,33 @@ def _means(
         yield "picture", pictures[:, usable].mean(axis=1)
 
 
+def _slopes(
+    measurement: Measurement, pictures: FloatArray, usable: NDArray[np.bool_]
+) -> Iterable[tuple[str, FloatArray]]:
+    """Give the mean slopes behind each frame, x and y, of every region, or of the picture where there are none."""
+    inside = {name: region.inside for name, region in measurement.regions.items()}
+    if not inside and usable.any():
+        inside = {"picture": usable}
+    for name, mask in inside.items():
+        if mask.any():
+            yield name, region_slopes(pictures, mask)
+
+
 def _term(
     term: Term,
     found: Diagnosis,
     plan: Design,
     angles_deg: tuple[float, ...],
     means: Mapping[str, FloatArray],
+    slopes: Mapping[str, FloatArray],
     side_pixels: int,
 ) -> FaultTerm:
     is_turn = term.unit == "rad"
     factor = _DEG_PER_RAD if is_turn else side_pixels if term.unit == "pixel" else 1.0
-    shifts = {name: _moved(term, found, plan, mean) for name, mean in means.items()} if term.is_testable else {}
+    steep = {name: slope * side_pixels for name, slope in slopes.items()}
+    shifts = {
+        name: _moved(term, found, plan, mean, steep.get(name)) for name, mean in means.items() if term.is_testable
+    }
     return FaultTerm(
         name=term.name,
         angle_deg=None if term.frame is None else angles_deg[term.frame],
@@ -322,10 +350,13 @@ def _term(
     )
 
 
-def _moved(term: Term, found: Diagnosis, plan: Design, means: FloatArray) -> tuple[float | None, float | None]:
-    if term.name in _OF_EDGES or not means.mean() > 0.0 or not np.all(np.isfinite(term.parameters)):
+def _moved(
+    term: Term, found: Diagnosis, plan: Design, means: FloatArray, slopes: FloatArray | None
+) -> tuple[float | None, float | None]:
+    is_unknown = term.name in _OF_EDGES and slopes is None
+    if is_unknown or not means.mean() > 0.0 or not np.all(np.isfinite(term.parameters)):
         return None, None
-    moved = consequence(plan.system, means, term.parameters, light=found.light)
+    moved = consequence(plan.system, means, term.parameters, light=found.light, slopes=slopes)
     aolp = moved.aolp_shift_rad
     return moved.dolp_shift, None if aolp is None else aolp * _DEG_PER_RAD
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.processing.diagnosis.causes import PER_FRAME
 from model.processing.diagnosis.correction import corrected_pictures, corrected_system, frame_faults
 from model.stokes import aolp_rad, dolp
 
@@ -28,7 +29,9 @@ class Consequence:
     aolp_shift_rad: float | None
 
 
-def consequence(system: ArrayLike, means: ArrayLike, parameters: FloatArray, *, light: float) -> Consequence:
+def consequence(
+    system: ArrayLike, means: ArrayLike, parameters: FloatArray, *, light: float, slopes: ArrayLike | None = None
+) -> Consequence:
     """Return what faults of a known size do to the polarization of a region.
 
     Parameters
@@ -38,13 +41,21 @@ def consequence(system: ArrayLike, means: ArrayLike, parameters: FloatArray, *, 
     means
         Mean counts of the region behind each angle, dark level taken off, shape (N,) [DN].
     parameters
-        Of single frames and the response, shape (P,). Shifts change no even region, and are left out.
+        Of single frames and the response, shape (P,).
     light
         Counts at which a curved response adds its share [DN].
+    slopes
+        Mean slopes of the region behind each angle, x and y, shape (N, 2) [DN/pixel]; shifts change no even region, and
+        are left out without.
     """
     rows, counts = np.asarray(system, dtype=np.float64), np.asarray(means, dtype=np.float64)
     with_fault = np.linalg.pinv(rows) @ counts
-    without = stokes_without(rows, counts, parameters, light=light)
+    still = (
+        counts
+        if slopes is None
+        else counts + np.sum(_shifts(parameters, len(counts)) * np.asarray(slopes, dtype=np.float64), axis=1)
+    )
+    without = stokes_without(rows, still, parameters, light=light)
     if not (with_fault[0] > 0.0 and without[0] > 0.0):
         return Consequence(dolp_shift=None, aolp_shift_rad=None)
     degrees = float(dolp(with_fault)), float(dolp(without))
@@ -61,3 +72,8 @@ def stokes_without(system: FloatArray, means: FloatArray, parameters: FloatArray
     design, _ = corrected_system(system, faults)
     flat = np.repeat(means[:, None, None], 4, axis=2)
     return np.asarray(design.inverse @ corrected_pictures(flat, faults, light=light)[:, 0, 0])
+
+
+def _shifts(parameters: FloatArray, frames: int) -> FloatArray:
+    first = PER_FRAME.index("shift x") * frames
+    return parameters[first : first + 2 * frames].reshape(2, frames).T

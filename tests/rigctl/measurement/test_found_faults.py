@@ -14,6 +14,7 @@ from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_status import LiveStatus, read_status, write_status
 from rigctl.live.live_text import live_lines
 from rigctl.live.region_means import RegionMeans
+from rigctl.measurement.corrections import FoundCorrections
 from rigctl.runs.run_folder import Run
 from tests.rigctl.made_runs import at, make_run
 from tests.worldlike import Faults, World, expose
@@ -58,6 +59,7 @@ def test_a_shift_is_corrected(tmp_path: Path) -> None:
     run_with(tmp_path, Faults(shift_pixels={2: (0.8, -0.6)}))
     _, found = stokes(tmp_path)
     assert found["diagnosis"]["first"] == "shift"
+    assert found["diagnosis"]["terms"][0]["dolp_shift"] is not None
     _, corrected = stokes(tmp_path, "--correct", "shift")
     shifts = [term for term in corrected["diagnosis"]["terms"] if term["name"] == "shift" and term["named"]]
     assert all(abs(term["value"]) < 0.1 for term in shifts)
@@ -211,3 +213,19 @@ def test_frames_such_as_no_camera_takes_end_in_no_fault_of_ours(
     words = [str(tmp_path / "run"), "--regions", str(tmp_path / "regions.toml"), "--out", str(tmp_path / "out")]
     assert main(["stokes", *words, "--correct", "throughput,shift"]) in (0, EXIT_DATA)
     assert json.loads((tmp_path / "out" / "stokes.json").read_text())["diagnosis"]["first"] is None or level == "noise"
+
+
+def test_errors_of_a_dark_level_and_a_shift_are_carried_to_a_region() -> None:
+    nothing = np.zeros((4, 2))
+    steep = np.broadcast_to(3.0 * np.arange(20.0), (4, 10, 20))
+    found = FoundCorrections(
+        throughput=None,
+        dark=None,
+        shifts=None,
+        dark_error=np.array([0.0, 4.0, 0.0, 0.0]),
+        shift_error=nothing + np.array([1.0, 9.0]),
+        remarks=(),
+    )
+    inside = np.zeros((10, 20), dtype=np.bool_)
+    inside[2:8, 3:17] = True
+    np.testing.assert_allclose(found.level_error(steep, inside), [3.0, 5.0, 3.0, 3.0])

@@ -41,6 +41,17 @@ def test_a_turned_angle_moves_the_polarization_by_what_it_says() -> None:
     )
 
 
+def test_a_shift_moves_the_polarization_of_a_slope_and_of_nothing_even() -> None:
+    counts, moved = PLAN.system @ STOKES, _parameters("shift x", 2, 0.5)
+    slopes = np.column_stack([np.full(4, 3.0), np.full(4, 7.0)])
+    # A picture that walks to the right brings what was half a pixel to the left: less, where it rises to the right.
+    counts_walked = counts - np.array([0.0, 0.0, 1.5, 0.0])
+    wrong = PLAN.inverse @ counts_walked
+    found = consequence(PLAN.system, counts_walked, moved, light=100.0, slopes=slopes)
+    assert found.dolp_shift == pytest.approx(np.hypot(*wrong[1:]) / wrong[0] - 0.25, abs=1e-12)
+    assert consequence(PLAN.system, counts, moved, light=100.0).dolp_shift == pytest.approx(0.0, abs=1e-15)
+
+
 def test_light_without_polarization_has_no_angle_to_move() -> None:
     found = consequence(PLAN.system, np.full(4, 100.0), _parameters("dark level", 0, 0.0), light=100.0)
     assert found.dolp_shift == pytest.approx(0.0, abs=1e-15)
