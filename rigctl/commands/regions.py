@@ -19,7 +19,7 @@ _HELP = """Draw regions on a picture of a run, and find them again by markers.
 Example: rigctl regions draw runs/panels --out regions.toml
 """
 
-app = typer.Typer(no_args_is_help=True, help=_HELP)
+app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None, help=_HELP)
 
 _S_PER_MINUTE = 60.0
 
