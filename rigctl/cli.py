@@ -156,8 +156,9 @@ class LazyGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the verb that was asked for; of an unknown one say which may have been meant."""
         if args and args[0] not in VERBS and not args[0].startswith("-"):
-            close = get_close_matches(args[0].lower(), VERBS, n=2, cutoff=0.7)
-            close = close or get_close_matches(args[0].lower(), VERBS, n=1, cutoff=0.5)
+            known = [*VERBS, "--help"]
+            close = get_close_matches(args[0].lower(), known, n=2, cutoff=0.7)
+            close = close or get_close_matches(args[0].lower(), known, n=1, cutoff=0.5)
             alike = f" Did you mean {' or '.join(close)}?" if close else ""
             ctx.fail(f"No such command {args[0]!r}.{alike}")
         return super().resolve_command(ctx, args)

@@ -22,6 +22,7 @@ UGLY = re.compile(
 CASES = [
     # Commands and options.
     (("comapre",), 2, "Did you mean compare?", ()),
+    (("help",), 2, "Did you mean --help?", ()),
     (("calibrate", "nois"), 2, "Did you mean 'noise'?", ()),
     (("dolp", "fig6"), 2, "Did you mean 'fig5'?", ()),
     (("predict", SCENE, "--noize", "x"), 2, "--noise", ()),
