@@ -44,8 +44,8 @@ class Block:
     @property
     def commands(self) -> list[list[str]]:
         """Commands of a shell block, as words; pages use neither pipes nor variables."""
-        lines = self.text.replace("\\\n", " ").replace("; ", "\n").splitlines()
-        return [words for words in (shlex.split(line, comments=True) for line in lines) if words]
+        lines = [re.sub(r"\s#\s.*", "", line) for line in self.text.replace("\\\n", " ").splitlines()]
+        return [words for line in lines for one in line.split("; ") if (words := shlex.split(one, comments=True))]
 
 
 def pages() -> list[Path]:
