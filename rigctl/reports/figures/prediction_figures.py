@@ -103,7 +103,7 @@ def sweep_png(found: Sweep, *, snr: SnrKind = "exact", remarks: Sequence[str] = 
 
 def _curves(found: Sweep, snr: SnrKind) -> Figure:
     panels = 3 if found.pairs else 2
-    figure, axes = subplots(1, panels, size=(5.0 * panels, 4.6))
+    figure, axes = subplots(1, panels, size=(5.0 * panels, 5.8))
     degree, ratio = axes[:2]
     for region, style in zip(found.regions, cycle(LINE_STYLES)):
         mean, std = (found.series(region, "dolp_pixels", kind) for kind in ("mean", "std"))

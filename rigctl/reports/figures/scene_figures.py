@@ -10,7 +10,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from model.scene.field_light import FieldLight, Source
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_below, legend_of_all, png, subplots
+from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_beside, legend_of_all, png, subplots
 from rigctl.reports.tables.light_tables import PARTS, title_lines
 from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
 from rigctl.scene.sky_map import SkyMap, SkyOfKind
@@ -146,7 +146,7 @@ def _draw_reflectance(ax: Axes, sheet: SurfaceSheet) -> None:
     ax.set_ylim(0.0, 1.05 * max(1.0, *(given.total for given in sheet.reflectance)))
     ax.set_xlabel("angle of incidence [deg]")
     ax.set_ylabel("directional-hemispherical reflectance")
-    legend_below(ax)
+    legend_beside(ax)
 
 
 def _mark_sun(ax: Axes, sun_zenith_deg: float) -> None:
