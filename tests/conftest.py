@@ -19,7 +19,9 @@ def pytest_configure(config: pytest.Config) -> None:
         cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         os.environ.setdefault("MPLCONFIGDIR", str(Path(cache) / "matplotlib"))
     home = Path(os.environ[_HOME])
-    os.environ["XDG_STATE_HOME"], os.environ["XDG_CACHE_HOME"] = str(home / "state"), str(home / "cache")
+    for name, folder in (("XDG_STATE_HOME", home / "state"), ("XDG_CACHE_HOME", home / "cache")):
+        folder.mkdir(exist_ok=True)  # astropy warns of one that is not there
+        os.environ[name] = str(folder)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

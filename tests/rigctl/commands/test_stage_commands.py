@@ -70,10 +70,12 @@ def test_devices_finds_a_served_stage_and_prints_its_lines(tmp_path: Path, capsy
 def test_devices_without_probe_does_not_ask_a_port_of_unknown_kind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["devices", "--port", str(tmp_path / "none"), "--json"]) == 0
+    (tmp_path / "port").touch()
+    assert cli.main(["devices", "--port", str(tmp_path / "port"), "--json"]) == 0
     (found,) = json.loads(capsys.readouterr().out)["ports"]
     assert found["answer"] is None
     assert "--probe" in found["remark"]
+    assert cli.main(["devices", "--port", str(tmp_path / "none"), "--json"]) == 2
 
 
 def test_characterise_writes_what_a_session_uses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,7 +37,7 @@ def test_exposures_are_in_seconds_and_numbers_run_on_over_takes(tmp_path):
 
 
 def test_flats_at_several_angles_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"take\.0.*one angle"):
+    with pytest.raises(ConfigError, match=r"first \[\[take\]\].*one angle"):
         _session(tmp_path, '[[take]]\nkind = "flat"\nexposure_ms = [1, 2]\nangles_deg = [0, 90]\n')
 
 
