@@ -1,6 +1,7 @@
 """Runs the code blocks of pages, each page from top to bottom in a folder of a rig that has been set up.
 
-Usage: python -m tests.docs.run_pages [PAGE ...]; without a page all that have a block to run.
+Usage: python -m tests.docs.run_pages [PAGE ...]; without a page all that have a block to run. Keys of JSON files that
+docs/outputs.md does not tell are printed, and are no failure.
 """
 
 import contextlib
@@ -32,26 +33,26 @@ def run_pages(chosen: list[Path]) -> bool:
     failures = 0
     with tempfile.TemporaryDirectory() as scratch, Pool(2) as pool:
         start = make_start(Path(scratch) / "start")
-        for text, problems in pool.imap(partial(run_page, start=start), chosen):
+        for text, problems, untold in pool.imap(partial(run_page, start=start), chosen):
             failures += len(problems)
-            print(text, *problems, sep="\n", end="\n" if text else "", flush=True)
+            print(text, *untold, *problems, sep="\n", end="\n" if text else "", flush=True)
     print(f"{failures} failures")
     return not failures
 
 
-def run_page(page: Path, *, start: Path) -> tuple[str, list[str]]:
-    """Run a page in a copy of the start; return a line on it, empty where it has nothing to run, and what failed."""
+def run_page(page: Path, *, start: Path) -> tuple[str, list[str], list[str]]:
+    """Run a page in a copy of the start; return a line on it, empty where nothing runs, what failed, and keys untold."""
     blocks = [block for block in blocks_of(page) if runs(block)]
     if not blocks:
-        return "", []
+        return "", [], []
     begin_s, folder = time.monotonic(), start.parent / f"{page.stem}-{os.getpid()}"
     if page.parent.name == _OF_A_RIG:
         copy_of(start, folder)
     else:
         shutil.copytree(ROOT / "examples", folder / "examples")
-    problems = [*run_blocks(blocks, folder), *untold_keys(folder)]
+    problems, untold = run_blocks(blocks, folder), untold_keys(folder)
     shutil.rmtree(folder)
-    return f"{page.relative_to(ROOT)}: {len(blocks)} blocks, {time.monotonic() - begin_s:.1f} s", problems
+    return f"{page.relative_to(ROOT)}: {len(blocks)} blocks, {time.monotonic() - begin_s:.1f} s", problems, untold
 
 
 def runs(block: Block) -> bool:
