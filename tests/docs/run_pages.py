@@ -41,7 +41,7 @@ def run_pages(chosen: list[Path]) -> bool:
 
 
 def run_page(page: Path, *, start: Path) -> tuple[str, list[str], list[str]]:
-    """Run a page in a copy of the start; return a line on it, empty where nothing runs, what failed, and keys untold."""
+    """Run a page in a copy of the start; return a line on it, empty where nothing runs, what failed, untold keys."""
     blocks = [block for block in blocks_of(page) if runs(block)]
     if not blocks:
         return "", [], []
