@@ -16,6 +16,14 @@ FloatArray = NDArray[np.float64]
 
 # A stage that lands this near to an angle was sent there [deg].
 _LANDING_DEG = 1.0
+# What no simulated run says anything about.
+NOT_OF_SIMULATION = (
+    (
+        "the scene part of the model against nature: a simulated scene whose truth was computed by the model, or "
+        "stated in a file, agrees with it because both have one source"
+    ),
+    "any real device: stage, camera and light are simulated, with assumed numbers",
+)
 
 
 def overruled(scene: SceneFile, measurement: Measurement, exposure_s: float) -> Iterable[str]:
@@ -64,14 +72,9 @@ def not_tested(measurement: Measurement, scene: SceneFile, scale: Scale, uncerta
     elif given:
         found.append(f"the radiance of {', '.join(given)}: the model was given it")
     light = measurement.run.session.simulated_light
-    if light is not None:
-        found.extend(light.caution)
+    found.extend(() if light is None else light.caution)
     if measurement.run.session.origin == "simulated":
-        found.append(
-            "the scene part of the model against nature: a simulated scene whose truth was computed by the model, or "
-            "stated in a file, agrees with it because both have one source"
-        )
-        found.append("any real device: stage, camera and light are simulated, with assumed numbers")
+        found.extend(NOT_OF_SIMULATION)
     if scale.kind == "free":
         found.append("the scale of the counts: it was fitted to S0 of this run")
     if not uncertain.names:

@@ -17,7 +17,7 @@ from rigctl.paper.paper_result import MaterialSet, PaperResult
 from rigctl.paper.results import chosen, results
 from rigctl.paper.rooftop import ASSUMED, Rooftop
 from rigctl.paper.search import search
-from rigctl.paper.statements import PaperScenes
+from rigctl.paper.statement import PaperScenes
 
 SHIPPED = ("library", "rough")
 _LEAST_HEIGHT_M, _MOST_HEIGHT_M = 1.0, 90_000.0

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigctl.paper.airborne import Geometry, Source
 from rigctl.paper.rooftop import ANGLES, PANELS
-from rigctl.paper.statements import (
+from rigctl.paper.statement import (
     HEIGHTS_M,
     NOISE_FACTORS,
     ROC_NOISE_FACTORS,

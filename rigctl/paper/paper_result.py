@@ -6,7 +6,7 @@ from rigctl.files.scene_file import SceneFile
 from rigctl.paper.digitised import DigitisedPoint
 from rigctl.paper.results import Result
 from rigctl.paper.search import Search
-from rigctl.paper.statements import PaperScenes
+from rigctl.paper.statement import PaperScenes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from rigctl.paper.numbers import Number, Reading, Verdict
-from rigctl.paper.statements import STATEMENTS, PaperScenes, Statement
+from rigctl.paper.statement import PaperScenes, Statement
+from rigctl.paper.statements import STATEMENTS
 
 IN_WORDS: dict[Verdict, str] = {
     "holds": "holds",

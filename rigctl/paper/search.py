@@ -11,7 +11,7 @@ from rigctl.paper.airborne import BACKGROUND, TARGET, Airborne
 from rigctl.paper.numbers import Verdict
 from rigctl.paper.results import results
 from rigctl.paper.rooftop import Rooftop
-from rigctl.paper.statements import PaperScenes
+from rigctl.paper.statement import PaperScenes
 from rigctl.scene.parameters import get, parameters
 
 _MATERIAL = ("n", "k", "slope_rms", "dhr")

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from rigctl.comparison.remarks import NOT_OF_SIMULATION
 from rigctl.live.session_history import SessionHistory
 from rigctl.measurement.run_diagnosis import RunDiagnosis, fault_lines
 from rigctl.reports.figures.run_figures import contact_sheet, count_plot, cycle_figure, drift_line, sun_plot
@@ -10,6 +11,7 @@ from rigctl.reports.report import Bullets, Picture, Report, Section
 from rigctl.reports.table import Column, Table, text_columns
 from rigctl.reports.tables.comparison_tables import fault_table
 from rigctl.runs.run_events import RunEvent, event_facts
+from rigctl.runs.session_record import SessionRecord
 
 _SHOWN_EVENTS = 200
 
@@ -22,9 +24,18 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
         columns=text_columns("event", "times", left=(0, 1)), rows=tuple((name, str(count)) for name, count in counts)
     )
     events = Section(title="Events", blocks=(times, _event_table(session.events[-_SHOWN_EVENTS:])))
-    return Report(
-        title=session.run.path.name, source=_source(session), sections=[*pictures, _faults(diagnosis), events]
-    )
+    sections = [*_simulation(session.run.session), *pictures, _faults(diagnosis), events]
+    return Report(title=session.run.path.name, source=_source(session), sections=sections)
+
+
+def _simulation(session: SessionRecord) -> Iterable[Section]:
+    """Yield what a simulated run proves and what not, and which light it had."""
+    if session.origin != "simulated":
+        return
+    light = session.simulated_light
+    said = [] if light is None else [*(f"{text[0].upper()}{text[1:]}." for text in light.caution), *light.remarks]
+    said += [f"It says nothing of {text}." for text in NOT_OF_SIMULATION]
+    yield Section(title="What this simulated run proves and what not", blocks=(Bullets(items=tuple(said)),))
 
 
 def _faults(found: RunDiagnosis) -> Section:

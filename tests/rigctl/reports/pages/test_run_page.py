@@ -1,5 +1,7 @@
 """The page on how a session went."""
 
+from dataclasses import replace
+
 import pytest
 
 from drivers.errors import DeviceFaultError, LimitError
@@ -9,6 +11,7 @@ from rigctl.measurement.run_diagnosis import quick_diagnosis
 from rigctl.reports.pages.run_page import run_report
 from rigctl.reports.writers.html_page import html
 from rigctl.runs.run_folder import read_run
+from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.session.take_session import take_session
 from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled
 from tests.rigctl.session.planning.test_schedule import RIG_AT_SITE, _session
@@ -33,6 +36,16 @@ def test_it_holds_frames_counts_sun_and_events(tmp_path):
     assert page.count("data:image/png;base64,") == 4
     assert '<td class="l">round</td><td class="l">2</td>' in page
     assert 'src="http' not in page
+
+
+def test_it_says_what_a_simulated_roof_proves_and_what_not(tmp_path):
+    run = read_run(_run(tmp_path, RIG_FILE, {"every_min": 30, "duration_h": 1}))
+    light = SimulatedLight(scene="roof", is_clocked=True, perturbed="visibility times 0.7")
+    roof = replace(run, session=replace(run.session, origin="simulated", simulated_light=light))
+    page = html(run_report(session_history(roof), quick_diagnosis(roof)))
+    assert "What this simulated run proves and what not" in page
+    assert "It cannot show that the scene model" in page
+    assert "visibility times 0.7" in page
 
 
 def test_without_a_site_there_is_no_sun(tmp_path):
