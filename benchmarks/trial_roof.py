@@ -1,6 +1,7 @@
 """Simulated roofs, noon and morning: is z standard normal row by row, are changes of the roof found and named?
 
-Usage: python -m benchmarks.trial_roof [--seeds 40] [--changed-seeds 4] [--processes 2]
+Usage: python -m benchmarks.trial_roof [--seeds 40] [--changed-seeds 4] [--first-seed 1] [--changes NAME ...]
+    [--processes 2]
 """
 
 import argparse
@@ -9,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,15 +92,27 @@ def off_rows(outcomes: Iterable[Outcome]) -> dict[tuple[str, str, str], tuple[fl
     return off
 
 
-def run_roof(seeds: int, changed_seeds: int, *, processes: int) -> bool:
+def run_roof(
+    seeds: int,
+    changed_seeds: int,
+    *,
+    processes: int,
+    first_seed: int = 1,
+    changes: Sequence[RoofChange] = ROOF_CHANGES,
+) -> bool:
     """Run the seeds, print the tables, return whether all is as it should be."""
     start_s = time.monotonic()
     hours: tuple[Hour, ...] = get_args(Hour)
     with ProcessPoolExecutor(processes) as pool:
-        plain = {hour: [pool.submit(one_run, hour, seed, None) for seed in range(1, seeds + 1)] for hour in hours}
+        plain = {
+            hour: [pool.submit(one_run, hour, seed, None) for seed in range(first_seed, first_seed + seeds)]
+            for hour in hours
+        }
         changed = {
-            (what, hour): [pool.submit(one_run, hour, seed, what) for seed in range(1, changed_seeds + 1)]
-            for what in ROOF_CHANGES
+            (what, hour): [
+                pool.submit(one_run, hour, seed, what) for seed in range(first_seed, first_seed + changed_seeds)
+            ]
+            for what in changes
             for hour in hours
         }
         sound = True
@@ -138,9 +151,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--changed-seeds", type=int, default=4)
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--changes", nargs="*", choices=ROOF_CHANGES, default=ROOF_CHANGES)
     parser.add_argument("--processes", type=int, default=2)
-    arguments = parser.parse_args()
-    return 0 if run_roof(arguments.seeds, arguments.changed_seeds, processes=arguments.processes) else 1
+    given = parser.parse_args()
+    sound = run_roof(
+        given.seeds,
+        given.changed_seeds,
+        processes=given.processes,
+        first_seed=given.first_seed,
+        changes=given.changes,
+    )
+    return 0 if sound else 1
 
 
 if __name__ == "__main__":
