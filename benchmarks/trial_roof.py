@@ -109,9 +109,7 @@ def run_roof(
             for hour in hours
         }
         changed = {
-            (what, hour): [
-                pool.submit(one_run, hour, seed, what) for seed in range(first_seed, first_seed + changed_seeds)
-            ]
+            (what, hour): [pool.submit(one_run, hour, seed, what) for seed in range(first, first + changed_seeds)]
             for what in changes
             for hour in hours
         }
