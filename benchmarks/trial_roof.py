@@ -103,10 +103,10 @@ def run_roof(
     """Run the seeds, print the tables, return whether all is as it should be."""
     start_s = time.monotonic()
     hours: tuple[Hour, ...] = get_args(Hour)
+    first = first_seed
     with ProcessPoolExecutor(processes) as pool:
         plain = {
-            hour: [pool.submit(one_run, hour, seed, None) for seed in range(first_seed, first_seed + seeds)]
-            for hour in hours
+            hour: [pool.submit(one_run, hour, seed, None) for seed in range(first, first + seeds)] for hour in hours
         }
         changed = {
             (what, hour): [pool.submit(one_run, hour, seed, what) for seed in range(first, first + changed_seeds)]

@@ -14,8 +14,7 @@ from rigctl.paper.rooftop import Rooftop
 from rigctl.paper.statement import PaperScenes
 from rigctl.scene.parameters import get, parameters
 
-_MATERIAL = ("n", "k", "slope_rms", "dhr")
-_OWN_KEYS = tuple(f"regions.{region}.{name}" for region in (TARGET, BACKGROUND) for name in _MATERIAL)
+_OWN = tuple(f"regions.{region}." for region in (TARGET, BACKGROUND))
 # Draws that no surface allows (a lobe that alone reflects more than its dhr) are made anew this many times.
 _MOST_REDRAWN = 50
 
@@ -105,8 +104,10 @@ def _tried(scenes: PaperScenes, numbers: Mapping[str, float], name: str) -> Trie
 
 def _draws(airborne: Airborne, generator: np.random.Generator) -> Iterator[dict[str, float]]:
     scene = airborne.predictor.scene
-    known = {parameter.key for parameter in parameters(scene)}
-    own = [get(scene, key) for key in _OWN_KEYS if key in known]
+    # Whatever the materials, or the scene of these two regions, state an uncertainty of.
+    own = [
+        one for parameter in parameters(scene) if (one := get(scene, parameter.key)).key.startswith(_OWN) and one.std
+    ]
     for _ in range(_MOST_REDRAWN):
         drawn = {one.key: float(generator.normal(one.value, one.std)) for one in own}
         yield {one.key: min(max(drawn[one.key], one.least), one.most) for one in own}

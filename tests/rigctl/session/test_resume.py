@@ -2,6 +2,8 @@
 
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,13 +12,16 @@ from drivers.errors import NotConnectedError
 from rigctl.devices.rig import open_rig
 from rigctl.errors import RunFolderError
 from rigctl.files.session_file import SessionFile
+from rigctl.numbers.utc_time import unix_ns
 from rigctl.runs.repair import repair_run
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_lock import RunLock
 from rigctl.runs.verification import verify_run
 from rigctl.session.control import ask
+from rigctl.session.session_clock import clock_of
 from rigctl.session.take_session import resume_session, take_session
 from rigctl.storage.durable_file import PART_SUFFIX
+from rigctl.simulated.simulation import with_simulation
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.resealed import with_session
 
@@ -53,16 +58,18 @@ def undisturbed(tmp_path_factory):
     return read_run(folder / "run")
 
 
-def _cut_after(tmp_path, frames, session=None):
+def _cut_after(tmp_path, frames, session=None, *, begins=None):
     rig_file, session = small_rig(tmp_path, port=_EXACT_STAGE), session or small_session()
+    rig_file = with_simulation(rig_file, clock_ns=begins, perturb=None)
+    clock = clock_of(rig_file)
 
     @contextmanager
     def opener():
-        with open_rig(rig_file, session_name=session.name) as rig:
+        with open_rig(rig_file, session_name=session.name, clock=clock.simulated) as rig:
             yield replace(rig, camera=_CutCamera(rig.camera, frames))
 
     with pytest.raises(_PowerCutError):
-        take_session(rig_file, session, tmp_path / "run", files={}, opener=opener)
+        take_session(rig_file, session, tmp_path / "run", files={}, opener=opener, clock=clock)
     return tmp_path / "run"
 
 
@@ -81,6 +88,18 @@ def test_a_resumed_run_is_the_undisturbed_one(tmp_path, undisturbed, frames):
     outcome = resume_session(run)
     assert outcome.is_finished
     _assert_equal_apart_from_times(read_run(run), undisturbed)
+    assert verify_run(run).ok
+
+
+def test_a_resumed_run_of_a_simulated_clock_goes_on_at_its_own_time(tmp_path, undisturbed):
+    run = _cut_after(tmp_path, 3, begins=unix_ns(datetime.fromisoformat("2010-05-25T14:09:40Z")))
+    assert resume_session(run).is_finished
+    found = read_run(run)
+    _assert_equal_apart_from_times(found, undisturbed)
+    starts = [datetime.fromisoformat(frame.start_utc) for frame in found.frames]
+    steps_s = np.array([(later - earlier).total_seconds() for earlier, later in pairwise(starts)])
+    # Neither the day of the resume, nor the beginning again.
+    assert np.all((steps_s > 0.0) & (steps_s < 5.0))
     assert verify_run(run).ok
 
 
