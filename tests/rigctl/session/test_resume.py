@@ -20,8 +20,8 @@ from rigctl.runs.verification import verify_run
 from rigctl.session.control import ask
 from rigctl.session.session_clock import clock_of
 from rigctl.session.take_session import resume_session, take_session
-from rigctl.storage.durable_file import PART_SUFFIX
 from rigctl.simulated.simulation import with_simulation
+from rigctl.storage.durable_file import PART_SUFFIX
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.resealed import with_session
 
