@@ -14,7 +14,7 @@ from calibration.sensor.ordinary_pixels import OrdinaryPattern, ordinary_pattern
 from calibration.sensor.pattern_parts import PatternParts, mosaic_contrast, pattern_parts, small_scale_variance
 from calibration.sensor.row_column_noise import RowColumnNoise
 from calibration.sensor.sample_tally import SampleTally
-from calibration.sensor.variance_moments import variance_moments
+from calibration.sensor.variance_moments import VarianceMoments, variance_moments
 
 LevelKind = Literal["dark", "flat"]
 
@@ -180,14 +180,6 @@ def _statistics(
     moments = variance_moments(sums.kept(sums.squares()), sums.kept(deviations), n_frames=n_frames)
     small = small_scale_variance(deviations)
     of_rows_dn2 = _shared_by_rows_dn2(row_column, sums.shape)
-    ordinary = ordinary_pattern(
-        sums.squares(),
-        deviations,
-        kept=sums.kept_mask(),
-        moments=moments,
-        small_scale_dn2=small,
-        n_frames=n_frames,
-    )
     return LevelStatistics(
         kind=kind,
         exposure_s=exposure_s,
@@ -203,7 +195,7 @@ def _statistics(
         spatial_std_error_dn2=float(np.sqrt(moments.spatial_error_dn4 + (of_rows_dn2 / n_frames) ** 2)),
         temporal_spatial_cov_dn4=moments.covariance_dn4,
         small_scale_variance_dn2=moments.spatial_dn2 if small is None else small - moments.temporal_dn2 / n_frames,
-        ordinary=replace(ordinary, std_error_dn2=float(np.hypot(ordinary.std_error_dn2, of_rows_dn2 / n_frames))),
+        ordinary=_ordinary(sums, deviations, moments, small_scale_dn2=small, of_rows_dn2=of_rows_dn2),
         mosaic_contrast=mosaic_contrast(deviations, mean_dn=mean_dn),
         pattern=pattern_parts(
             deviations,
@@ -215,6 +207,26 @@ def _statistics(
         lag=sums.lag,
         picture=_picture(sums, deviations + np.float32(mean_dn)) if keep_picture else None,
     )
+
+
+def _ordinary(
+    sums: FrameSums,
+    deviations: NDArray[np.float32],
+    moments: VarianceMoments,
+    *,
+    small_scale_dn2: float | None,
+    of_rows_dn2: float,
+) -> OrdinaryPattern:
+    """Return the spatial variance without defect pixels, its error with the noise that rows share."""
+    found = ordinary_pattern(
+        sums.squares(),
+        deviations,
+        kept=sums.kept_mask(),
+        moments=moments,
+        small_scale_dn2=small_scale_dn2,
+        n_frames=sums.n_frames,
+    )
+    return replace(found, std_error_dn2=float(np.hypot(found.std_error_dn2, of_rows_dn2 / sums.n_frames)))
 
 
 def _shared_by_rows_dn2(found: RowColumnNoise, shape: tuple[int, int]) -> float:

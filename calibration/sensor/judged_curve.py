@@ -21,12 +21,11 @@ from calibration.sensor.level_influence import (
 from calibration.sensor.level_names import describe_level
 from calibration.sensor.level_verdicts import FlatVerdicts, LevelInfluence, flat_verdicts
 from calibration.sensor.light_stability import LightStability, light_stability
-from calibration.sensor.photon_transfer import (
-    PhotonTransfer,
+from calibration.sensor.photon_transfer import PhotonTransfer, fit_photon_transfer
+from calibration.sensor.transfer_points import (
     TransferPoints,
     UsablePoints,
     beyond_range,
-    fit_photon_transfer,
     transfer_points,
     usable_points,
 )

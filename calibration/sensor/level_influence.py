@@ -11,8 +11,8 @@ from calibration.sensor.dark_signal import mean_sampling_variance
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.light_stability import LightStability, wander_variance_dn2
 from calibration.sensor.outlying_points import CurveModel, PointInfluence, point_influence
-from calibration.sensor.photon_transfer import TransferPoints
 from calibration.sensor.rounding_error import mean_rounding_error_dn, variance_rounding_error_dn2
+from calibration.sensor.transfer_points import TransferPoints
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]

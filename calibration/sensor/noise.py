@@ -11,21 +11,16 @@ from calibration.flag_order import by_consequence
 from calibration.flags import Flag
 from calibration.sensor.ceiling import sample_ceiling_dn
 from calibration.sensor.curve_checks import curve_flags
-from calibration.sensor.dark_signal import DarkSignal, fit_dark_signal, match_darks
+from calibration.sensor.dark_signal import DarkMatch, DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
 from calibration.sensor.exposure_unit import implausible_unit, impossible_exposures, is_absurd
 from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.judged_curve import judged_curve, sound_darks
+from calibration.sensor.judged_curve import JudgedCurve, judged_curve, sound_darks
 from calibration.sensor.level_checks import level_flags, light_course_flags
 from calibration.sensor.level_verdicts import LevelInfluence
 from calibration.sensor.light_stability import LightStability
-from calibration.sensor.noise_parameters import (
-    Measured,
-    NoiseParameters,
-    choose_spatial_levels,
-    measure,
-    noise_parameters,
-)
+from calibration.sensor.measured_levels import Measured, choose_spatial_levels, measure
+from calibration.sensor.noise_parameters import NoiseParameters, noise_parameters
 from calibration.sensor.parameter_checks import parameter_flags
 from calibration.sensor.pattern_checks import left_out_flags
 from calibration.sensor.performance import Performance, performance
@@ -140,26 +135,42 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     flags += impossible_exposures(levels)
     _refuse_if_any(flags)
     darks, dark_flags = sound_darks(all_darks)
-    dark = fit_dark_signal(darks)
-    match = match_darks(flats, darks)
+    dark, match = fit_dark_signal(darks), match_darks(flats, darks)
     ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
     curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
-    transfer = curve.transfer
     wrong = [flat for flat, one in zip(flats, curve.levels, strict=True) if one.cause is not None]
     flags += (*dark_flags, *curve.flags, *light_course_flags(levels, wrong=wrong))
-    flags += curve_flags(flats, transfer, dark, match)
+    flags += curve_flags(flats, curve.transfer, dark, match)
     _refuse_if_any(flags)
+    return _numbers(levels, flats, darks, dark=dark, match=match, curve=curve, ceiling_dn=ceiling_dn, flags=flags)
+
+
+def _numbers(
+    levels: Sequence[LevelStatistics],
+    flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
+    *,
+    dark: DarkSignal,
+    match: DarkMatch,
+    curve: JudgedCurve,
+    ceiling_dn: int,
+    flags: tuple[Flag, ...],
+) -> NoiseCalibration:
+    """Return the numbers of levels that nothing refuses."""
+    transfer = curve.transfer
     spatial = choose_spatial_levels(flats, darks, transfer=transfer, match=match)
     measured = measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
     parameters, of_unit = _plausible_parameters(levels, measured, dark, darks)
-    gain, read_noise_e = parameters.estimates["gain_dn_per_e"], parameters.estimates.get("read_noise_e")
+    best = parameters.estimates
     saturation_e = _saturation(flats, transfer)
-    merit = performance(transfer, dark, gain=gain, read_noise_e=read_noise_e, saturation_e=saturation_e)
+    merit = performance(
+        transfer, dark, gain=best["gain_dn_per_e"], read_noise_e=best.get("read_noise_e"), saturation_e=saturation_e
+    )
     standard = emva1288_figures(flats, darks, ceiling_dn=ceiling_dn)
     if of_unit:
         merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
         standard |= dict.fromkeys(_STANDARD_DARK_CURRENTS)
-    dark_current_e_per_s = parameters.estimates.get("dark_current_e_per_s")
+    dark_current_e_per_s = best.get("dark_current_e_per_s")
     flags += (
         *parameters.flags,
         *left_out_flags(darks[spatial.dark], flats[spatial.flat]),
@@ -167,13 +178,13 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         *parameter_flags(dark_current_e_per_s=dark_current_e_per_s, quantum_efficiency=merit.quantum_efficiency),
     )
     return NoiseCalibration(
-        gain_dn_per_e=gain,
-        read_noise_e=read_noise_e,
+        gain_dn_per_e=best["gain_dn_per_e"],
+        read_noise_e=best.get("read_noise_e"),
         dark_current_e_per_s=dark_current_e_per_s,
-        black_level_dn=parameters.estimates["black_level_dn"],
+        black_level_dn=best["black_level_dn"],
         saturation_e=saturation_e,
-        prnu=parameters.estimates.get("prnu"),
-        dsnu_e=parameters.estimates.get("dsnu_e"),
+        prnu=best.get("prnu"),
+        dsnu_e=best.get("dsnu_e"),
         covariance=parameters.covariance,
         flags=by_consequence(flags),
         bounds=parameters.bounds | _saturation_bound(transfer),
