@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.rounding_error import variance_rounding_error_dn2
+from calibration.sensor.rounding_error import mean_rounding_error_dn, variance_rounding_error_dn2
 from calibration.sensor.scatter_fit import ScatterFit, fit_with_scatter
 
 FloatArray = NDArray[np.float64]
@@ -104,8 +104,8 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
         mean_fit = bent
         along = np.polynomial.polynomial.polyval(design[:, 1], bent.parameters) - bent.parameters[0]
         design = np.column_stack([design[:, 0], along])
-    if limited:
-        mean_fit = _with_rounding(mean_fit, exposure_range_s=float(np.ptp(known)) if has_slope else 0.0)
+    rounding_dn2 = QUANTISATION_VAR_DN2 if limited else float(np.max(_mean_rounding_variance(darks)))
+    mean_fit = _with_rounding(mean_fit, rounding_dn2, exposure_range_s=float(np.ptp(known)) if has_slope else 0.0)
     variance_fit = None if limited else _fit_variance(darks, design, variances)
     return DarkSignal(
         mean_fit=mean_fit,
@@ -165,27 +165,36 @@ def _polynomial(exposures: FloatArray, degree: int, darks: Sequence[LevelStatist
     )
 
 
-def _with_rounding(fit: ScatterFit, *, exposure_range_s: float) -> ScatterFit:
-    """Return the line through means that noise does not dither, with what rounding may have done to all of them alike.
+def _with_rounding(fit: ScatterFit, variance_dn2: float, *, exposure_range_s: float) -> ScatterFit:
+    """Return the curve through means that noise hardly dithers, with what rounding may have done to all of them alike.
 
     The mean at no exposure is off by a rounding error, the slope by two of them over the range of exposures.
     """
     extra = np.zeros_like(fit.covariance)
-    extra[0, 0] = QUANTISATION_VAR_DN2
+    extra[0, 0] = variance_dn2
     if exposure_range_s > 0.0:
-        extra[1, 1] = 2.0 * QUANTISATION_VAR_DN2 / exposure_range_s**2
+        extra[1, 1] = 2.0 * variance_dn2 / exposure_range_s**2
     return replace(fit, covariance=fit.covariance + extra)
 
 
 def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
-    """Return the variance of each level's mean: noise of its pixels, and wander of whole frames."""
+    """Return the variance of each level's mean: noise of its pixels, wander of whole frames, and rounding.
+
+    Dark current may dither the rounding of long exposures alone: the mean of the short ones is then off.
+    """
     noise = np.array([dark.temporal_variance_dn2 / dark.n_pixels for dark in darks])
     freedom = np.array([dark.n_frames - 1 for dark in darks])
     between = np.array([np.var(dark.frame_means_dn, ddof=1) for dark in darks])
     wander = max(0.0, float(freedom @ (between - noise) / freedom.sum()))
     floor = QUANTISATION_VAR_DN2 / np.array([dark.n_pixels for dark in darks])
-    variance: FloatArray = (np.maximum(noise, floor) + wander) / (freedom + 1)
+    variance: FloatArray = (np.maximum(noise, floor) + wander) / (freedom + 1) + _mean_rounding_variance(darks)
     return variance
+
+
+def _mean_rounding_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
+    temporal = np.array([dark.temporal_variance_dn2 for dark in darks])
+    spatial = np.array([max(dark.ordinary.variance_dn2, 0.0) for dark in darks])
+    return np.square(mean_rounding_error_dn(np.maximum(temporal - QUANTISATION_VAR_DN2, 0.0) + spatial))
 
 
 def _fit_variance(darks: Sequence[LevelStatistics], design: FloatArray, variances: FloatArray) -> ScatterFit:

@@ -47,14 +47,13 @@ def dark_influence(darks: Sequence[LevelStatistics]) -> tuple[DarkInfluence, ...
     models = _dark_models(exposures)
     temporal = np.array([dark.temporal_variance_dn2 for dark in darks])
     spatial = np.array([max(dark.ordinary.variance_dn2, 0.0) for dark in darks])
-    rounding = mean_rounding_error_dn(np.maximum(temporal - 1.0 / 12.0, 0.0) + spatial)
     means = np.array([dark.mean_dn for dark in darks])
     # Pixels that jump are left out of the mean of one level and not of the next.
     left_out_dn = np.array([np.mean(dark.frame_means_dn) for dark in darks]) - means
     by_mean = point_influence(
         models,
         means,
-        mean_sampling_variance(darks) + np.square(rounding) + np.square(left_out_dn),
+        mean_sampling_variance(darks) + np.square(left_out_dn),
         abscissa=exposures,
         p_false=_FALSE_DARK_MEAN,
     )

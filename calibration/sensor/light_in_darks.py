@@ -33,6 +33,8 @@ class DarkLight:
     ----------
     light : Estimate
         Light that would make as much of the pattern [DN].
+    covariance : Estimate
+        Of what pixels differ by in the dark and in their response, over the signal: of the unit of a squared PRNU.
     is_seen : bool
         It is no chance, and not what pixels with unlike gains make of dark current.
     is_testable : bool
@@ -40,6 +42,7 @@ class DarkLight:
     """
 
     light: Estimate
+    covariance: Estimate
     is_seen: bool
     is_testable: bool
 
@@ -67,12 +70,15 @@ def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | N
     noise_dn2 = float(np.mean(pattern.dark.temporal_variance_dn2)) / pattern.n_dark_frames
     flat_noise_dn2 = float(np.mean(pattern.flat.temporal_variance_dn2)) / pattern.n_flat_frames
     kept = (np.abs(dark) < _OUTLIER * _robust_std(dark)) & (np.abs(response) < _OUTLIER * _robust_std(response))
+    if np.count_nonzero(kept) < _LEAST_PIXELS:
+        return None
     d, r = dark[kept].astype(np.float64), response[kept].astype(np.float64)
     of_response = float(r.var()) - _LOCAL_SHARE * (noise_dn2 + flat_noise_dn2) / pattern.signal_dn**2
-    if d.size < _LEAST_PIXELS or of_response <= 0.0:
+    if of_response <= 0.0:
         return None
     together = float(np.mean((d - d.mean()) * (r - r.mean()))) + _LOCAL_SHARE * noise_dn2 / pattern.signal_dn
-    error_dn = float(np.sqrt(d.var() * r.var() / d.size)) / of_response
+    of_chance = float(np.sqrt(d.var() * r.var() / d.size))
+    error_dn = of_chance / of_response
     light = Estimate(value=together / of_response, std_error=error_dn, n=pattern.n_dark_frames)
     dark_dn = max(float(pattern.dark.mean_dn[kept].mean()) - black_level_dn, 0.0)
     share = _gain_share(pattern, r, kept, of_response=of_response)
@@ -82,6 +88,7 @@ def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | N
     is_there = light.value > _SIGMA * error_dn and light.value > _LEAST_SHARE * pattern.signal_dn
     return DarkLight(
         light=light,
+        covariance=Estimate(value=together / pattern.signal_dn, std_error=of_chance / pattern.signal_dn, n=light.n),
         is_seen=is_there and not is_of_gain,
         is_testable=not (is_there and is_of_gain) and dark_dn > _SIGMA * error_dn,
     )
@@ -139,6 +146,8 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     kept = tuple(flag for flag in calibration.flags if flag.name not in named)
     calibration = replace(calibration, flags=by_consequence((*kept, *found)))
     light = None if pattern is None else dark_light(pattern, black_level_dn=calibration.black_level_dn.value)
+    if light is not None:
+        calibration = _with_own_response(calibration, light.covariance)
     if light is not None and light.is_seen:
         return _with_light(calibration, light.light)
     current = calibration.dark_current_e_per_s
@@ -147,6 +156,31 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     if current.value - _SIGMA * current.std_error < USUAL_DARK_E_PER_S:
         return calibration
     return _without_dark_current(calibration, _untestable_flag(current), bound=current)
+
+
+def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> NoiseCalibration:
+    """Return a calibration whose PRNU is of the light alone, where dark signal and response go together.
+
+    The variance of a flat less that of its dark holds twice their covariance: with a gain of each pixel's own, dark
+    current differs from pixel to pixel as the light does.
+    """
+    prnu = calibration.prnu
+    if prnu is None or abs(covariance.value) < _GAIN_SIGMA * covariance.std_error:
+        return calibration
+    square = prnu.value**2 - 2.0 * covariance.value
+    if square <= 0.0:
+        return calibration
+    value = float(np.sqrt(square))
+    names, matrix = calibration.covariance.names, calibration.covariance.matrix.copy()
+    own = names.index("prnu")
+    matrix[own] *= prnu.value / value
+    matrix[:, own] *= prnu.value / value
+    matrix[own, own] += (covariance.std_error / value) ** 2
+    return replace(
+        calibration,
+        prnu=replace(prnu, value=value, std_error=float(np.sqrt(matrix[own, own]))),
+        covariance=JointCovariance(names=names, matrix=matrix),
+    )
 
 
 def _with_light(calibration: NoiseCalibration, light: Estimate) -> NoiseCalibration:
