@@ -12,6 +12,7 @@ import pytest
 from scipy.special import chdtri
 
 from model.processing.diagnosis.causes import SHARED as RESPONSES
+from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.files.regions import Rectangle, Region
 from rigctl.imports.import_request import ImportRequest
@@ -157,6 +158,14 @@ def test_polarization_agrees_with_the_published_calibration(
     assert np.sqrt(np.mean(np.square(off))) < 0.010 * (1.0 + 2.0 / np.sqrt(16.0))
     assert np.sqrt(np.mean(np.square(turned_deg))) < 0.58 * (1.0 + 2.0 / np.sqrt(16.0))
     assert abs(np.mean(turned_deg)) < 2.0 * 0.58 / np.sqrt(8.0)
+
+
+def test_rounding_is_no_disagreement_and_points_to_no_calibration(states: dict[str, Measurement]) -> None:
+    for state, measurement in states.items():
+        # 8 bits, noise of 0.2 to 0.45 DN; nobody gave a noise calibration.
+        found = compare_closed_loop(measurement, noise=None, alpha=1e-3)
+        assert found.verdict != "disagrees", state
+        assert not found.diagnosis.points_to, state
 
 
 @pytest.mark.parametrize(("name", "x", "y"), [("fruits", 400, 400), ("carps", 800, 800)])
