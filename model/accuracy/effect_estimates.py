@@ -26,7 +26,7 @@ _STATISTICS, _POINT = 1e-4, 1e-9
 _OF_LIGHT, _OF_OTHERS = 0.3, 0.1
 # Of the change of the polarised light over itself: light that is turned, and no less polarised, changes no SNR to first
 # order, but the coarse chain has its direction no better than its amount.
-_OF_TURNED, _NO_DOLP = 0.05, 1e-12
+_OF_TURNED, _NO_DOLP = 0.2, 1e-12
 
 
 def estimate_effects(
