@@ -168,7 +168,7 @@ def remember_written(destinations: Iterable[Destination], before: Snapshot, orig
 
 def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     path = one.path
-    at = path.absolute()
+    at = Path(os.path.realpath(path))  # links may lead into a run, dots out of one
     run = next((folder for folder in (at, *at.parents) if is_run(folder)), None)
     if run is not None and (one.kind not in ("new", "run") or run != at):
         return f"lies in the run {run}, which takes no results: name a place beside it"
@@ -179,7 +179,7 @@ def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     if one.kind == "folder":
         if path.exists() and not path.is_dir():
             return "is a file; name a folder"
-        return _untried(path / "x") or _taken(_present(one), origin, force=force)
+        return _untried(path / "x") or _blocked(one) or _taken(_present(one), origin, force=force)
     if path.is_dir():
         return "is a folder; name a file"
     if path.exists() and not path.is_file():
@@ -187,6 +187,12 @@ def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     if one.kind == "edited":
         return _unplaced(path) or _unwritable(path)
     return _unplaced(path) or _taken(_present(one), origin, force=force)
+
+
+def _blocked(one: Destination) -> str | None:
+    """Return which result cannot be a file, since a folder has its name."""
+    folders = [name for name in one.names if (one.path / name).is_dir()]
+    return f"{folders[0]} in it is a folder, and a result is to have its name" if folders else None
 
 
 def _not_new(path: Path, *, is_run: bool) -> str | None:

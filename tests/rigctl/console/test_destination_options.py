@@ -39,6 +39,8 @@ def refusing(tmp_path_factory):
     (folder / "broken-run" / "frames").mkdir(parents=True)
     (folder / "broken-run" / "session.json").write_text("{}")
     os.mkfifo(folder / "fifo")
+    (folder / "into-run").symlink_to("run/frames")
+    (folder / "full" / "stokes.json").mkdir(parents=True)
     return folder
 
 
@@ -141,7 +143,9 @@ _RARE_FILES = [
         *_rows(_FILES, [*_UNPLACEABLE, ("session.toml", "not written by rigctl"), (".", "is a folder")]),
         *_rows({"find-rare": _FILES["find"], "noise-rare": _FILES["noise"]}, [*_RARE, *_RARE_FILES]),
         *_rows(_FOLDERS, [*_UNPLACEABLE, ("session.toml", "is a file"), ("run", "takes no results")]),
-        *_rows({"stokes-rare": _FOLDERS["stokes"]}, _RARE),
+        *_rows(
+            {"stokes-rare": _FOLDERS["stokes"]}, [*_RARE, ("into-run/x", "takes no results"), ("full", "is a folder")]
+        ),
         *_rows(_NEW, [*_UNPLACEABLE, ("session.toml", "is no folder"), (".", "is not empty")]),
         *_rows({"acquire-rare": _NEW["acquire"]}, _RARE),
         *_rows(_ABSENT, [*_UNPLACEABLE, ("session.toml", "is there already"), ("none/x", "does not exist")]),
@@ -237,6 +241,11 @@ def test_the_part_of_an_export_is_no_file_of_a_person(desk):
     (desk / "counts.h5.part").write_text("mine")
     assert cli.main(["export", "run", "--to", "tiff", "--out", "counts.h5"]) == 0
     assert (desk / "counts.h5.part").read_text() == "mine"
+
+
+def test_a_way_out_of_a_run_is_no_place_within_it(desk):
+    assert cli.main(["export", "run", "--to", "tiff", "--out", "run/../beside"]) == 0
+    assert (desk / "beside").is_dir()
 
 
 def test_two_results_in_one_file_are_refused(desk, capsys):
