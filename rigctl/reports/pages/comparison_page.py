@@ -47,7 +47,8 @@ def comparison_report(found: ComparedRun) -> Report:
         sections=[
             *_first(comparison, measurement),
             *_attributed(comparison.attribution),
-            *_figures(comparison, measurement, found.regions),
+            _pictures(measurement, found.regions),
+            *_both_sides(comparison, measurement),
             *_trends(comparison),
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
@@ -131,21 +132,22 @@ def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
     yield Section(title="Inputs fitted to this run", blocks=(fitted, fitted_table(attribution)), folded=True)
 
 
-def _figures(comparison: Comparison, measurement: Measurement, regions: list[Region]) -> Iterable[Section]:
+def _pictures(measurement: Measurement, regions: list[Region]) -> Section:
     pictures = Picture(
         png=measurement_figures.scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
         caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
     )
-    shown: tuple[Block, ...] = (pictures,)
-    if measurement.images.residual is not None:
-        shown += (
-            Picture(
-                png=measurement_figures.residual_picture(measurement.images.residual),
-                caption="What no light gives: twice the residual of the fit over the light, at 0, 45, 90, 135 deg what "
-                "the sums of orthogonal pairs differ by. Structure in it is a fault of the run.",
-            ),
-        )
-    yield Section(title="Pictures", blocks=shown)
+    if measurement.images.residual is None:
+        return Section(title="Pictures", blocks=(pictures,))
+    residual = Picture(
+        png=measurement_figures.residual_picture(measurement.images.residual),
+        caption="What no light gives: twice the residual of the fit over the light, at 0, 45, 90, 135 deg what the "
+        "sums of orthogonal pairs differ by. Structure in it is a fault of the run.",
+    )
+    return Section(title="Pictures", blocks=(pictures, residual))
+
+
+def _both_sides(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
     if not comparison.predictions:
         return
     if any(row.z is not None for row in comparison.rows):
