@@ -154,3 +154,11 @@ def test_a_table_whose_numbers_would_break_is_turned():
     turned = terminal_text(table, width=20).splitlines()
     assert [line.split()[-1] for line in turned if line.startswith("light [DN]")] == ["1.2", "2.0"]
     assert max(map(len, turned)) <= 20
+
+
+def test_raw_json_stands_on_the_page_and_on_no_paper():
+    words = Section(title="Words", blocks=(Paragraph(text="a"),))
+    raw = Section(title="Provenance in full", blocks=(Verbatim(text="{}"),), folded=True, printed=False)
+    both, words_alone = (Report(title="A", source="", sections=sections) for sections in ([words, raw], [words]))
+    assert pdf(both) == pdf(words_alone)
+    assert "Provenance in full" in html(both)
