@@ -146,7 +146,7 @@ def measure_region(
 
 
 def _repeatability(pixels: FloatArray) -> float:
-    """Return by how much the mean of all cycles does not repeat itself, relative, from how the cycles differ.
+    """Return by how much the mean of all cycles does not repeat itself beyond the noise of its pixels, relative.
 
     Angles are taken together: two cycles, such as the two half turns of a polarizer, are as many differences as angles.
     """
@@ -155,7 +155,9 @@ def _repeatability(pixels: FloatArray) -> float:
     light = float(np.sum(np.square(means.mean(axis=0))))
     if cycles < 2 or not light > 0.0:
         return 0.0
-    return float(np.sqrt(np.sum(means.var(axis=0, ddof=1)) / cycles / light))
+    # The noise of the pixels makes means differ too, and is in their errors already.
+    noise = float(np.sum(pixels.var(axis=0, ddof=1).mean(axis=1))) / pixels.shape[2]
+    return float(np.sqrt(max(float(np.sum(means.var(axis=0, ddof=1))) - noise, 0.0) / cycles / light))
 
 
 def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Design) -> float:
