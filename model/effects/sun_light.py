@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 from model import geometry
 from model.atmosphere.lighting.compute_lighting import compute_lighting
@@ -263,8 +262,8 @@ def _reflected_sky(
             both_sides = both_sides + limits.sky(
                 zenith_rad=np.broadcast_to(zenith, scattering.shape), scattering_rad=scattering
             )
-        rows = trapezoid(grid.values[angle] * both_sides, azimuth, axis=-1)
-        found.append(float(trapezoid(rows * np.sin(grid.zenith_rad), grid.zenith_rad)))
+        rows = np.trapezoid(grid.values[angle] * both_sides, azimuth, axis=-1)
+        found.append(float(np.trapezoid(rows * np.sin(grid.zenith_rad), grid.zenith_rad)))
     return max(found)
 
 

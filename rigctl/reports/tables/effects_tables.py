@@ -3,6 +3,7 @@
 import math
 from dataclasses import asdict, dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 from model.accuracy.effect_check import CheckedEffect
 from model.effects.bound import Bound
@@ -14,7 +15,9 @@ from rigctl.console.json_text import Json
 from rigctl.numbers.number_text import NOTHING, size
 from rigctl.reports.table import Column, Table
 from rigctl.scene.effect_plan import Verification
-from rigctl.simulated.rendering_costs import RenderingCost, RenderingCosts
+
+if TYPE_CHECKING:
+    from rigctl.simulated.rendering_costs import RenderingCost, RenderingCosts
 
 _KINDS = ("radiance", "ratios", "deviations", "detection")
 
@@ -75,7 +78,7 @@ def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Js
     return content
 
 
-def rendering_table(found: RenderingCosts) -> Table[RenderingCost]:
+def rendering_table(found: "RenderingCosts") -> "Table[RenderingCost]":
     """Return the effects of a simulated camera's pictures, with what each costs a frame."""
     columns: tuple[Column[RenderingCost], ...] = (
         Column(title="effect", text=lambda row: row.effect, left=True),
@@ -89,7 +92,7 @@ def rendering_table(found: RenderingCosts) -> Table[RenderingCost]:
     return Table(title=title, columns=columns, rows=found.costs)
 
 
-def rendering_json(found: RenderingCosts) -> dict[str, Json]:
+def rendering_json(found: "RenderingCosts") -> dict[str, Json]:
     """Return the same as JSON holds it."""
     effects: list[Json] = [{"effect": one.effect, "place": one.place, "cost_s": one.cost_s} for one in found.costs]
     return {"rendering": effects, "frame_s": found.frame_s, "frames": found.frames}
