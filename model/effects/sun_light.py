@@ -262,9 +262,14 @@ def _reflected_sky(
             both_sides = both_sides + limits.sky(
                 zenith_rad=np.broadcast_to(zenith, scattering.shape), scattering_rad=scattering
             )
-        rows = np.trapezoid(grid.values[angle] * both_sides, azimuth, axis=-1)
-        found.append(float(np.trapezoid(rows * np.sin(grid.zenith_rad), grid.zenith_rad)))
+        rows = _sum(grid.values[angle] * both_sides, azimuth)
+        found.append(float(_sum(rows * np.sin(grid.zenith_rad), grid.zenith_rad)))
     return max(found)
+
+
+def _sum(values: FloatArray, at: FloatArray) -> FloatArray:
+    """Integral over the last axis by the trapezoidal rule."""
+    return np.asarray(0.5 * np.sum((values[..., 1:] + values[..., :-1]) * np.diff(at), axis=-1))
 
 
 def black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
