@@ -12,6 +12,7 @@ from pathlib import Path
 from benchmarks.loop_disk import why_not
 from benchmarks.trial_damaged_runs import run_damaged
 from benchmarks.trial_day import run_day
+from benchmarks.trial_diagnosis import run_diagnoses
 from benchmarks.trial_effects import run_effects
 from benchmarks.trial_hard_times import run_hard_times
 from benchmarks.trial_honesty import run_honesty
@@ -68,6 +69,7 @@ def main() -> int:
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
+    sound &= run_diagnoses(2 * arguments.seeds, processes=arguments.processes)
     sound &= run_noise_sets(arguments.seeds, processes=arguments.processes)
     sound &= run_roof(arguments.roof_seeds, arguments.roof_seeds // 10, processes=arguments.processes)
     sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)

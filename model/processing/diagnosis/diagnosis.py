@@ -174,12 +174,17 @@ def _in_its_place(fit: JointFit, index: int) -> tuple[int, ...]:
 def _length(values: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     """Return a number with its error, or the length of a vector with the error along it."""
     if len(values) == 1:
-        return float(values[0]), float(np.sqrt(covariance[0, 0]))
+        return float(values[0]), _root(covariance[0, 0])
     length = float(np.linalg.norm(values))
     if not length > 0.0:
-        return length, float(np.sqrt(np.max(np.diag(covariance))))
+        return length, _root(np.max(np.diag(covariance)))
     along = values / length
-    return length, float(np.sqrt(along @ covariance @ along))
+    return length, _root(along @ covariance @ along)
+
+
+def _root(variance: float) -> float:
+    """Return a standard error; infinite where rounding left no variance of a fault that is hardly there."""
+    return float(np.sqrt(variance)) if variance >= 0.0 else np.inf
 
 
 def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> str:
