@@ -179,7 +179,7 @@ def _length(values: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     if not length > 0.0:
         return length, _root(np.max(np.diag(covariance)))
     along = values / length
-    return length, _root(along @ covariance @ along)
+    return length, _root(float(along @ covariance @ along))
 
 
 def _root(variance: float) -> float:
