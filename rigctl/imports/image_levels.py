@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import percentile_filter
 
 LEVELS = 65536
+_NEAR = 9
 # How many pixels have to share a value before it is more than chance.
 _SHARE_OF_PIXELS = 1e-3
 _PIXELS = 20
@@ -139,7 +140,7 @@ def odd_pattern(levels: NDArray[np.int64]) -> str:
     stuck = _stuck_bits(counts[here > 0], step)
     if stuck:
         return f"{' and '.join(stuck)} in every count from {low} to {high}: a bit is stuck, or was masked"
-    gaps = counts[(here == 0) & (percentile_filter(here, 80, size=9) > _PIXELS_A_COUNT)]
+    gaps = counts[(here == 0) & (_usual_near(here) > _PIXELS_A_COUNT)]
     if gaps.size < _LEAST_GAPS:
         return ""
     first = ", ".join(str(gap) for gap in gaps[:3])
@@ -147,6 +148,12 @@ def odd_pattern(levels: NDArray[np.int64]) -> str:
         f"{gaps.size} of {counts.size} counts from {low} to {high} never occur ({first}, ...): codes are missing, or "
         "counts were stretched or went through a table"
     )
+
+
+def _usual_near(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return how many pixels a count usually has among its nine neighbours: the second largest number of them."""
+    padded = np.pad(pixels, _NEAR // 2, mode="symmetric")
+    return np.asarray(np.sort(sliding_window_view(padded, _NEAR), axis=1)[:, -2])
 
 
 def _stuck_bits(used: NDArray[np.int64], step: int) -> list[str]:
