@@ -1,5 +1,6 @@
 """A folder that another program fills, as a camera: for cameras that only their own software can run."""
 
+import struct
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,6 +21,9 @@ _LOOK_S = 0.02
 _EXPOSURE_TOLERANCE = 0.02  # exposures in files are rounded
 _LONGEST_EXPOSURE_S = 3600.0
 _FILE_BITS = 16
+# 2 bytes for each of more pixels than any sensor has; a PNG says its width and height in bytes 16 to 24.
+_MOST_BYTES = 268_000_000
+_PNG, _PNG_HEADER, _PNG_SIZE = b"\x89PNG", 24, struct.Struct(">II")
 # So few values may be multiples of something by chance, as in a picture of the dark.
 _FEW_VALUES = 16
 
@@ -298,7 +302,20 @@ def open_folder(place: str) -> FolderCamera:
 def _grey(path: Path) -> NDArray[np.uint16]:
     import cv2  # slow to import, and wanted for PNG and TIFF only
 
-    pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    data = _bounded(path)
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16):
         raise ProtocolError(f"{path}: is not complete, or no grey picture of 8 or 16 bits")
     return np.asarray(pixels, dtype=np.uint16)
+
+
+def _bounded(path: Path) -> bytes:
+    """Return the bytes of a file that, and whose picture by the header of a PNG, is no larger than any sensor's."""
+    size = path.stat().st_size
+    data = path.read_bytes() if size <= _MOST_BYTES else b""
+    if data.startswith(_PNG):
+        width, height = _PNG_SIZE.unpack_from(data.ljust(_PNG_HEADER, b"\0"), _PNG_HEADER - _PNG_SIZE.size)
+        size = max(size, _FILE_BITS // 8 * width * height)
+    if size > _MOST_BYTES:
+        raise ProtocolError(f"{path}: would take {size / 1e6:.4g} MB, at most {_MOST_BYTES / 1e6:.4g} MB are read")
+    return data

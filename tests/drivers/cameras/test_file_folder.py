@@ -91,6 +91,15 @@ def test_a_file_that_stays_damaged_is_an_error(folder):
         camera_with(folder, damage).take_frame(timeout_s=1.0)
 
 
+def test_a_picture_larger_than_any_sensor_is_not_decoded(tmp_path):
+    _, png = cv2.imencode(".png", np.full((4, 4), 9, np.uint16))
+    bomb = bytearray(png.tobytes())
+    bomb[16:24] = (60_000).to_bytes(4, "big") * 2
+    (tmp_path / "bomb.png").write_bytes(bomb)
+    with pytest.raises(ProtocolError, match="would take 7200 MB"):
+        FolderCamera(FolderOptions(folder=tmp_path, bit_depth=12))
+
+
 def test_another_exposure_than_was_wanted_is_refused(folder):
     camera = camera_with(folder, lambda: saved_later(folder, 1, exposure=(1, 50)))
     camera.configure(exposure_s=0.01, gain_db=0.0)
