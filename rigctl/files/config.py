@@ -174,10 +174,15 @@ def _problems(details: Sequence[Any], model: type[BaseModel] | None, *, dotted: 
         by_key[_key(detail["loc"])].append(detail)
     # Of a list, its items say more than that it is no number.
     inner = {key[:size] for key in by_key for size in range(len(key))}
-    told = {key: found for key, found in by_key.items() if len(found) == 1 or key not in inner}
+    told = {key: found for key, found in by_key.items() if key not in inner or not _is_of_items(found)}
     # Tables are counted as in TOML; JSON, which programs wrote, has its keys with dots.
     texts = {key: ".".join(map(str, key)) if dotted else place_text(key, is_table=_is_table(told[key])) for key in told}
     return [_problem(key, texts[key], found, model) for key, found in told.items()]
+
+
+def _is_of_items(found: Sequence[Any]) -> bool:
+    """Return whether a list is only wrong since its items are: several kinds were tried, or all were left out."""
+    return len(found) > 1 or found[0]["type"] == "too_short"
 
 
 def _key(place: Sequence[int | str]) -> Key:

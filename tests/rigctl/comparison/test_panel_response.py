@@ -95,7 +95,7 @@ def test_a_panel_of_another_name_is_a_usage_error(tmp_path: Path, capsys: pytest
     ("change", "problem"),
     [
         ({"schema_version": 2}, "schema_version"),
-        ({"kind": "noise"}, "kind"),
+        ({"kind": "noise"}, "this is a noise calibration"),
         ({"exposure_s": 0.0}, "exposure_s"),
         ({"response_dn_per_radiance": {"value": -1.0, "std_error": 0.0, "n": 1}}, "response_dn_per_radiance.value"),
         ({"panel": {"name": 3}}, "panel.name"),

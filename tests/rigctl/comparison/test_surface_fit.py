@@ -164,7 +164,7 @@ def test_a_parameter_that_cannot_be_told_gives_no_material(folder, capsys):
 @pytest.mark.parametrize(
     ("head", "said"),
     [
-        (HEAD + 'free = ["m"]\n', "free.0"),
+        (HEAD + 'free = ["m"]\n', "1 problem\n  first of free: must be 'n'"),
         (HEAD + "bounds = { n = [2.0, 1.0] }\n", "bounds of n"),
         (HEAD.replace("guess.toml", "teflon"), "teflon"),
         (HEAD.replace("guess.toml", "glass") + 'free = ["dhr"]\n', "give the start a dhr"),
