@@ -133,6 +133,9 @@ def test_a_browser_shows_the_run_and_loads_nothing_from_elsewhere(page: str, wid
         assert "token" not in tab.url
         tab.click("#angles button[data-name='90']")
         assert tab.get_attribute("#angles button[data-name='90']", "aria-selected") == "true"
+        tab.evaluate("socket.close()")
+        tab.wait_for_selector("#lost:not([hidden])", timeout=30_000)
+        tab.wait_for_selector("#lost", state="hidden", timeout=30_000)
         browser.close()
     assert problems == []
     assert set(asked_for) == {urlsplit(page).netloc}

@@ -1,12 +1,14 @@
 """What a page reads of a run, against the run itself."""
 
 import json
+import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
 from rigctl.web.pictures import picture_of
 from rigctl.web.run_reader import RunReader, last_cycle
@@ -36,6 +38,23 @@ def test_a_run_that_is_yet_to_come_is_waited_for(tmp_path: Path) -> None:
     assert reader.look().state == "finished"
     assert reader.look().frames == 8
     assert reader.picture("0") is not None
+
+
+def test_each_state_of_a_session_is_told(tmp_path: Path) -> None:
+    path, reader = tmp_path / "run", RunReader(tmp_path / "run")
+    with RunWriter.create(path, {"origin": "import"}) as writer:
+        assert reader.look().state == "live"
+        writer.event("hold", reason="Cover the lens")
+        assert (reader.look().state, reader.look().advice[:14]) == ("holding", "Cover the lens")
+        writer.event("go on")
+        assert reader.look().state == "live"
+        for file in path.iterdir():
+            os.utime(file, (1e9, 1e9))
+        assert reader.look().state == "stale"
+        assert reader.look().since_utc.startswith("2001-09-09")
+    look = reader.look()
+    assert look.state == "interrupted"
+    assert f"rigctl resume {path}" in look.advice
 
 
 def test_frames_that_come_are_read_once_and_shown(tmp_path: Path) -> None:
