@@ -40,17 +40,29 @@ class ModeSection(Section):
     """
 
     number_share: Above0 | None = None
+    """Share of the particles, relative to the other modes. Example: `0.9`."""
     volume_share: Above0 | None = None
+    """Share of the volume, relative to the other modes. Example: `0.5`."""
     number_median_radius_um: Above0 | None = None
+    """Median radius of the number. Example: `0.03`."""
     volume_median_radius_um: Above0 | None = None
+    """Median radius of the volume. Example: `0.2`."""
     ln_sigma: Above0 | None = None
+    """Deviation of the radius' natural logarithm. Example: `0.8`."""
     log10_sigma: Above0 | None = None
+    """Deviation of the radius' decimal logarithm. Example: `0.35`."""
     largest_radius_um: Above0 | None = None
+    """Where the law is cut. Example: `20.0`."""
     radius_um: list[Number] | None = None
+    """Radii of a table of sizes, in place of a law. Example: `[0.01, 0.1, 1.0]`."""
     number_per_log_radius: list[Number] | None = None
+    """Number per ln(radius) at each radius. Example: `[1.0, 0.5, 0.001]`."""
     n: OneOrMore
+    """Real part of the refractive index, or one for each wavelength. Example: `1.45`."""
     k: OneOrMore
+    """Imaginary part of the refractive index, or one for each wavelength. Example: `0.005`."""
     wavelength_nm: tuple[Number, ...] = ()
+    """Wavelengths of n and k, where these are lists. Example: `[400.0, 700.0]`."""
 
     @model_validator(mode="after")
     def _possible(self) -> "ModeSection":
@@ -129,8 +141,11 @@ class OwnAerosolSection(Section):
     """Spheres of one's own: what to call them, where their numbers come from, and their modes."""
 
     name: Annotated[str, Field(pattern=r"\S")] = "own"
+    """What to call it. Example: `"smoke"`."""
     source: Annotated[str, Field(pattern=r"\S")] = "no source given"
+    """Where its numbers are from. Example: `"AERONET, 2026-05-04"`."""
     modes: Annotated[list[ModeSection], Field(min_length=1)]
+    """Its modes of particles."""
 
     @model_validator(mode="after")
     def _one_kind_of_share(self) -> "OwnAerosolSection":

@@ -4,6 +4,7 @@ import re
 import tomllib
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -53,6 +54,13 @@ def _of_range(limits: object) -> dict[str, float]:
     return {"value": 0.5 * (low + high), "std": rectangular_std(low, high)}
 
 
+@dataclass(frozen=True)
+class Allowed:
+    """The range that a check of a number allows, in words: for the reference of keys."""
+
+    words: str
+
+
 def with_std_apart(given: object, *names: str) -> object:
     """Return a table in which each of some numbers is plain, and its standard uncertainty stands beside it.
 
@@ -87,9 +95,9 @@ def _fraction(number: Uncertain) -> Uncertain:
     return number
 
 
-Positive = Annotated[Uncertain, AfterValidator(_positive)]
-NotNegative = Annotated[Uncertain, AfterValidator(_not_negative)]
-Fraction = Annotated[Uncertain, AfterValidator(_fraction)]
+Positive = Annotated[Uncertain, AfterValidator(_positive), Allowed("above 0")]
+NotNegative = Annotated[Uncertain, AfterValidator(_not_negative), Allowed("from 0")]
+Fraction = Annotated[Uncertain, AfterValidator(_fraction), Allowed("above 0, to 1")]
 
 FileModel = TypeVar("FileModel", bound=BaseModel)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from model.effects.names import Effect
-from rigctl.files.config import Section, Uncertain
+from rigctl.files.config import Allowed, Section, Uncertain
 
 
 def _known(name: str) -> str:
@@ -56,7 +56,7 @@ class ErrorNumber:
     most: float = inf
 
 
-Drift = Annotated[Uncertain, _between(-1, 1)]
+Drift = Annotated[Uncertain, _between(-1, 1), Allowed("from -1, to 1")]
 EffectName = Annotated[str, AfterValidator(_known)]
 
 
@@ -74,36 +74,45 @@ class ErrorsSection(Section):
     polarizer_angle_std_deg: Annotated[
         Uncertain,
         _between(0, 20),
+        Allowed("from 0, to 20"),
         ErrorNumber(
             field="polarizer_angle_std_rad",
             unit="deg",
             meaning="scatter of the polarizer's angle from frame to frame",
         ),
     ] = Uncertain(value=0.0)
+    """Scatter of the polarizer's angle from frame to frame. Example: `0.1`."""
     misregistration_px: Annotated[
         Uncertain,
         _between(0, 1e4),
+        Allowed("from 0, to 10000"),
         ErrorNumber(
             field="misregistration_pixels",
             unit="pixels",
             meaning="shift of the picture from frame to frame, along each axis",
         ),
     ] = Uncertain(value=0.0)
+    """Shift of the picture from frame to frame, along each axis. Example: `0.2`."""
     texture_correlation_px: Annotated[
         Uncertain,
         _positive_up_to(1e4),
+        Allowed("above 0, to 10000"),
         ErrorNumber(
             field="texture_correlation_pixels",
             unit="pixels",
             meaning="distance at which the texture's correlation is 0.61",
         ),
     ] = Uncertain(value=1.0)
+    """Distance at which the texture's correlation is 0.61. Example: `3.0`."""
     illumination_drift: Drift = Uncertain(value=0.0)
+    """Change of the light from the first frame of a cycle to the last, over its mean. Example: `0.01`."""
     surround_albedo: Annotated[
-        Annotated[Uncertain, _between(0, 1)] | None,
+        Annotated[Uncertain, _between(0, 1), Allowed("from 0, to 1")] | None,
         ErrorNumber(field="surround_albedo", unit="", meaning="albedo of the near surroundings", most=1.0),
     ] = None
+    """Albedo of the near surroundings, where it is not `atmosphere.ground_albedo`. Example: `0.2`."""
     off_axis_falloff: bool = False
+    """Light falls as cos^4 over a region's extent (no flat field). Example: `true`."""
 
 
 def error_numbers() -> dict[str, ErrorNumber]:
@@ -120,7 +129,9 @@ class EffectsSection(Section):
     """Effects that act whatever their bound (`with`), and that are left out (`without`)."""
 
     switched_on: tuple[EffectName, ...] = Field(default=(), alias="with")
+    """Effects that act whatever their bound. Example: `["misregistration"]`."""
     left_out: tuple[EffectName, ...] = Field(default=(), alias="without")
+    """Effects that are left out whatever their bound. Example: `["adjacency"]`."""
 
 
 def effect_names() -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.field_of_view import TileRule
 from rigctl.files.aerosol_section import OwnAerosolSection
-from rigctl.files.config import NotNegative, Positive, Section, Uncertain
+from rigctl.files.config import Allowed, NotNegative, Positive, Section, Uncertain
 
 Number = Annotated[float, Field(strict=True)]
 # The tables of aerosols end there, and the widest field that a flat sensor is taken for.
@@ -36,16 +36,18 @@ def _field_angle(number: Uncertain) -> Uncertain:
     return number
 
 
-Share = Annotated[Uncertain, AfterValidator(_share)]
-Humidity = Annotated[Uncertain, AfterValidator(_humidity)]
-FieldAngle = Annotated[Uncertain, AfterValidator(_field_angle)]
+Share = Annotated[Uncertain, AfterValidator(_share), Allowed("from 0, to 1")]
+Humidity = Annotated[Uncertain, AfterValidator(_humidity), Allowed(f"from 0, to {HUMIDITY_MOST:g}")]
+FieldAngle = Annotated[Uncertain, AfterValidator(_field_angle), Allowed(f"above 0, below {FIELD_MOST_DEG:g}")]
 
 
 class ResponseSection(Section):
     """Relative response of the sensor, 1 at its peak: linear between the points, 0 beyond."""
 
     wavelength_nm: Annotated[list[Number], Field(min_length=2)]
+    """Rising wavelengths. Example: `[400.0, 550.0, 700.0]`."""
     response: Annotated[list[Annotated[Number, Field(ge=0, le=1)]], Field(min_length=2)]
+    """Relative response there, 1 at its peak: linear between, 0 beyond. Example: `[0.2, 1.0, 0.3]`."""
 
     @model_validator(mode="after")
     def _table(self) -> "ResponseSection":
@@ -63,10 +65,15 @@ class SunSection(Section):
     """
 
     zenith_deg: NotNegative | None = None
+    """Angle of the sun from the zenith; in place of a time. Example: `40.0`."""
     azimuth_deg: Uncertain | None = None
+    """Azimuth of the sun, clockwise from north. Example: `180.0`."""
     day_of_year: Annotated[float, Field(ge=1, lt=367)] | None = None
+    """Day, which says the distance of the sun. Example: `172.0`."""
     distance_factor: Positive | None = None
+    """Irradiance outside the atmosphere over that at the mean distance. Example: `0.97`."""
     time: AwareDatetime | None = None
+    """Time with its zone, which says where the sun stands at the site. Example: `2026-06-21T12:00:00+02:00`."""
 
     @model_validator(mode="after")
     def _angles_or_time(self) -> "SunSection":
@@ -83,7 +90,9 @@ class MeasuredDepthSection(Section):
     """Optical depth of the aerosol at a wavelength, as a sun photometer measures it."""
 
     wavelength_nm: Annotated[Number, Field(gt=0)]
+    """Wavelength of the sun photometer. Example: `500.0`."""
     optical_depth: Positive
+    """Optical depth of the aerosol there. Example: `0.12`."""
 
 
 class AlternativeSection(Section):
@@ -95,11 +104,17 @@ class AlternativeSection(Section):
     """
 
     aerosol: AerosolKind | None = None
+    """What the other aerosol does to polarization. Example: `"spheres"`."""
     aerosol_type: AerosolType | None = None
+    """The other aerosol below 2 km. Example: `"dust"`."""
     upper_aerosol_type: AerosolType | None = None
+    """The other aerosol above 2 km. Example: `"tropospheric"`."""
     own_aerosol: OwnAerosolSection | None = None
+    """The other aerosol below 2 km, of one's own."""
     own_upper_aerosol: OwnAerosolSection | None = None
+    """The other aerosol above 2 km, of one's own."""
     share: Share
+    """How much of the light is taken as of the other. Example: `{ value = 0.0, std = 0.5 }`."""
 
     @property
     def lower(self) -> AerosolChoice | None:
@@ -127,23 +142,41 @@ class AtmosphereSection(Section):
     """
 
     tier: Fidelity = Fidelity.STANDARD
+    """How the light of the air is computed. Example: `"standard"`."""
     visibility_km: Positive | None = None
+    """Visibility, which says how much aerosol there is. Example: `23.0`."""
     aerosol_optical_depth: NotNegative | None = None
+    """Optical depth of the aerosol at 550 nm, in place of a visibility. Example: `0.2`."""
     measured_depths: tuple[MeasuredDepthSection, MeasuredDepthSection] | None = None
+    """Its optical depth at two wavelengths, in place of a visibility."""
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING
+    """What the aerosol does to polarization. Example: `"depolarizing"`."""
     aerosol_type: AerosolType = AerosolType.RURAL
+    """Kind of the aerosol below 2 km. Example: `"rural"`."""
     upper_aerosol_type: AerosolType = AerosolType.TROPOSPHERIC
+    """Kind of the aerosol above 2 km. Example: `"tropospheric"`."""
     own_aerosol: OwnAerosolSection | None = None
+    """Spheres of one's own below 2 km."""
     own_upper_aerosol: OwnAerosolSection | None = None
+    """Spheres of one's own above 2 km."""
     alternative: AlternativeSection | None = None
+    """Another aerosol that it might as well be."""
     angstrom_exponent: Uncertain | None = None
+    """Angstrom's exponent of the optical depth; that of the kind without. Example: `1.3`."""
     relative_humidity: Humidity = Uncertain(value=0.5)
+    """Relative humidity of the air with the aerosol. Example: `0.5`."""
     ozone_du: NotNegative = Uncertain(value=344.0)
+    """Column of ozone. Example: `344.0`."""
     surface_pressure_hpa: Positive = Uncertain(value=1013.25)
+    """Pressure at the ground. Example: `1013.25`."""
     ground_albedo: Share = Uncertain(value=0.1)
+    """Albedo of the ground around. Example: `0.1`."""
     wavelengths: Annotated[int, Field(ge=1, le=20)] = 4
+    """How many wavelengths the band is computed at. Example: `4`."""
     dolp_max: Share = Uncertain(value=0.2)
+    """Largest DoLP of the sky, of tier analytic. Example: `0.2`."""
     table: Path | None = None
+    """Table of somebody's own light, of tier table. Example: `"sky.npz"`."""
 
     @property
     def lower(self) -> AerosolChoice:
@@ -184,12 +217,19 @@ class FieldSection(Section):
     """The whole field of view by its angles, or by the picture and the focal length; and how it is cut in tiles."""
 
     width_deg: FieldAngle | None = None
+    """Width of the whole field. Example: `20.0`."""
     height_deg: FieldAngle | None = None
+    """Height of the whole field. Example: `15.0`."""
     focal_length_mm: Positive | None = None
+    """Focal length of the lens, in place of angles. Example: `25.0`."""
     width_pixels: Annotated[int, Field(gt=0)] | None = None
+    """Pixels a row. Example: `782`."""
     height_pixels: Annotated[int, Field(gt=0)] | None = None
+    """Rows of pixels. Example: `582`."""
     tiles_per_side: Annotated[int, Field(ge=1, le=50)] = 5
+    """Tiles along each side, over which light is computed. Example: `5`."""
     rule: TileRule = "gauss-legendre"
+    """Where in the tiles it is computed. Example: `"gauss-legendre"`."""
 
     @model_validator(mode="after")
     def _angles_or_picture(self) -> "FieldSection":

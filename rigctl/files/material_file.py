@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from model.surface.material_library import MATERIALS, material
 from model.surface.materials import Confidence, Material, Property, properties
 from rigctl.errors import ConfigError
-from rigctl.files.config import Section, load
+from rigctl.files.config import Allowed, Section, load
 
 # Dividing by a whole number rounds once, so that 550 becomes 550e-9 to the last digit.
 NM_PER_M = 1e9
@@ -32,11 +32,17 @@ class PropertySection(Section):
     """
 
     value: Annotated[list[Number], BeforeValidator(_listed)]
+    """The number, or one for each wavelength. Example: `1.5`."""
     wavelength_nm: Wavelengths | None = None
+    """Rising wavelengths of the values. Example: `[400.0, 700.0]`."""
     std: Annotated[float, Field(ge=0)] = 0.0
+    """Standard uncertainty of each value. Example: `0.02`."""
     source: Annotated[str, Field(pattern=r"\S")] = "no source given"
+    """Where the number is from. Example: `"measured on 2026-05-04"`."""
     confidence: Confidence = "low"
+    """How far the source is trusted. Example: `"medium"`."""
     assumed: bool = True
+    """Nobody measured it of this surface. Example: `false`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -63,22 +69,30 @@ def _within(words: str, fits: Callable[[float], bool]) -> AfterValidator:
     return AfterValidator(check)
 
 
-Above0 = Annotated[PropertySection, _within("be above 0", lambda value: value > 0)]
-NotBelow0 = Annotated[PropertySection, _within("not be below 0", lambda value: value >= 0)]
-From0To1 = Annotated[PropertySection, _within("lie in [0, 1]", lambda value: 0 <= value <= 1)]
+Above0 = Annotated[PropertySection, _within("be above 0", lambda value: value > 0), Allowed("above 0")]
+NotBelow0 = Annotated[PropertySection, _within("not be below 0", lambda value: value >= 0), Allowed("from 0")]
+From0To1 = Annotated[PropertySection, _within("lie in [0, 1]", lambda value: 0 <= value <= 1), Allowed("from 0, to 1")]
 
 
 class MaterialFile(Section):
     """Content of a material file; `model.surface.pbrdf.Surface` says what the properties mean."""
 
     schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
     name: Annotated[str, Field(pattern=r"\S")]
+    """Name of the material. Example: `"my black paint"`."""
     n: Above0
+    """Real part of the refractive index. Example: `{ value = 1.5, std = 0.02 }`."""
     k: NotBelow0 = PropertySection(value=[0.0], source="not in the file: taken as 0, no absorption")
+    """Imaginary part of the refractive index. Example: `0.0`."""
     slope_rms: Above0
+    """Deviation of the facets' slopes. Example: `{ value = 0.25, std = 0.05 }`."""
     dhr: From0To1 | None = None
+    """Directional-hemispherical reflectance. Example: `{ value = 0.05, std = 0.01 }`."""
     dhr_angle_deg: Annotated[float, Field(ge=0, lt=90)] = 8.0
+    """Angle from the normal at which dhr was measured. Example: `8.0`."""
     specular_weight: From0To1 = PropertySection(value=[1.0], source="not in the file: taken as 1, a clean surface")
+    """Factor on the light that facets mirror. Example: `1.0`."""
 
 
 def load_material(path: Path) -> Material:

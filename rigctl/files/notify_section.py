@@ -17,9 +17,13 @@ class NotifySection(Section):
     """
 
     webhook: Annotated[str, Field(pattern=r"^https?://[^\s]+$", max_length=2000)] | None = None
+    """Address that gets each notice as JSON by HTTP POST. Example: `"https://example.org/rig"`."""
     command: Annotated[list[str], Field(min_length=1, max_length=100)] | None = None
+    """Program, with its arguments, that gets each notice on its standard input. Example: `["notify-send", "rig"]`."""
     events: list[NoticeKind] = Field(default_factory=lambda: list(NOTICE_KINDS))
+    """Which events are told; all without. Example: `["finished", "failed"]`."""
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 5.0
+    """After which a notice is dropped. Example: `5.0`."""
 
     @model_validator(mode="after")
     def _somebody_is_told(self) -> "NotifySection":

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rigctl.files.config import NotNegative, Section, Uncertain, with_std_apart
+from rigctl.files.config import Allowed, NotNegative, Section, Uncertain, with_std_apart
 
 NotBelow0 = Annotated[float, Field(ge=0)]
 
@@ -32,11 +32,17 @@ class SiteSection(Section):
     """
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    """Latitude, north positive. Example: `43.08`."""
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    """Longitude, east positive. Example: `-77.67`."""
     elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
+    """Height above the sea. Example: `160.0`."""
     latitude_std_deg: NotBelow0 = 0.0
+    """Standard uncertainty of the latitude. Example: `0.01`."""
     longitude_std_deg: NotBelow0 = 0.0
+    """Standard uncertainty of the longitude. Example: `0.01`."""
     elevation_std_m: NotBelow0 = 0.0
+    """Standard uncertainty of the height. Example: `10.0`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -68,11 +74,16 @@ class GeometrySection(Section):
     the camera looks toward the sun's side. Roll is counter-clockwise as the camera sees the scene.
     """
 
-    camera_zenith_deg: Annotated[Uncertain, AfterValidator(_zenith)]
+    camera_zenith_deg: Annotated[Uncertain, AfterValidator(_zenith), Allowed("from 0, below 90")]
+    """Angle of the camera from the target's zenith, below 90. Example: `45.0`."""
     camera_azimuth_deg: Uncertain | None = None
+    """Azimuth of the camera as seen from the target, clockwise from north. Example: `180.0`."""
     phi_deg: Uncertain | None = None
+    """Azimuth of the sun minus that of the camera, 180 toward the sun; in place of the azimuth. Example: `180.0`."""
     camera_roll_deg: Uncertain = Uncertain(value=0.0)
+    """Roll of the camera, counter-clockwise as it sees the scene. Example: `0.0`."""
     camera_height_m: NotNegative = Uncertain(value=0.0)
+    """Height of the camera over the ground. Example: `30.0`."""
 
     @model_validator(mode="after")
     def _one_azimuth(self) -> "GeometrySection":

@@ -31,9 +31,13 @@ class Rectangle(Section):
     """A rectangle of whole pixels: its top left pixel and its size."""
 
     x: Annotated[int, Field(ge=0)]
+    """Column of the top left pixel, from 0. Example: `100`."""
     y: Annotated[int, Field(ge=0)]
+    """Row of the top left pixel, from 0. Example: `80`."""
     width: Annotated[int, Field(gt=0)]
+    """Pixels to the right. Example: `60`."""
     height: Annotated[int, Field(gt=0)]
+    """Pixels down. Example: `40`."""
 
 
 Vertex = tuple[float, float]
@@ -46,9 +50,13 @@ class Region(Section):
     """
 
     name: Name
+    """Name of the region, in every table. Example: `"black-panel"`."""
     rectangle: Rectangle | None = None
+    """Its place as a rectangle of whole pixels. Example: `{ x = 100, y = 80, width = 60, height = 40 }`."""
     polygon: Annotated[list[Vertex], Field(min_length=3)] | None = None
+    """Its corners (x, y), in place of a rectangle. Example: `[[100, 80], [160, 80], [130, 120]]`."""
     edge_px: Annotated[int, Field(ge=0)] = 0
+    """Pixels along its border that are left out of every measurement. Example: `2`."""
 
     @model_validator(mode="after")
     def _one_shape(self) -> "Region":
@@ -74,23 +82,31 @@ class Marker(Section):
     """
 
     id: Annotated[int, Field(ge=0)]
+    """Number of the marker in its family. Example: `7`."""
     corners: Annotated[list[Vertex], Field(min_length=4, max_length=4)]
+    """Its corners (x, y), clockwise from its own top left. Example: `[[10, 10], [30, 10], [30, 30], [10, 30]]`."""
     regions: tuple[Name, ...] = ()
+    """Regions that it leads; all without. Example: `["black-panel"]`."""
 
 
 class Markers(Section):
     """Markers on the panels, by which the regions are found again when the camera has moved."""
 
     dictionary: Dictionary = Dictionary.FOUR_50
+    """Family of ArUco markers. Example: `"4x4_50"`."""
     seen: Annotated[list[Marker], Field(min_length=1)]
+    """The markers as they were in the picture that the regions were drawn on."""
 
 
 class RegionsFile(Section):
     """Content of a regions file."""
 
     schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
     regions: Annotated[list[Region], Field(min_length=1)]
+    """The regions."""
     markers: Markers | None = None
+    """Markers by which the regions are found again when the camera has moved."""
 
     @model_validator(mode="after")
     def _distinct_names(self) -> "RegionsFile":

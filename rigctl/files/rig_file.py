@@ -28,12 +28,19 @@ class StageSection(Section):
     """
 
     driver: str
+    """What speaks to the stage, as `rigctl devices` names it. Example: `"ellx"`."""
     port: str
+    """Serial port of the stage, or sim: for a simulated one. Example: `"/dev/ttyUSB0"`."""
     address: str | None = None
+    """Of several stages on one port, which. Example: `"0"`."""
     serial_number: str | None = None
+    """Refuse any other stage than this. Example: `"11400123"`."""
     tolerance_deg: Annotated[float, Field(gt=0, le=5)] = 0.02
+    """How far a readback may lie from its target. Example: `0.02`."""
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    """What the driver takes beside. Example: `{ steps_per_turn = 24000 }`."""
     characterisation: Path | None = None
+    """File of `rigctl stage characterise`; each move then waits until the stage rests. Example: `"stage.json"`."""
 
 
 class PolarizerSection(Section):
@@ -45,10 +52,15 @@ class PolarizerSection(Section):
     """
 
     sense: Literal[1, -1]
+    """Whether the polarizer's angle grows (1) or falls (-1) with that of the stage. Example: `1`."""
     offset_deg: float
+    """Angle of the transmission axis at stage angle 0, from horizontal. Example: `12.3`."""
     offset_std_deg: Annotated[float, Field(ge=0)] = 0.0
+    """Standard uncertainty of the offset. Example: `0.05`."""
     extinction_ratio: Annotated[float, Field(gt=1)] | None = None
+    """Transmittance along the axis over that across. Example: `5000.0`."""
     placeholder: bool = False
+    """Sense and offset are not calibrated yet; every command says so. Example: `true`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -60,18 +72,26 @@ class CameraSection(Section):
     """The camera, and how to reach it."""
 
     address: str
+    """Driver and place of the camera, as `rigctl devices` prints them. Example: `"gige:192.168.0.5"`."""
     serial_number: str | None = None
+    """Refuse any other camera than this. Example: `"02-2020C-07321"`."""
     gain_db: float = 0.0
+    """Gain setting of the camera. Example: `0.0`."""
     timeout_s: PositiveNumber = 5.0
+    """How long to wait for a frame beyond its exposure. Example: `5.0`."""
 
 
 class SimulatedPolarizer(Section):
     """The polarizer as it truly sits in the simulated rig."""
 
     sense: Literal[1, -1]
+    """True sense of the simulated polarizer. Example: `1`."""
     offset_deg: float
+    """True offset of the simulated polarizer. Example: `12.3`."""
     transmittance_along: FractionNumber
+    """Transmittance along the axis. Example: `0.8`."""
     extinction_ratio: Annotated[float, Field(gt=1)]
+    """Transmittance along the axis over that across. Example: `5000.0`."""
 
 
 # Pixels along a side of a picture: beyond any sensor.
@@ -82,21 +102,37 @@ class SimulatedCamera(Section):
     """The camera as it truly is in the simulated rig. Its numbers are assumed, not those of a real camera."""
 
     width: Annotated[int, Field(gt=0, le=LARGEST_SIDE)] = 782
+    """Pixels a row. Example: `782`."""
     height: Annotated[int, Field(gt=0, le=LARGEST_SIDE)] = 582
+    """Rows of pixels. Example: `582`."""
     bit_depth: Annotated[int, Field(ge=8, le=16)] = 12
+    """Bits of a count. Example: `12`."""
     pixel_pitch_um: PositiveNumber
+    """Distance of the pixels' centres. Example: `8.3`."""
     focal_length_mm: PositiveNumber
+    """Focal length of the lens. Example: `25.0`."""
     aperture_diameter_mm: PositiveNumber
+    """Diameter of the entrance pupil. Example: `12.5`."""
     optics_transmittance: FractionNumber
+    """Transmittance of the optics. Example: `0.9`."""
     quantum_efficiency: FractionNumber
+    """Electrons per photon at the wavelength. Example: `0.5`."""
     wavelength_nm: PositiveNumber
+    """Effective wavelength of the band. Example: `550.0`."""
     gain_dn_per_e: PositiveNumber
+    """Counts per electron. Example: `0.25`."""
     read_noise_e: NotNegativeNumber
+    """Deviation of the read noise. Example: `8.0`."""
     dark_current_e_per_s: NotNegativeNumber
+    """Dark current of a pixel. Example: `5.0`."""
     black_level_dn: NotNegativeNumber
+    """Counts without light at no exposure. Example: `64.0`."""
     prnu: NotNegativeNumber
+    """Relative deviation of the pixels' response. Example: `0.005`."""
     dsnu_e: NotNegativeNumber
+    """Deviation of the pixels' dark signal. Example: `2.0`."""
     full_well_e: PositiveNumber
+    """Electrons that a pixel holds. Example: `16000.0`."""
 
 
 class SimulationSection(Section):
@@ -107,13 +143,21 @@ class SimulationSection(Section):
     """
 
     scene: Path
+    """Scene file of what the simulated rig looks at. Example: `"scene-panels.toml"`."""
     clock: AwareDatetime | None = None
+    """When its clock begins; the host's clock without. Example: `2026-06-21T10:00:00+02:00`."""
     perturb: RoofChange | None = None
+    """What of a scene of materials differs from what its file says. Example: `"visibility"`."""
     seed: Annotated[int, Field(ge=0)] = 1
+    """Seed of all its noise. Example: `1`."""
     flat_radiance: PositiveNumber
+    """Radiance of the flat field in band, W m-2 sr-1. Example: `20.0`."""
     polarizer: SimulatedPolarizer
+    """The polarizer as it truly sits."""
     camera: SimulatedCamera
+    """The camera as it truly is."""
     effects: list[RenderingSection] = Field(default_factory=list)
+    """Effects that its pictures go through beside lens and detector."""
 
     @model_validator(mode="after")
     def _each_effect_once(self) -> "SimulationSection":
@@ -128,14 +172,23 @@ class RigFile(Section):
     """Content of a rig file. Where it stands and how its camera points may stand here, or in session and scene file."""
 
     schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
     name: str
+    """Name of the rig, in every run that it takes. Example: `"roof"`."""
     stage: StageSection
+    """The rotation stage, and how to reach it."""
     polarizer: PolarizerSection
+    """Seat of the polarizer in the stage."""
     camera: CameraSection
+    """The camera, and how to reach it."""
     site: SiteSection | None = None
+    """Where the rig stands."""
     geometry: GeometrySection | None = None
+    """How its camera points."""
     simulation: SimulationSection | None = None
+    """What a simulated rig is made of."""
     notify: NotifySection | None = None
+    """Whom a session tells of its end and of trouble."""
 
     @property
     def is_simulated(self) -> bool:

@@ -32,15 +32,25 @@ class SensorSection(Section):
     """
 
     pixel_pitch_um: Positive
+    """Distance of the pixels' centres. Example: `8.3`."""
     f_number: Positive
+    """Focal length over the diameter of the entrance pupil. Example: `2.0`."""
     optics_transmittance: Fraction
+    """Transmittance of the optics. Example: `0.9`."""
     quantum_efficiency: Fraction
+    """Electrons per photon at the effective wavelength. Example: `{ value = 0.5, std = 0.02 }`."""
     wavelength_nm: Positive | None = None
+    """Effective wavelength; follows from the band unless given. Example: `550.0`."""
     response: ResponseSection | None = None
+    """The band as a table of the sensor's relative response."""
     band_nm: Limits | None = None
+    """The band as two wavelengths between which it is flat. Example: `[400.0, 700.0]`."""
     bit_depth: Annotated[int, Field(ge=8, le=16)]
+    """Bits of a count. Example: `12`."""
     polarizer_transmittance: Fraction
+    """Transmittance of the polarizer along its axis. Example: `0.8`."""
     extinction_ratio: Positive
+    """Transmittance of the polarizer along its axis over that across, above 1. Example: `5000.0`."""
 
     @property
     def has_band(self) -> bool:
@@ -69,12 +79,19 @@ class NoiseSection(Section):
     """
 
     gain_dn_per_e: Positive
+    """Counts per electron. Example: `0.25`."""
     read_noise_e: NotNegative
+    """Deviation of the read noise. Example: `8.0`."""
     dark_current_e_per_s: NotNegative
+    """Dark current of a pixel. Example: `5.0`."""
     black_level_dn: NotNegative
+    """Counts without light at no exposure. Example: `64.0`."""
     prnu: NotNegative
+    """Relative deviation of the pixels' response. Example: `0.005`."""
     dsnu_e: NotNegative
+    """Deviation of the pixels' dark signal. Example: `2.0`."""
     noise_factor: NotNegative = Uncertain(value=1.0)
+    """Factor on the deviation of all temporal noise, Kn of [MK14] eq. (32). Example: `1.0`."""
 
 
 class AcquisitionSection(Section):
@@ -85,9 +102,13 @@ class AcquisitionSection(Section):
     """
 
     exposure_ms: Annotated[float, Field(gt=0)]
+    """Exposure of each frame. Example: `0.03`."""
     exposure_std_ms: Annotated[float, Field(ge=0)] = 0.0
+    """Standard uncertainty of the exposure. Example: `0.0003`."""
     angles_deg: Annotated[tuple[float, ...], Field(min_length=3)] = DEFAULT_ANGLES_DEG
+    """Polarizer angles of a cycle. Example: `[0, 90, 45, 135]`."""
     cycles: Annotated[int, Field(ge=1)] = 1
+    """How often all angles are gone through. Example: `10`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -104,9 +125,13 @@ class RigSection(Section):
     """
 
     polarizer_offset_deg: Uncertain = Uncertain(value=0.0)
+    """To be added to every recorded angle of the polarizer. Example: `{ value = 0.0, std = 0.1 }`."""
     angle_std_deg: Annotated[float, Field(ge=0, lt=45)] = 0.0
+    """How well each recorded angle is known on its own. Example: `0.02`."""
     exposure_ratio: Positive = Uncertain(value=1.0)
+    """True exposure over the recorded one. Example: `{ value = 1.0, std = 0.01 }`."""
     light_drift: Drift | None = None
+    """Former name of `errors.illumination_drift`. Example: `0.01`."""
 
 
 class SceneRegion(Region):
@@ -121,15 +146,25 @@ class SceneRegion(Region):
     """
 
     stokes_radiance: StokesValues | None = None
+    """S0, S1, S2 that come to the aperture in band, W m-2 sr-1. Example: `[20.0, 2.0, -1.0]`."""
     material: str | None = None
+    """What it is made of, in place of a radiance: of the library, or a file. Example: `"material-mine.toml"`."""
     tilt_deg: NotNegative = Uncertain(value=0.0)
+    """Angle of its normal from the zenith. Example: `10.0`."""
     tilt_azimuth_deg: Uncertain = Uncertain(value=0.0)
+    """Azimuth to which it leans, clockwise from north. Example: `180.0`."""
     shadowing: Shadowing = "v-cavity"
+    """How facets hide one another. Example: `"v-cavity"`."""
     diffuse: DiffuseKind = "coupled"
+    """Form of the diffuse term. Example: `"coupled"`."""
     extent: Literal["point", "field", "rectangle"] = "point"
+    """What it fills: the point on the axis, the whole field, or its own rectangle. Example: `"rectangle"`."""
     texture_rms: NotNegative = Uncertain(value=0.0)
+    """Relative deviation of the pixels' whole Stokes vector. Example: `0.02`."""
     texture_diagonal: tuple[NotNegative, NotNegative, NotNegative] | None = None
+    """Deviations of S0, S1, S2 over the S0 reflected, independent. Example: `[0.02, 0.01, 0.01]`."""
     texture_covariance: tuple[Row, Row, Row] | None = None
+    """Further covariance of the pixels' Stokes radiance. Example: `[[0.2, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]`."""
 
     @model_validator(mode="after")
     def _one_source(self) -> "SceneRegion":
@@ -179,20 +214,35 @@ class SceneFile(Section):
     """Content of a scene file."""
 
     schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
     name: str
+    """Name of the scene, in every report. Example: `"rooftop, noon"`."""
     sensor: SensorSection
+    """Optics and sensor."""
     noise: NoiseSection
+    """Noise of the sensor where no calibration is given."""
     acquisition: AcquisitionSection
+    """How frames are taken; of a run, what it records counts instead."""
     background_radiance: Annotated[float, Field(gt=0)] = 20.0
+    """Radiance of what no region covers, in band, W m-2 sr-1. Example: `20.0`."""
     rig: RigSection = RigSection()
+    """Errors of the rig against what a run records of it."""
     errors: ErrorsSection = ErrorsSection()
+    """Errors that a session adds to the scene."""
     effects: EffectsSection = EffectsSection()
+    """Effects that act, or are left out, whatever their bound."""
     site: SiteSection | None = None
+    """Where the scene is."""
     sun: SunSection | None = None
+    """The sun, by its angles or by a time."""
     geometry: GeometrySection | None = None
+    """Where the camera is as seen from the target."""
     atmosphere: AtmosphereSection | None = None
+    """The air."""
     field_of_view: FieldSection | None = None
+    """The whole field of view, and how it is cut in tiles."""
     regions: Annotated[list[SceneRegion], Field(min_length=1)]
+    """What the picture shows: regions with their light or material."""
 
     @property
     def has_materials(self) -> bool:

@@ -25,13 +25,21 @@ class Take(Section):
     """One group of frames. `cycles` goes through all angles, then through all angles again."""
 
     kind: Literal["scene", "dark", "flat"]
+    """What the camera looks at. Example: `"scene"`."""
     exposure_ms: ExposureMs | Literal["auto"] | Annotated[list[ExposureMs], Field(min_length=1)]
+    """One exposure, several, or "auto" to meter it. Example: `2.5`."""
     angles_deg: Annotated[list[float], Field(min_length=1)] | None = None
+    """Polarizer angles of a cycle; 0, 90, 45, 135 of a scene, as it stands of others. Example: `[0, 90, 45, 135]`."""
     cycles: Annotated[int, Field(ge=1, le=100_000)] = 1
+    """How often all angles are gone through. Example: `10`."""
     order: Order = "cycles"
+    """cycles: again and again; palindrome: every second backwards; grouped: angle by angle. Example: `"palindrome"`."""
     closing_repeat: bool = False
+    """Take the first angle again at the end of each cycle, which tells the drift. Example: `true`."""
     bracket: Annotated[list[PositiveNumber], Field(min_length=1)] | None = None
+    """Factors on the exposure, one frame each. Example: `[1.0, 4.0]`."""
     every_rounds: Annotated[int, Field(ge=1)] = 1
+    """Of a schedule's rounds, every so many have this take. Example: `1`."""
 
     @property
     def exposures_s(self) -> tuple[float | None, ...]:
@@ -78,8 +86,11 @@ class DarkSection(Section):
     """
 
     frames: Annotated[int, Field(ge=1, le=10_000)] = 4
+    """Dark frames at each exposure, each time. Example: `4`."""
     every_cycles: Annotated[int, Field(ge=1)]
+    """Cycles between dark frames. Example: `5`."""
     every_rounds: Annotated[int, Field(ge=1)] = 1
+    """Of a schedule's rounds, every so many have dark frames. Example: `1`."""
 
 
 class MeteringSection(Section):
@@ -89,11 +100,17 @@ class MeteringSection(Section):
     """
 
     first_exposure_ms: ExposureMs = 1.0
+    """Exposure that metering begins with. Example: `1.0`."""
     shortest_ms: ExposureMs = 0.01
+    """Shortest exposure allowed. Example: `0.01`."""
     longest_ms: ExposureMs = 1000.0
+    """Longest exposure allowed. Example: `1000.0`."""
     target: Annotated[float, Field(gt=0, lt=1)] = 0.8
+    """Share of the largest count that the brightest angle comes near. Example: `0.8`."""
     least: Annotated[float, Field(ge=0, lt=1)] = 0.05
+    """Share of the largest count that the darkest angle is not below. Example: `0.05`."""
     quantile: Annotated[float, Field(gt=0, le=1)] = 0.999
+    """Of the pixels whose counts are metered. Example: `0.999`."""
 
 
 class ScheduleSection(Section):
@@ -105,14 +122,23 @@ class ScheduleSection(Section):
     """
 
     times: Annotated[list[AwareDatetime], Field(min_length=1)] | None = None
+    """Times of the rounds, each with its zone. Example: `[2026-06-21T10:00:00+02:00]`."""
     every_min: Annotated[float, Field(gt=0)] | None = None
+    """Minutes between rounds, from start to end. Example: `15.0`."""
     zenith_passes_deg: Annotated[list[ZenithDeg], Field(min_length=1)] | None = None
+    """Zenith angles of the sun whose passing begins a round. Example: `[50.0, 40.0]`."""
     start: AwareDatetime | None = None
+    """Before which there is no round. Example: `2026-06-21T10:00:00+02:00`."""
     end: AwareDatetime | None = None
+    """After which there is no round. Example: `2026-06-21T18:00:00+02:00`."""
     duration_h: Annotated[float, Field(gt=0, le=24 * 366)] = 24.0
+    """How long the schedule lasts where no end is given. Example: `24.0`."""
     while_zenith_below_deg: ZenithDeg | None = None
+    """Leave out rounds with the sun at or beyond this zenith angle. Example: `75.0`."""
     while_zenith_above_deg: ZenithDeg | None = None
+    """Leave out rounds with the sun at or within this zenith angle. Example: `20.0`."""
     late_min: PositiveNumber = 5.0
+    """A round that could not begin within this is left out. Example: `5.0`."""
 
     @property
     def needs_sun(self) -> bool:
@@ -142,14 +168,23 @@ class SessionFile(Section):
     """
 
     schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
     name: str
+    """Name of the session, in its run. Example: `"afternoon"`."""
     take: Annotated[list[Take], Field(min_length=1)]
+    """Groups of frames, in their order."""
     darks: DarkSection | None = None
+    """Dark frames among the scene frames."""
     metering: MeteringSection = MeteringSection()
+    """How an exposure of "auto" is found."""
     schedule: ScheduleSection | None = None
+    """When the takes are gone through."""
     interlocks: InterlockSection = InterlockSection()
+    """What is watched, and what is done about it."""
     regions: list[Region] = Field(default_factory=list)
+    """Regions watched while the session runs."""
     reference_region: Name | None = None
+    """The region whose reflectance does not change; the whole picture without. Example: `"white-panel"`."""
 
     @model_validator(mode="after")
     def _regions_are_known(self) -> "SessionFile":
