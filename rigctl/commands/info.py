@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.console.terminal import print_json, results
+from rigctl.console.terminal import print_json, results, warn
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table
 
@@ -38,6 +38,8 @@ def command(
         print_json(asdict(summary))
     else:
         _print(summary)
+        for doubt in summary.doubts:
+            warn(doubt)
 
 
 def _print(summary: "RunSummary") -> None:

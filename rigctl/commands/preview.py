@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.commands.watch import place_of
-from rigctl.console.terminal import progress, results
+from rigctl.console.terminal import progress, results, warn
 from rigctl.errors import ConfigError
 from rigctl.storage.durable_file import write_durably
 
@@ -44,11 +44,13 @@ def command(
 
     Example: rigctl preview sim:gc780 --exposure-ms 0.03
     """
-    from rigctl.jobs.preview import open_camera, preview_pictures
+    from rigctl.jobs.preview import doubt_of, open_camera, preview_pictures
     from rigctl.web.preview_page import PreviewPage
 
     if exposure_ms <= 0:
         raise ConfigError(f"--exposure-ms: is {exposure_ms:g}; must be above 0")
+    if (doubt := doubt_of(camera)) is not None:
+        warn(doubt)
     page = None if picture is not None else PreviewPage(place_of(listen, None, None))
     with page or nullcontext(), open_camera(camera) as opened:
         pictures = preview_pictures(opened, exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom, frames=frames)

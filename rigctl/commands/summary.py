@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rigctl.console.destination_options import summary_page
-from rigctl.console.terminal import print_json, progress, results
+from rigctl.console.terminal import print_json, progress, results, warn
 
 
 def command(
@@ -30,8 +30,19 @@ def command(
         kinds = Counter[str](record.kind for record in history.run.frames)
         events = Counter(event.event for event in history.events)
         told = diagnosis_json(found.diagnosis)
-        print_json({"run": str(run), "page": str(page), "frames": kinds, "events": events, "diagnosis": told})
+        print_json(
+            {
+                "run": str(run),
+                "page": str(page),
+                "frames": kinds,
+                "events": events,
+                "diagnosis": told,
+                "doubts": found.doubts,
+            }
+        )
         return
     for line in fault_lines(found.diagnosis):
         results().print(line, markup=False)
+    for doubt in found.doubts:
+        warn(doubt)
     progress().print(f"summary: {page}", markup=False)

@@ -11,7 +11,7 @@ from drivers.interfaces import Camera
 from rigctl.devices.focus import focus_of, jpeg_of, middle
 from rigctl.devices.rig import open_rig
 from rigctl.devices.stages import SIMULATED, find_driver
-from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
 
 _TIMEOUT_S = 10.0
 _RIG_FILE = ".toml"
@@ -50,6 +50,17 @@ def open_camera(what: str) -> Iterator[Camera]:
     camera: Camera
     with find_driver("rigctl.cameras", scheme, key="camera.address").load()(place) as camera:
         yield camera
+
+
+def doubt_of(what: str) -> str | None:
+    """Return in words what is not calibrated yet of a rig file; None where nothing is, or for a camera's address.
+
+    Raises
+    ------
+    ConfigError
+        The rig file is wrong.
+    """
+    return placeholder_doubt(load_rig(Path(what))) if what.endswith(_RIG_FILE) else None
 
 
 def preview_pictures(

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import read_events
@@ -72,6 +73,8 @@ class RunSummary:
         What is noted in frames, and in how many.
     events : mapping
         What happened, and how often.
+    doubts : tuple of str
+        What is to be known before its numbers are used.
     """
 
     run: str
@@ -91,6 +94,7 @@ class RunSummary:
     groups: tuple[FrameGroup, ...]
     remarks: dict[str, int]
     events: dict[str, int]
+    doubts: tuple[str, ...] = ()
 
 
 def summarize_run(run: Run) -> RunSummary:
@@ -120,6 +124,7 @@ def summarize_run(run: Run) -> RunSummary:
         groups=_groups(frames),
         remarks=dict(Counter(remark for r in frames for remark in r.remarks)),
         events=dict(Counter(event.event for event in read_events(run.path))),
+        doubts=(f"{run.path}: {PLACEHOLDER}",) if run.session.polarizer.placeholder else (),
     )
 
 

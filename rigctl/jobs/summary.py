@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.live.session_history import SessionHistory, session_history
 from rigctl.measurement.run_diagnosis import RunDiagnosis, quick_diagnosis
 from rigctl.reports.pages.run_page import run_report
@@ -20,6 +21,7 @@ class SummarisedSession:
 
     history: SessionHistory
     diagnosis: RunDiagnosis
+    doubts: tuple[str, ...]
 
 
 def summarise_session(run: Path, page: Path) -> SummarisedSession:
@@ -33,4 +35,6 @@ def summarise_session(run: Path, page: Path) -> SummarisedSession:
     history = session_history(used_run(run))
     diagnosis = quick_diagnosis(history.run, most_pixels=_MOST_PIXELS)
     write_durably(page, report_file(run_report(history, diagnosis), page))
-    return SummarisedSession(history=history, diagnosis=diagnosis)
+    unset = history.run.session.polarizer.placeholder
+    doubts = (f"{run}: {PLACEHOLDER}",) if unset else ()
+    return SummarisedSession(history=history, diagnosis=diagnosis, doubts=doubts)

@@ -5,6 +5,7 @@ from math import cos, hypot, radians, sqrt
 
 from rigctl.files.place import GeometrySection
 from rigctl.files.scene_file import SceneFile
+from rigctl.numbers.number_text import percent
 
 # As far as a plane-parallel atmosphere is taken for the sun without remark.
 _PLANE_TO_DEG = 85.0
@@ -67,5 +68,5 @@ def _of_view(geometry: GeometrySection) -> str:
     return (
         f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg a plane-parallel atmosphere is "
         f"wrong; it takes {plane_m / 1000.0:.3g} km of air to the camera, over a round earth they are "
-        f"{round_m / 1000.0:.3g} km ({100.0 * (plane_m / round_m - 1.0):.2g} % too long)"
+        f"{round_m / 1000.0:.3g} km ({percent(plane_m / round_m - 1.0)} too long)"
     )

@@ -1,12 +1,23 @@
 import re
 import shutil
 from dataclasses import fields
+from types import SimpleNamespace
 from typing import get_args
 
+import numpy as np
 import pytest
 
 from model.prediction.quantity_table import QUANTITIES
 from rigctl.files.interlock_section import InterlockSection
+from rigctl.reports.outputs import paper_files, prediction_files
+from rigctl.reports.tables.accuracy_tables import curve_table
+from rigctl.reports.tables.acquisition_tables import tradeoff_csv
+from rigctl.reports.tables.detection_tables import measured_roc_table, roc_csv
+from rigctl.reports.tables.paper_tables import statement_csv
+from rigctl.reports.tables.row_table import row_table
+from rigctl.reports.tables.series_tables import series_rows
+from rigctl.reports.tables.sweep_tables import sweep_csv
+from rigctl.reports.writers.data_files import csv_rows
 from rigctl.runs.fits.frame_header import _KEYWORDS
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.session.interlocks import Name
@@ -39,6 +50,35 @@ def test_every_quantity_and_every_card_of_a_frame_is_told():
     assert {name for name in QUANTITIES if name not in told} == set()
     assert {name for name in (one.name for one in _KEYWORDS) if name not in told} == set()
     assert {one.name for one in fields(FrameRecord) if one.name not in told} == set()
+
+
+_NOTHING = SimpleNamespace(
+    axes=(), regions=(), pairs=(), warnings=(), missing=(), quantities=(), points=(), front=(), shape=(0,)
+)
+_NO_POINTS = SimpleNamespace(p_false_alarm=np.empty(0))
+_CSV_FILES = {
+    "comparison.csv": csv_rows(row_table(())),
+    "series.csv": csv_rows(series_rows(_NOTHING)),
+    "prediction.csv": prediction_files._csv({}, ()),
+    "sweep.csv": sweep_csv(_NOTHING),
+    "roc.csv` of `predict": roc_csv({}),
+    "roc.csv` of `detect": csv_rows(measured_roc_table(_NO_POINTS)),
+    "tradeoff.csv": csv_rows(curve_table(_NOTHING)),
+    "acquisition.csv": tradeoff_csv(_NOTHING),
+    "statements.csv": statement_csv(()),
+    "curves.csv": paper_files._curves_csv({}),
+}
+
+
+@pytest.mark.parametrize("name", _CSV_FILES)
+def test_every_column_of_a_csv_file_is_told(name):
+    row = re.search(rf"^\| `{re.escape(name)}` \| (.+?) \| ", (DOCS / "outputs.md").read_text(), re.MULTILINE)
+    assert row is not None, f"docs/outputs.md lacks {name}"
+    told = re.findall(r"`([^`]+)`", row[1])
+    own = [column for column in told if not (column.isupper() or "." in column)]
+    columns = _CSV_FILES[name].decode().split("\n")[0].strip().split(",")
+    after = [] if name != "series.csv" else _CSV_FILES["comparison.csv"].decode().split("\n")[0].split(",")
+    assert [*own, *after] == columns
 
 
 @pytest.mark.timeout(600)

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from rigctl.comparison.remarks import NOT_OF_SIMULATION
+from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.live.session_history import SessionHistory
 from rigctl.measurement.run_diagnosis import RunDiagnosis, fault_lines
 from rigctl.reports.figures.run_figures import contact_sheet, count_plot, cycle_figure, drift_line, sun_plot
@@ -24,7 +25,7 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
         columns=text_columns("event", "times", left=(0, 1)), rows=tuple((name, str(count)) for name, count in counts)
     )
     events = Section(title="Events", blocks=(times, _event_table(session.events[-_SHOWN_EVENTS:])))
-    sections = [*_simulation(session.run.session), *pictures, _faults(diagnosis), events]
+    sections = [*_simulation(session.run.session), *pictures, _faults(session.run.session, diagnosis), events]
     return Report(title=session.run.path.name, source=_source(session), sections=sections)
 
 
@@ -38,9 +39,10 @@ def _simulation(session: SessionRecord) -> Iterable[Section]:
     yield Section(title="What this simulated run proves and what not", blocks=(Bullets(items=tuple(said)),))
 
 
-def _faults(found: RunDiagnosis) -> Section:
+def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
     """Return what the frames say of their own faults."""
-    said = Bullets(items=tuple(fault_lines(found)))
+    unset = (f"{PLACEHOLDER[0].upper()}{PLACEHOLDER[1:]}.",) if session.polarizer.placeholder else ()
+    said = Bullets(items=(*unset, *fault_lines(found)))
     table = (fault_table(found.terms),) if found.terms else ()
     return Section(title="The frames by themselves", blocks=(said, *table))
 

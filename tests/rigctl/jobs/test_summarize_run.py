@@ -83,3 +83,17 @@ def test_a_readback_on_the_other_side_of_0_is_near_its_target(tmp_path):
             )
     (group,) = summarize_run(read_run(tmp_path / "run")).groups
     assert group.polarizer_angle_deg == pytest.approx((-0.001, 0.002), abs=1e-9)
+
+
+@pytest.mark.parametrize("command", [["info"], ["summary", "--out", "page.html"]])
+def test_placeholders_of_sense_and_offset_are_said(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+    rig = {"polarizer": {"sense": 1, "offset_deg": 0.0, "placeholder": True}}
+    with RunWriter.create(tmp_path / "run", {"origin": "simulated", "rig": rig}) as writer:
+        writer.write_frame(make_record(0, polarizer_angle_target_deg=0.0, polarizer_angle_deg=0.0), noisy_counts(0))
+    assert cli.main([*command, "run"]) == 0
+    assert "sense and offset of the polarizer are placeholders" in " ".join(capsys.readouterr().err.split())
+    assert cli.main([*command, "run", "--json"]) == 0
+    assert "are placeholders" in json.loads(capsys.readouterr().out)["doubts"][0]
+    if command[0] == "summary":
+        assert "Sense and offset of the polarizer are placeholders" in (tmp_path / "page.html").read_text()
