@@ -54,7 +54,7 @@ class BeamWanderSection(Section):
     radius_px: PositiveNumber
     """Radius of the circle. Example: `0.5`."""
     phase_deg: float = 0.0
-    """Where on the circle it is at stage angle 0. Example: `30.0`."""
+    """Direction of the shift beyond that of the polarizer's axis, counter-clockwise. Example: `30.0`."""
 
 
 class SmearSection(Section):
