@@ -17,6 +17,7 @@ _STRIPE_PIXELS = 6
 _ZEBRA_BGR = ((60, 60, 255), (0, 0, 130))
 _GREY = 128.0
 _BINS = 64
+_STEP, _MANY_ROWS = 6, 64
 # AoLP fades out where it is known to less than this.
 _FAINT_RAD = np.deg2rad(10.0)
 # Median absolute deviation of a second difference a - 2b + c of normal noise, over its standard deviation.
@@ -82,13 +83,13 @@ def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: 
     """
     clipped = counts >= saturation_dn
     small = smaller(counts, most_width=most_width)
-    quantiles = np.quantile(small, [_DARKEST, _BRIGHTEST])
+    quantiles = np.quantile(_sampled(small), [_DARKEST, _BRIGHTEST])
     low, high = float(quantiles[0]), float(quantiles[1])
     grey = cv2.convertScaleAbs(small - np.float32(low), alpha=255.0 / max(high - low, 1.0))
     grey[small <= low] = 0
     shown = grey
     if zebra and clipped.any():
-        striped = smaller(clipped.astype(np.uint8), most_width=most_width) > 0.0
+        striped = smaller(clipped.astype(np.uint8) * np.uint8(255), most_width=most_width) > 0.0
         rows, columns = np.ogrid[: len(striped), : len(striped[0])]
         shown = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
         bright = (rows + columns) // _STRIPE_PIXELS % 2 == 0
@@ -103,11 +104,10 @@ def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: 
 def smaller(picture: NDArray[np.uint16] | NDArray[np.uint8], *, most_width: int) -> NDArray[np.float32]:
     """Return a picture of `most_width` columns at most, each pixel the mean of those that it stands for."""
     height, width = len(picture), len(picture[0])
-    whole = picture.astype(np.float32)
     if width <= most_width:
-        return whole
+        return picture.astype(np.float32)
     size = (most_width, max(1, round(height * most_width / width)))
-    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def map_pictures(cycle: CyclePictures, *, dolp_top: float) -> dict[str, Picture]:
@@ -126,9 +126,11 @@ def map_pictures(cycle: CyclePictures, *, dolp_top: float) -> dict[str, Picture]
         The angles do not determine the Stokes parameters.
     """
     plan = design(cycle.angles_rad, cycle.extinction_ratio)
-    noise_dn = np.array([_noise_dn(frame) for frame in cycle.frames])
-    maps = polarization_maps(cycle.frames, plan, dark_dn=cycle.dark_dn, deviations=noise_dn)
-    return {"s0": _s0(maps), "dolp": _dolp(maps, top=dolp_top), "aolp": _aolp(maps)}
+    maps = polarization_maps(cycle.frames, plan, dark_dn=cycle.dark_dn)
+    to_s1_s2 = plan.inverse[1:] * [_noise_dn(frame) for frame in cycle.frames]
+    # The larger axis of the error ellipse of (S1, S2).
+    noise_dn = float(np.linalg.norm(to_s1_s2, ord=2))
+    return {"s0": _s0(maps), "dolp": _dolp(maps, top=dolp_top), "aolp": _aolp(maps, noise_dn=noise_dn)}
 
 
 def colour_bar(name: str) -> bytes:
@@ -142,7 +144,7 @@ _COLOURS = {"dolp": cv2.COLORMAP_VIRIDIS, "aolp": cv2.COLORMAP_TWILIGHT_SHIFTED}
 
 def _s0(maps: PolarizationMaps) -> Picture:
     total = maps.stokes[0]
-    top = float(np.quantile(total, _BRIGHTEST))
+    top = float(np.quantile(_sampled(total), _BRIGHTEST))
     return Picture(jpeg=_jpeg(np.clip(total * (255.0 / max(top, 1e-9)), 0.0, 255.0).astype(np.uint8)))
 
 
@@ -153,28 +155,38 @@ def _dolp(maps: PolarizationMaps, *, top: float) -> Picture:
     return Picture(jpeg=_jpeg(coloured))
 
 
-def _aolp(maps: PolarizationMaps) -> Picture:
-    """Return the angle in colours that meet at 0 and 180 deg, grey where it is not known."""
-    turn = np.nan_to_num(maps.aolp_rad, nan=0.0) / np.pi
-    coloured = cv2.applyColorMap((turn * 255.0).astype(np.uint8), _COLOURS["aolp"]).astype(np.float32)
-    std = np.inf if maps.aolp_std_rad is None else np.nan_to_num(maps.aolp_std_rad, nan=np.inf, posinf=np.inf)
-    known = np.clip(2.0 - 2.0 * std / _FAINT_RAD, 0.0, 1.0)[..., None]
+def _aolp(maps: PolarizationMaps, *, noise_dn: float) -> Picture:
+    """Return the angle in colours that meet at 0 and 180 deg, grey where it is not known.
+
+    Its deviation is half that of (S1, S2) across their direction over their length, at most `noise_dn` [DN].
+    """
+    turn = np.nan_to_num(maps.aolp_rad, nan=0.0) * np.float32(255.0 / np.pi)
+    coloured = cv2.applyColorMap(turn.astype(np.uint8), _COLOURS["aolp"]).astype(np.float32)
+    length = np.nan_to_num(maps.dolp * maps.stokes[0], nan=0.0)
+    std_rad = np.float32(0.5 * noise_dn) / np.maximum(length, np.float32(_LEAST_NOISE_DN))
+    known = np.clip(2.0 - std_rad * np.float32(2.0 / _FAINT_RAD), 0.0, 1.0)[..., None]
     return Picture(jpeg=_jpeg((_GREY + (coloured - _GREY) * known).astype(np.uint8)))
+
+
+def _sampled(picture: NDArray[np.float32], *, columns: int = _STEP) -> NDArray[np.float32]:
+    """Return some of the pixels, enough for quantiles that the eye sees; small pictures whole."""
+    return picture[:: _STEP if len(picture) > _MANY_ROWS else 1, :: columns if len(picture) > _MANY_ROWS else 1]
 
 
 def _noise_dn(frame: NDArray[np.float32]) -> float:
     """Return the deviation from pixel to pixel [DN] by second differences along rows; texture makes it larger."""
     if frame.shape[1] < _LEAST_WIDTH:
         return 1.0
-    bend = frame[:, :-2] - 2.0 * frame[:, 1:-1] + frame[:, 2:]
+    rows = _sampled(frame, columns=1)
+    bend = rows[:, :-2] - 2.0 * rows[:, 1:-1] + rows[:, 2:]
     return max(float(np.median(np.abs(bend))) / _MAD_OF_SECOND_DIFFERENCE, _LEAST_NOISE_DN)
 
 
 def _histogram(counts: NDArray[np.uint16], *, saturation_dn: float) -> tuple[int, ...]:
-    top = max(float(saturation_dn), 1.0)
-    found = np.bincount(counts.ravel(), minlength=1)
-    steps = np.minimum((np.arange(found.size) * (_BINS / top)).astype(int), _BINS - 1)
-    return tuple(int(n) for n in np.bincount(steps, weights=found, minlength=_BINS))
+    # The last step holds what is saturated.
+    top = max(float(saturation_dn), 1.0) * _BINS / (_BINS - 1)
+    found = cv2.calcHist([np.minimum(counts, np.uint16(top - 1.0))], [0], None, [_BINS], [0.0, top])
+    return tuple(int(n) for n in found.ravel())
 
 
 def _jpeg(picture: MatLike) -> bytes:

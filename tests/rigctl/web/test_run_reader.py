@@ -94,12 +94,13 @@ def test_maps_are_of_the_last_whole_cycle(tmp_path: Path) -> None:
 
 def test_a_single_saturated_pixel_is_striped_in_a_picture_made_smaller() -> None:
     counts = np.full((400, 4000), 100, np.uint16)
-    counts[200:232, 2000:2032] = 4095
+    counts[205, 2005] = 4095
     picture = picture_of(counts, saturation_dn=4095, most_width=400, zebra=True)
     shown = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)
     assert shown.shape == (40, 400, 3)
-    assert (shown[..., 2] - shown[..., 0]).max() > 60
-    assert picture.clipped == 32 * 32 / counts.size
+    # JPEG halves colour either way: one pixel of pure red leaves a fourth of it.
+    assert (shown[..., 2] - shown[..., 0]).max() > 40
+    assert picture.clipped == 1 / counts.size
     assert sum(picture.histogram) == counts.size
 
 
