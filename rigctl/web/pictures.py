@@ -14,6 +14,7 @@ FloatArray = NDArray[np.float64]
 _DARKEST, _BRIGHTEST = 0.005, 0.995
 _QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 80)
 _STRIPE_PIXELS = 6
+_SPECK = np.ones((5, 5), np.uint8)
 _ZEBRA_BGR = ((60, 60, 255), (0, 0, 130))
 _GREY = 128.0
 _BINS = 64
@@ -89,7 +90,9 @@ def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: 
     grey[small <= low] = 0
     shown = grey
     if zebra and clipped.any():
-        striped = smaller(clipped.astype(np.uint8) * np.uint8(255), most_width=most_width) > 0.0
+        # Wider than one pixel, or JPEG would take its colour away.
+        seen = smaller(clipped.astype(np.uint8) * np.uint8(255), most_width=most_width) > 0.0
+        striped = cv2.dilate(seen.astype(np.uint8), _SPECK) > 0
         rows, columns = np.ogrid[: len(striped), : len(striped[0])]
         shown = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
         bright = (rows + columns) // _STRIPE_PIXELS % 2 == 0
