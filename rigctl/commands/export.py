@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.console.terminal import progress
+from rigctl.console.terminal import progress, warn
 from rigctl.files.choices import ExportFormat
 
 
@@ -18,7 +18,10 @@ def command(
 
     Example: rigctl export runs/2026-05-04 --to hdf5 --out panels.h5
     """
+    from rigctl.files.rig_file import unset_polarizer
     from rigctl.jobs.export_run import export_run
 
     found = export_run(run, to=to, out=out)
+    for doubt in unset_polarizer(run, placeholder=found.session.polarizer.placeholder):
+        warn(doubt)
     progress().print(f"{len(found.frames)} frames in {out}", markup=False)

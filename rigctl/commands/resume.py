@@ -8,7 +8,7 @@ import typer
 from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.commands.acquire import say_outcome
 from rigctl.console.json_text import Json
-from rigctl.console.terminal import print_json, progress
+from rigctl.console.terminal import print_json, progress, warn
 from rigctl.files.choices import Asked
 from rigctl.session.control import outliving_terminal
 
@@ -63,10 +63,15 @@ def _answer(resumed: "Resumed", run: Path) -> None:
 
 
 def _say(outcome: "Outcome", run: Path) -> None:
+    from rigctl.files.rig_file import unset_polarizer
+    from rigctl.runs.run_folder import read_run
+
     repair = outcome.repair
     if repair is not None:
         for finding in repair.adopted:
             progress().print(f"adopted: {finding.file}", markup=False)
         for finding in repair.set_aside:
             progress().print(f"set aside: {finding.file}: {finding.problem}", markup=False)
+    for doubt in unset_polarizer(run, placeholder=read_run(run).session.polarizer.placeholder):
+        warn(doubt)
     say_outcome(outcome, run)

@@ -1,5 +1,6 @@
 """A surface's parameters from regions of runs: measured Stokes parameters in, fitted material out."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,9 +20,11 @@ from model.surface.tilt import Tilt, local_geometry, tilted_mueller
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.material_file import NM_PER_M, find_material
 from rigctl.files.regions import Region, load_regions
+from rigctl.files.rig_file import unset_polarizer
 from rigctl.files.surface_fit_file import ObservationSection, SurfaceFitFile
 from rigctl.measurement.measurement import measure
 from rigctl.numbers.number_text import p_value
+from rigctl.runs.run_folder import read_run
 from rigctl.runs.wholeness import used_run
 
 FloatArray = NDArray[np.float64]
@@ -126,7 +129,7 @@ def fit_regions(file: SurfaceFitFile, *, beside: Path, profile: bool = False) ->
             (profile_interval if profile else gauss_interval)(fit, name, level=_LEVEL) for name in fit.names
         ),
         interval_method="profile of chi-square" if profile else "first order",
-        assumptions=(*_ASSUMPTIONS, _unmodelled_words(file.unmodelled_std)),
+        assumptions=(*_ASSUMPTIONS, _unmodelled_words(file.unmodelled_std), *_placeholders(file)),
     )
 
 
@@ -221,6 +224,12 @@ def _beside_fit(file: SurfaceFitFile, measured: list[Moments], fit: SurfaceFit) 
             )
         )
     return tuple(found)
+
+
+def _placeholders(file: SurfaceFitFile) -> Iterator[str]:
+    """Yield the runs whose polarizer was not calibrated, in words."""
+    for path in dict.fromkeys(section.run for section in file.observation):
+        yield from unset_polarizer(path, placeholder=read_run(path).session.polarizer.placeholder)
 
 
 def _unmodelled_words(unmodelled_std: float) -> str:

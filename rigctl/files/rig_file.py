@@ -212,6 +212,11 @@ def placeholder_doubt(rig: RigFile) -> str | None:
     return f"rig {rig.name}: {PLACEHOLDER}" if rig.polarizer.placeholder else None
 
 
+def unset_polarizer(run: Path, *, placeholder: bool) -> tuple[str, ...]:
+    """Return in words that sense and offset of a run were placeholders as it was taken; nothing where they were not."""
+    return (f"{run}: {PLACEHOLDER}",) if placeholder else ()
+
+
 def load_rig(path: str | Path) -> RigFile:
     """Return the checked rig file; a scene and a characterisation that it names are sought beside it."""
     path = Path(path)

@@ -11,6 +11,7 @@ from rigctl.calibrations.content_file import CalibrationFile, header_of, source_
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.calibrations.radiometric_file import SCHEMA_VERSION, Response
 from rigctl.comparison.panel_response import PanelResponse, panel_response
+from rigctl.files.rig_file import unset_polarizer
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.runs.wholeness import used_run
@@ -111,7 +112,7 @@ class CalibratedResponse:
     file : CalibrationFile
         What was written.
     doubts : tuple of str
-        What is doubtful about the noise calibration.
+        What is doubtful about the noise calibration and the seat of the polarizer.
     """
 
     found: PanelResponse
@@ -129,13 +130,14 @@ def calibrate_radiometric(request: RadiometricRequest) -> CalibratedResponse:
     """
     scene, run = load_scene(request.scene), used_run(request.run)
     noise, doubts = (None, ()) if request.noise is None else read_fitting_noise(request.noise, run)
+    unset = unset_polarizer(run.path, placeholder=run.session.polarizer.placeholder)
     regions = [region for region in scene.regions if region.name == request.panel]
     measurement = measure(run, regions=list(regions), noise=noise)
     found = panel_response(measurement, scene=scene, panel=request.panel, noise=noise)
     files = {"scene": request.scene} | ({} if request.noise is None else {"noise": request.noise})
     file = radiometric_file(found, measurement, files=files, valid_days=request.valid_days)
     write_content(request.out, file.as_json())
-    return CalibratedResponse(found=found, file=file, doubts=doubts)
+    return CalibratedResponse(found=found, file=file, doubts=(*unset, *doubts))
 
 
 def radiometric_file(

@@ -11,7 +11,7 @@ from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.rx_detection import RxOnRun, detect
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
-from rigctl.files.rig_file import PLACEHOLDER
+from rigctl.files.rig_file import unset_polarizer
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measurement.measurement import measure, signal_of_cycle
 from rigctl.reports.outputs.measurement_files import write_detection
@@ -91,7 +91,7 @@ def detect_target(run_path: Path, request: DetectRequest, *, out: Path | None = 
     names = {"background": request.background, "target": request.target}
     found = detect(measurement, stokes, **names, predicted=predicted)
     files = () if out is None else write_detection(found, out, **names)
-    unset = (f"{run.path}: {PLACEHOLDER}",) if run.session.polarizer.placeholder else ()
+    unset = unset_polarizer(run.path, placeholder=run.session.polarizer.placeholder)
     return Detection(found=found, doubts=(*unset, *doubts), files=files)
 
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rigctl.files.rig_file import PLACEHOLDER
+from rigctl.files.rig_file import unset_polarizer
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import read_events
@@ -124,7 +124,7 @@ def summarize_run(run: Run) -> RunSummary:
         groups=_groups(frames),
         remarks=dict(Counter(remark for r in frames for remark in r.remarks)),
         events=dict(Counter(event.event for event in read_events(run.path))),
-        doubts=(f"{run.path}: {PLACEHOLDER}",) if run.session.polarizer.placeholder else (),
+        doubts=unset_polarizer(run.path, placeholder=run.session.polarizer.placeholder),
     )
 
 

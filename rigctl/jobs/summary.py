@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.files.rig_file import PLACEHOLDER
+from rigctl.files.rig_file import unset_polarizer
 from rigctl.live.session_history import SessionHistory, session_history
 from rigctl.measurement.run_diagnosis import RunDiagnosis, quick_diagnosis
 from rigctl.reports.pages.run_page import run_report
@@ -35,6 +35,5 @@ def summarise_session(run: Path, page: Path) -> SummarisedSession:
     history = session_history(used_run(run))
     diagnosis = quick_diagnosis(history.run, most_pixels=_MOST_PIXELS)
     write_durably(page, report_file(run_report(history, diagnosis), page))
-    unset = history.run.session.polarizer.placeholder
-    doubts = (f"{run}: {PLACEHOLDER}",) if unset else ()
+    doubts = unset_polarizer(run, placeholder=history.run.session.polarizer.placeholder)
     return SummarisedSession(history=history, diagnosis=diagnosis, doubts=doubts)

@@ -95,5 +95,7 @@ def test_placeholders_of_sense_and_offset_are_said(tmp_path, monkeypatch, capsys
     assert "sense and offset of the polarizer are placeholders" in " ".join(capsys.readouterr().err.split())
     assert cli.main([*command, "run", "--json"]) == 0
     assert "are placeholders" in json.loads(capsys.readouterr().out)["doubts"][0]
+    assert cli.main(["export", "run", "--to", "hdf5", "--out", "run.h5"]) == 0
+    assert "are placeholders" in " ".join(capsys.readouterr().err.split())
     if command[0] == "summary":
         assert "Sense and offset of the polarizer are placeholders" in (tmp_path / "page.html").read_text()
