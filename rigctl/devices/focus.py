@@ -14,6 +14,8 @@ _SOBEL_SUM = 8.0
 _SATURATED_BGR = (0, 0, 255)
 _TEXT_BGR = (0, 220, 220)
 _LEAST_WIDTH = 640
+# Sharpness that single precision makes of a picture of one value, such as one that is saturated everywhere.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,14 +53,15 @@ def middle(counts: NDArray[np.uint16], *, zoom: int) -> NDArray[np.uint16]:
 
 
 def focus_of(counts: NDArray[np.uint16], *, bit_depth: int) -> Focus:
-    """Return the numbers of a picture; sharpness 0 for one that is black."""
+    """Return the numbers of a picture; sharpness 0 for one that is black, or of one value everywhere."""
     smooth = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), _SMOOTHING_PIXELS)
     along = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / _SOBEL_SUM
     down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / _SOBEL_SUM
     power = float(np.mean(smooth.astype(np.float64) ** 2))
     full_dn = 2**bit_depth - 1
+    sharpness = float(np.mean(along**2 + down**2, dtype=np.float64)) / power if power > 0.0 else 0.0
     return Focus(
-        sharpness=float(np.mean(along**2 + down**2, dtype=np.float64)) / power if power > 0.0 else 0.0,
+        sharpness=sharpness if sharpness > _ROUNDING else 0.0,
         brightest=float(np.quantile(counts, _BRIGHTEST)) / full_dn,
         saturated=float(np.mean(counts >= full_dn)),
     )

@@ -47,6 +47,12 @@ def test_a_black_picture_has_no_sharpness():
     assert focus_of(np.zeros((8, 8), dtype=np.uint16), bit_depth=12).sharpness == 0.0
 
 
+@pytest.mark.parametrize("bit_depth", [8, 12, 16])
+def test_a_picture_that_is_saturated_everywhere_has_no_sharpness(bit_depth):
+    everywhere = np.full((582, 782), 2**bit_depth - 1, dtype=np.uint16)
+    assert focus_of(everywhere, bit_depth=bit_depth).text(0.0).startswith("sharpness 0 (best 0)")
+
+
 @pytest.mark.parametrize(("zoom", "shape"), [(1, (96, 128)), (4, (24, 32)), (64, (2, 2))])
 def test_the_middle_is_shown_larger(zoom, shape):
     counts = counts_of(SCENE)
