@@ -20,9 +20,11 @@ from benchmarks.trial_inputs import run_inputs
 from benchmarks.trial_kills import run_kills, run_lost_terminals
 from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_noise_sets import run_noise_sets
+from benchmarks.trial_odd_runs import run_odd
 from benchmarks.trial_paper import run_paper
 from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_roof import run_roof
+from benchmarks.trial_rows import run_rows
 from benchmarks.trial_stale_frames import run_turns
 from benchmarks.trial_tolerance import run_tolerance
 from drivers.cameras.aravis_library import load_aravis
@@ -70,6 +72,8 @@ def main() -> int:
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )
     sound &= run_diagnoses(2 * arguments.seeds, processes=arguments.processes)
+    sound &= run_rows(arguments.seeds, processes=arguments.processes)
+    sound &= run_odd(2 * arguments.seeds, processes=arguments.processes)
     sound &= run_noise_sets(arguments.seeds, processes=arguments.processes)
     sound &= run_roof(arguments.roof_seeds, arguments.roof_seeds // 10, processes=arguments.processes)
     sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)

@@ -48,7 +48,7 @@ class World:
     electrons
         At full scale.
     scene
-        What the light is like: "objects", or one of `SCENES`.
+        What the light is like: "objects", "grain" (texture of one size), or one of `SCENES`.
     polarized, is_evenly_polarized
         Share of the light that is polarized, where it is not drawn at random; the same everywhere, or object by object.
     resampled_deg
@@ -162,6 +162,9 @@ def _pattern(world: World, rng: np.random.Generator, shape: tuple[int, int]) -> 
     """Return what varies over the picture, of unit size where it is not of isolated things."""
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     size = max(2.0, 4.0 * world.texture_pixels)
+    if world.scene == "grain":
+        grain = gaussian_filter(rng.standard_normal(shape), world.texture_pixels, mode="wrap")
+        return grain * (2.0 * np.sqrt(np.pi) * world.texture_pixels)
     if world.scene == "checker":
         return np.where((rows // int(size) + columns // int(size)) % 2, 1.0, -1.0)
     if world.scene == "stripes":

@@ -18,6 +18,12 @@ _CORRELATION_SIGNIFICANCE = 5.0
 # Side of the blocks whose means tell how many independent pixels there are [pixels].
 _BLOCK_SIDE = 16
 _LEAST_BLOCKS = 12
+# Regions up to this side are looked at lag by lag, larger ones by their blocks [pixels].
+_MOST_LAGS = 256
+# Correlation that counts as none, and its own standard errors; share of all pairs that may be taken for correlated.
+_NO_CORRELATION, _LAG_SIGNIFICANCE, _MOST_PAIRS = 0.02, 2.0, 0.25
+# Share of the largest variance below which a component is rounding.
+_NOTHING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +50,43 @@ def mean_moments(values: ArrayLike) -> Moments:
     array = _checked(values, least=2)
     cov = np.atleast_2d(np.cov(array)) / array.shape[1]
     return Moments(mean=array.mean(axis=1), cov=cov)
+
+
+def region_mean_moments(values: ArrayLike, inside: NDArray[np.bool_]) -> Moments:
+    """Return the mean of vectors over the pixels of a region, which may be alike, with the covariance of that mean.
+
+    Parameters
+    ----------
+    values
+        One vector a pixel, shape (n, P), P >= 4; any unit.
+    inside
+        Where the pixels are, shape (H, W), P of them.
+
+    Notes
+    -----
+    Light that varies alike in all channels, and each principal component of the rest, has its own number of
+    independent pixels: texture makes neighbours alike in what channels share, and says nothing of what their ratios
+    are left with.
+    """
+    array = _checked(values, least=4)
+    moments = mean_moments(array)
+    total = float(moments.mean.sum())
+    factor = array.sum(axis=0) / total if total > 0.0 else np.zeros(array.shape[1])
+    rest = array - moments.mean[:, None] * (factor if total > 0.0 else 1.0)
+    variances, vectors = np.linalg.eigh(np.atleast_2d(np.cov(rest)) / array.shape[1])
+    cov = moments.cov + np.outer(moments.mean, moments.mean) * _excess(factor, inside)
+    for component, vector, variance in zip(vectors.T @ rest, vectors.T, variances, strict=True):
+        if variance > _NOTHING * variances[-1]:
+            cov = cov + np.outer(vector, vector) * _excess(component, inside)
+    return Moments(mean=moments.mean, cov=cov)
+
+
+def _excess(values: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Return by how much the variance of the mean is larger than that of pixels that are independent."""
+    image = np.zeros(inside.shape)
+    image[inside] = values
+    alike = values.size / effective_pixels(image, inside)
+    return (alike - 1.0) * float(np.var(values, ddof=1)) / values.size if alike > 1.0 else 0.0
 
 
 def deviation(values: ArrayLike) -> Sample:
@@ -151,20 +194,27 @@ def effective_pixels(image: FloatArray, inside: NDArray[np.bool_]) -> float:
     -------
     float
         The number of pixels where neighbours show no correlation; else the pixel variance over the variance of
-        the means of blocks of 16 x 16 pixels, times what a block holds, and at least 1.
+        their mean, and at least 1. That variance is of correlations summed up to where they end; of the means of
+        blocks of 16 x 16 pixels where the region is large, or where they do not end within it.
 
     Notes
     -----
     Texture, a lens's blur and interpolation make neighbours alike, and a standard error that counts each of them
-    is too small. Correlation over more than a block is not seen.
+    is too small. Of large regions correlation over more than a block is not seen.
 
     References
     ----------
-    Batch means; definition.
+    Batch means; truncated sum of autocovariances, the mean's own variance put back; definition.
     """
     count = int(inside.sum())
     if not _neighbours_are_alike(image, inside):
         return float(count)
+    rows, columns = np.nonzero(inside)
+    if max(np.ptp(rows), np.ptp(columns)) < _MOST_LAGS:
+        cut = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+        worth, is_whole = _pixels_by_lags(image[cut], inside[cut])
+        blocks = _block_means(image, inside)[0].size
+        return worth if is_whole or blocks >= _LEAST_BLOCKS else min(worth, float(max(blocks, 1)))
     means, sizes = _block_means(image, inside)
     if means.size < _LEAST_BLOCKS:
         return float(max(means.size, 1))
@@ -189,6 +239,37 @@ def _neighbours_are_alike(image: FloatArray, inside: NDArray[np.bool_]) -> bool:
         if pairs > 0 and product / (pairs * variance) > _CORRELATION_SIGNIFICANCE / np.sqrt(pairs):
             return True
     return False
+
+
+def _pixels_by_lags(image: FloatArray, inside: NDArray[np.bool_]) -> tuple[float, bool]:
+    """Return how many independent pixels a region is worth, and whether correlations end within it.
+
+    Deviations from the region's own mean are less alike than those from the true one, by the variance of the mean.
+    """
+    count = int(inside.sum())
+    centred = np.where(inside, image - image[inside].mean(), 0.0)
+    variance = float(np.sum(centred**2)) / count
+    products, pairs = _by_distance(centred), _by_distance(inside.astype(np.float64))
+    product, share, of_mean, is_whole = products[0], pairs[0] / count**2, products[0] / count**2, False
+    for here, held in zip(products[1:], pairs[1:], strict=True):
+        alike = (here + of_mean * held) / (max(held, 1.0) * variance)
+        is_whole = alike < max(_NO_CORRELATION, _LAG_SIGNIFICANCE * np.sqrt(2.0 / max(held, 1.0)))
+        if is_whole or share + held / count**2 > _MOST_PAIRS:
+            break
+        product, share = product + here, share + held / count**2
+        of_mean = product / count**2 / (1.0 - share)
+    # A variance of few independent parts (1 / share) is itself not known: Student's distribution is wider by so much.
+    of_mean /= 1.0 - 2.0 * min(share, _MOST_PAIRS)
+    return (float(min(max(variance / of_mean, 1.0), count)) if of_mean > 0.0 else float(count)), is_whole
+
+
+def _by_distance(image: FloatArray) -> FloatArray:
+    """Return the sums of products of two pixels, by how many rows or columns they are apart, whichever is more."""
+    shape = (2 * image.shape[0], 2 * image.shape[1])
+    apart = [np.abs(np.fft.fftfreq(size, 1.0 / size)).astype(np.intp) for size in shape]
+    products = np.fft.irfft2(np.abs(np.fft.rfft2(image, s=shape)) ** 2, s=shape)
+    sums = np.bincount(np.maximum(apart[0][:, None], apart[1][None, :]).ravel(), products.ravel())
+    return np.asarray(sums, dtype=np.float64)
 
 
 def _block_means(image: FloatArray, inside: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:

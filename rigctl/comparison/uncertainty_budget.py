@@ -120,7 +120,7 @@ def _run_causes(
     channels: ChannelMoments, region: MeasuredRegion, measurement: Measurement, gain_dn_per_e: float | None
 ) -> dict[str, FloatArray]:
     if gain_dn_per_e is None or not measurement.grid.is_one_exposure:
-        return {"noise and texture": np.asarray(channels.scene_cov_dn2) / region.independent_pixels}
+        return {"noise and texture": region.scatter_cov}
     causes = noise_causes(
         channels,
         gain_dn_per_e=gain_dn_per_e,

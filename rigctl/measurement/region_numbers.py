@@ -14,6 +14,7 @@ from model.processing.sample_moments import (
     effective_pixels,
     mean_moments,
     mean_over_deviation,
+    region_mean_moments,
     temporal_deviation,
 )
 from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
@@ -38,9 +39,11 @@ class MeasuredRegion:
     pixels, excluded, edge : int
         Pixels used, pixels of the region left out as saturated or missing, and those left out along its border.
     independent_pixels : float
-        How many independent ones they are worth: standard errors take this number.
+        How many independent ones they are worth for S0: errors of deviations take this number.
     channels_mean : Moments
         Mean of each angle over pixels and cycles, and the covariance of that mean.
+    scatter_cov : (N, N) array
+        Of the mean of each angle by the scatter of the pixels alone.
     channel_pixels, channel_pixels_mean : (N, P) array
         Counts of each pixel behind each angle, of the first cycle and of the mean of all.
     stokes_pixels, stokes_pixels_mean : (3, P) array
@@ -58,6 +61,7 @@ class MeasuredRegion:
     edge: int
     independent_pixels: float
     channels_mean: Moments
+    scatter_cov: FloatArray
     channel_pixels: FloatArray
     channel_pixels_mean: FloatArray
     stokes_pixels: FloatArray
@@ -118,9 +122,8 @@ def measure_region(
     independent = _independent_pixels(mean, inside, plan)
     inflation = pixels.shape[2] / independent
     repeatability = _repeatability(pixels)
-    channels_mean = _with_level_errors(
-        mean_moments(mean), inflation, level_std_error, np.hypot(relative_error, repeatability), own_error
-    )
+    scattered = region_mean_moments(mean, inside)
+    channels_mean = _with_level_errors(scattered, level_std_error, np.hypot(relative_error, repeatability), own_error)
     stokes_pixels = np.asarray(plan.inverse @ pixels[0])
     stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
     quantities = _linear(channel_names, pixels, channels_mean, inflation)
@@ -134,6 +137,7 @@ def measure_region(
         edge=edge,
         independent_pixels=independent,
         channels_mean=channels_mean,
+        scatter_cov=scattered.cov,
         channel_pixels=pixels[0],
         channel_pixels_mean=mean,
         stokes_pixels=stokes_pixels,
@@ -168,14 +172,13 @@ def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Desig
 
 def _with_level_errors(
     moments: Moments,
-    inflation: float,
     level_std_error: FloatArray,
     relative_error: FloatArray,
     own_error: FloatArray | float,
 ) -> Moments:
     own = np.square(moments.mean * relative_error) + np.square(own_error)
     common = np.outer(level_std_error, level_std_error) + np.diag(own)
-    return Moments(mean=moments.mean, cov=moments.cov * inflation + common)
+    return Moments(mean=moments.mean, cov=moments.cov + common)
 
 
 def _linear(names: tuple[str, ...], cycles: FloatArray, mean: Moments, inflation: float) -> MeasuredQuantities:

@@ -66,6 +66,25 @@ def test_pixels_in_equal_squares_count_once_a_square():
     assert sm.effective_pixels(squares, inside) == pytest.approx(6400, rel=0.35)
 
 
+def test_a_small_region_is_worth_what_its_correlations_say():
+    inside = np.ones((64, 64), dtype=bool)
+    squares = np.kron(np.random.default_rng(9).normal(size=(16, 16)), np.ones((4, 4)))
+    # 256 independent squares: correlations up to 4 pixels are known to a fifth or so.
+    assert sm.effective_pixels(squares, inside) == pytest.approx(256, rel=0.5)
+
+
+def test_texture_widens_what_channels_share_and_not_their_ratio():
+    rng = np.random.default_rng(10)
+    inside = np.ones((64, 64), dtype=bool)
+    texture = np.kron(rng.normal(size=(16, 16)), np.ones((4, 4))).ravel()
+    channels = 100.0 + 10.0 * texture + rng.normal(size=(2, texture.size))
+    found = sm.region_mean_moments(channels, inside).cov
+    plain = sm.mean_moments(channels).cov
+    assert found[0, 0] / plain[0, 0] == pytest.approx(16.0, rel=0.5)
+    difference = np.array([1.0, -1.0])
+    assert difference @ found @ difference == pytest.approx(difference @ plain @ difference, rel=0.1)
+
+
 def test_a_constant_image_is_no_correlation():
     assert sm.effective_pixels(np.ones((40, 40)), np.ones((40, 40), dtype=bool)) == 1600
 
