@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,11 +113,8 @@ def _sampled(every: int) -> Iterator[list[Sample]]:
             samples.append(_sample(count[0]))
         return written
 
-    RunWriter.write_frame = counting  # type: ignore[method-assign]
-    try:
+    with patch.object(RunWriter, "write_frame", counting):
         yield samples
-    finally:
-        RunWriter.write_frame = write_frames  # type: ignore[method-assign]
 
 
 def _sample(frames: int) -> Sample:

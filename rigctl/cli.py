@@ -104,9 +104,8 @@ def once_each(command: Any) -> Any:
         try:
             _refuse_repeats(command, context, arguments)
             return parse(context, arguments)
-        except Exception as error:
-            if isinstance(message := getattr(error, "message", None), str):
-                error.message = _in_plain_words(message)  # type: ignore[attr-defined]
+        except typer.BadParameter as error:
+            error.message = _in_plain_words(error.message)
             raise
 
     command.parse_args = parse_args

@@ -6,6 +6,7 @@ cameras and people store them.
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -81,7 +82,7 @@ DESIGNS_DEG: tuple[tuple[float, ...], ...] = (
 )
 
 
-def other_world(rng: np.random.Generator, **fixed: object) -> World:
+def other_world(rng: np.random.Generator, **fixed: Any) -> World:
     """Return a world of other kinds: scenes, designs, depths, small and narrow pictures, hardly or much polarized.
 
     None of it was looked at when the thresholds of the diagnosis were chosen.
@@ -90,7 +91,7 @@ def other_world(rng: np.random.Generator, **fixed: object) -> World:
     design = int(rng.integers(0, len(DESIGNS_DEG) + 1))
     angles = DESIGNS_DEG[design] if design < len(DESIGNS_DEG) else tuple(rng.uniform(0.0, 180.0, 12).round(2).tolist())
     height, width = ((64, 64), (40, 256), (128, 160), (96, 96))[int(rng.integers(0, 4))]
-    drawn = {
+    drawn: dict[str, Any] = {
         "angles_deg": angles,
         "height": height,
         "width": width,
@@ -106,7 +107,7 @@ def other_world(rng: np.random.Generator, **fixed: object) -> World:
         "is_evenly_polarized": bool(rng.random() < 0.4),
         "resampled_deg": float(rng.choice([0.0, 0.0, rng.uniform(-5.0, 5.0)])),
     }
-    return replace(World(**drawn), **fixed)  # type: ignore[arg-type]
+    return replace(World(**drawn), **fixed)
 
 
 def random_world(rng: np.random.Generator, *, full_scale_dn: int | None = None, black_dn: float = 0.0) -> World:

@@ -10,7 +10,7 @@ from model.processing import sample_moments as sm
 REPEATS = 400
 
 
-def _scores_are_standard(scores):
+def _assert_standard_normal(scores):
     scores = np.asarray(scores)
     assert abs(scores.mean()) < 5 / np.sqrt(REPEATS)
     assert abs(scores.var() - 1) < 5 * np.sqrt(2 / REPEATS)
@@ -19,21 +19,21 @@ def _scores_are_standard(scores):
 def test_error_of_a_mean_covers_at_its_rate():
     rng = np.random.default_rng(1)
     found = [sm.mean_moments(rng.exponential(2.0, (1, 500))) for _ in range(REPEATS)]
-    _scores_are_standard([(m.mean[0] - 2.0) / np.sqrt(m.cov[0, 0]) for m in found])
+    _assert_standard_normal([(m.mean[0] - 2.0) / np.sqrt(m.cov[0, 0]) for m in found])
 
 
 def test_error_of_a_deviation_covers_at_its_rate_without_a_normal_law():
     # Uniform numbers have kurtosis 1.8: the error of a normal law, s / sqrt(2 P), would be 58 % too large.
     rng = np.random.default_rng(2)
     found = [sm.deviation(rng.uniform(0.0, np.sqrt(12.0), 2000)) for _ in range(REPEATS)]
-    _scores_are_standard([(s.value - 1.0) / s.std_error for s in found])
+    _assert_standard_normal([(s.value - 1.0) / s.std_error for s in found])
 
 
 def test_error_of_a_temporal_deviation_covers_although_differences_share_frames():
     rng = np.random.default_rng(3)
     pattern = rng.normal(0.0, 20.0, 1500)
     found = [sm.temporal_deviation(pattern + rng.normal(100.0, 3.0, (6, 1500))) for _ in range(REPEATS)]
-    _scores_are_standard([(s.value - 3.0) / s.std_error for s in found])
+    _assert_standard_normal([(s.value - 3.0) / s.std_error for s in found])
 
 
 def test_temporal_deviation_does_not_see_flicker_common_to_all_pixels():
@@ -48,7 +48,7 @@ def test_error_of_mean_over_deviation_covers_at_its_rate():
     rng = np.random.default_rng(5)
     # Gamma with shape 9: mean over deviation is 3, and mean and deviation are correlated by its skewness.
     found = [sm.mean_over_deviation(rng.gamma(9.0, 1.0, 3000)) for _ in range(REPEATS)]
-    _scores_are_standard([(s.value - 3.0) / s.std_error for s in found])
+    _assert_standard_normal([(s.value - 3.0) / s.std_error for s in found])
 
 
 def test_independent_pixels_count_in_full():
