@@ -74,6 +74,8 @@ class StageStatus:
     meaning: str
 
 
+MosaicDeg = tuple[float, float, float, float]
+
 Way = Literal["short", "forward", "backward"]
 """Way round: the shorter one, or always towards larger or smaller angles (to take up backlash)."""
 
@@ -243,12 +245,16 @@ class CameraFacts:
     triggered : bool
         It takes a picture only when it is asked for one, by software or by a line: then the numbers of its frames
         follow each other, and a gap is a picture that was lost.
+    mosaic_deg : tuple of four floats or None
+        Polarizer angles of the cell of 2 x 2 pixels, row by row, counter-clockwise from horizontal in the picture, where
+        the camera tells them [deg].
     """
 
     sample_format: str
     justified: Literal["right", "left"]
     linear: bool | None
     triggered: bool = False
+    mosaic_deg: MosaicDeg | None = None
 
 
 @runtime_checkable

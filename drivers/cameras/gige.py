@@ -17,6 +17,8 @@ _PROBE_TIMEOUT_S = 5.0
 _REOPENINGS = 3  # in one picture
 _LOOK_S = 0.2  # how often a wait looks whether the camera is still there
 _DELIVERY_S = 1.0  # beyond exposure (and frame period): a picture that takes longer does not come any more
+# Cell of Sony's sensors with polarizers (IMX250MZR, IMX253MZR), which the formats with this word in their names are of.
+_SENSOR_CELL_DEG = (90.0, 45.0, 135.0, 0.0)
 _THERMOMETERS = ("SensorTemperature", "DeviceTemperature")
 _NO_PICTURES = (
     "If no picture ever comes, a firewall may hold back the stream (UDP), or packets are larger than the network "
@@ -102,6 +104,7 @@ class GigeCamera:
             justified=pixel_format.justified,
             linear=setup.linear,
             triggered=self._options.trigger == "software",
+            mosaic_deg=_SENSOR_CELL_DEG if pixel_format.is_polarized else None,
         )
 
     def features(self) -> dict[str, str]:

@@ -6,7 +6,7 @@ from drivers.cameras.aravis_library import AravisLibrary
 from drivers.cameras.bayer import Plane, size_of_counts
 from drivers.cameras.gige_features import GigeFeatures
 from drivers.cameras.gige_options import GigeOptions
-from drivers.cameras.known_formats import GENICAM
+from drivers.cameras.known_formats import GENICAM, polarized_format
 from drivers.cameras.pixel_format import PixelFormat
 from drivers.errors import LimitError
 from drivers.network_path import path_mtu
@@ -75,7 +75,7 @@ def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
     linear = _switch_off(features)
     sent = _set_region(features, options)
     pixel_format, code = _set_pixel_format(features, options)
-    if options.plane is not None:
+    if options.plane is not None or pixel_format.is_polarized:
         _refuse_moved_mosaic(options)
     width, height, bit_depth = size_of_counts(pixel_format, plane=options.plane, width=sent[0], height=sent[1])
     _set_black_level(features, options)
@@ -179,20 +179,21 @@ def _set_pixel_format(features: GigeFeatures, options: GigeOptions) -> tuple[Pix
         raise LimitError(f"{options.place}: pixel format {name}: the camera offers {', '.join(offered)}")
     features.set_text("PixelFormat", name)
     code = features.whole("PixelFormat") & 0xFFFFFFFF
-    if code not in GENICAM:
-        known = ", ".join(fmt.name for fmt in GENICAM.values())
-        raise LimitError(f"{options.place}: pixel format {name} ({code:#010x}) cannot be read; known are {known}")
-    depth = options.bit_depth or GENICAM[code].bit_depth
-    if depth != GENICAM[code].bit_depth and GENICAM[code].bit_depth != 16:
-        raise LimitError(f"{options.place}: bit_depth {depth}: samples of {name} have {GENICAM[code].bit_depth}")
-    stated = replace(GENICAM[code], bit_depth=depth, justified=options.justified, byte_order=options.byte_order)
-    return stated, code
+    # Makers' own numbers are not known all, and their names say it.
+    known = polarized_format(name) or GENICAM.get(code)
+    if known is None:
+        names = ", ".join(fmt.name for fmt in GENICAM.values())
+        raise LimitError(f"{options.place}: pixel format {name} ({code:#010x}) cannot be read; known are {names}")
+    depth = options.bit_depth or known.bit_depth
+    if depth != known.bit_depth and known.bit_depth != 16:
+        raise LimitError(f"{options.place}: bit_depth {depth}: samples of {name} have {known.bit_depth}")
+    return replace(known, bit_depth=depth, justified=options.justified, byte_order=options.byte_order), code
 
 
 def _refuse_moved_mosaic(options: GigeOptions) -> None:
     """Refuse what moves the mosaic's cell: what a camera then calls its format differs from maker to maker."""
     if options.offset_x % 2 or options.offset_y % 2 or options.reverse_x or options.reverse_y or options.binning != 1:
-        raise LimitError(f"{options.place}: a plane of a mosaic needs even offsets, no mirroring and no binning")
+        raise LimitError(f"{options.place}: the cell of a mosaic needs even offsets, no mirroring and no binning")
 
 
 def _set_black_level(features: GigeFeatures, options: GigeOptions) -> None:

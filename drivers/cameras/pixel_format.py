@@ -53,6 +53,8 @@ class PixelFormat:
         Where samples share bytes.
     cell : str or None
         Colours of the mosaic's cell of 2 x 2 samples, row by row; None for grey.
+    is_polarized : bool
+        Its samples stand behind polarizers, four angles in a cell of 2 x 2.
     """
 
     name: str
@@ -62,6 +64,7 @@ class PixelFormat:
     justified: Justified = "right"
     packing: Packing | None = None
     cell: str | None = None
+    is_polarized: bool = False
 
 
 def unpack(

@@ -180,7 +180,7 @@ class V4l2Camera:
         pix.field, pix.bytesperline, pix.sizeimage = v4l2.NO_FIELDS, 0, 0
         self._ask(v4l2.S_FMT, content, "setting its format")
         if (pix.width, pix.height, pix.pixelformat) != asked:
-            got = pix.pixelformat.to_bytes(4, "little").decode(errors="replace")
+            got = v4l2.letters_of(pix.pixelformat)
             raise LimitError(
                 f"{self._name}: asked for {asked[0]} x {asked[1]} in {letters.strip()}, it offers {pix.width} x "
                 f"{pix.height} in {got.strip()}"

@@ -84,5 +84,5 @@ def _formats(node: VideoNode) -> list[str]:
             node.request(v4l2.ENUM_FMT, description)
         except OSError:
             break  # there are no more: this request has no other way to say so
-        offered.append(description.pixelformat.to_bytes(4, "little").decode(errors="replace"))
+        offered.append(v4l2.letters_of(description.pixelformat))
     return offered

@@ -169,6 +169,16 @@ def can_take_pictures(device: Capability) -> bool:
     return bool(can & CAN_CAPTURE and can & CAN_STREAM)
 
 
+_BIG_END, _BIG_END_BIT = "_BE", 1 << 31
+
+
 def fourcc(letters: str) -> int:
-    """Return the number of a format by its four letters."""
-    return int.from_bytes(letters.encode(), "little")
+    """Return the number of a format by its four letters; "_BE" behind them sets the highest bit."""
+    plain = letters.removesuffix(_BIG_END).ljust(4)
+    return int.from_bytes(plain.encode(), "little") | (_BIG_END_BIT if letters.endswith(_BIG_END) else 0)
+
+
+def letters_of(number: int) -> str:
+    """Return the four letters of a format, "_BE" behind them where its highest bit is set."""
+    plain = (number & ~_BIG_END_BIT).to_bytes(4, "little").decode(errors="replace")
+    return f"{plain.strip()}{_BIG_END}" if number & _BIG_END_BIT else plain

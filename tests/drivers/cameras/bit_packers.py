@@ -24,12 +24,13 @@ def as_gvsp_packed(samples, bits):
 
 
 def as_csi_packed(samples, bits):
-    """MIPI CSI-2: high eight bits of each sample of a group, then one byte with the low bits of all of them."""
+    """MIPI CSI-2: high eight bits of each sample of a group, then the low bits of all of them, the lowest first."""
     low = bits - 8
-    size = 8 // low
+    size = {2: 4, 4: 2, 6: 4}[low]
     out = bytearray()
     for place in range(0, len(samples), size):
         group = [int(sample) for sample in samples[place : place + size]] + [0] * size
         out += bytes(sample >> low for sample in group[:size])
-        out.append(sum((sample & (2**low - 1)) << (low * index) for index, sample in enumerate(group[:size])))
+        rest = sum((sample & (2**low - 1)) << (low * index) for index, sample in enumerate(group[:size]))
+        out += rest.to_bytes(low * size // 8, "little")
     return bytes(out)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.cameras.known_formats import GENICAM, V4L2
+from drivers.cameras.known_formats import GENICAM, V4L2, polarized_format
 from drivers.cameras.pixel_format import needed_bytes, unpack
 from drivers.errors import ProtocolError
 from tests.drivers.cameras.bit_packers import as_csi_packed, as_gvsp_packed, as_stream_of_bits
@@ -16,12 +16,17 @@ BY_NAME = {fmt.name: fmt for fmt in (*GENICAM.values(), *V4L2.values())}
 PACKERS = {
     "Mono10p": as_stream_of_bits,
     "Mono12p": as_stream_of_bits,
+    "Mono14p": as_stream_of_bits,
     "Mono10Packed": as_gvsp_packed,
     "Mono12Packed": as_gvsp_packed,
+    "PolarizeMono12p": as_stream_of_bits,
+    "PolarizeMono12Packed": as_gvsp_packed,
     "Y10P": as_csi_packed,
     "Y12P": as_csi_packed,
-    **{f"Bayer{cell}{bits}p": as_stream_of_bits for cell in ("BG", "GB", "GR", "RG") for bits in (10, 12)},
-    **{f"Bayer{cell}12Packed": as_gvsp_packed for cell in ("BG", "GB", "GR", "RG")},
+    "Y14P": as_csi_packed,
+    **{f"Bayer{cell}{bits}p": as_stream_of_bits for cell in ("BG", "GB", "GR", "RG") for bits in (10, 12, 14)},
+    **{f"Bayer{cell}{bits}Packed": as_gvsp_packed for cell in ("BG", "GB", "GR", "RG") for bits in (10, 12)},
+    **{f"p{cell}{bits}": as_csi_packed for cell in ("B", "G", "g", "R") for bits in ("AA", "CC", "EE")},
 }
 UNPACKED = sorted(set(BY_NAME) - set(PACKERS))
 
@@ -30,7 +35,8 @@ def packed(name, samples):
     fmt = BY_NAME[name]
     if name in PACKERS:
         return PACKERS[name](samples, fmt.bit_depth)
-    return b"".join(int(sample).to_bytes(fmt.sample_bytes, "little") for sample in samples)
+    end = "big" if name.endswith("_BE") else "little"
+    return b"".join(int(sample).to_bytes(fmt.sample_bytes, end) for sample in samples)
 
 
 @st.composite
@@ -83,10 +89,31 @@ def test_one_byte_less_is_refused(picture):
         ("Y12P", bytes([0xAB, 0x12, 0x3C]), [0xABC, 0x123]),
         # 0x2A5 = 10 1010 0101 and 0x13C = 01 0011 1100.
         ("Mono10Packed", bytes([0xA9, 0x01, 0x4F]), [0x2A5, 0x13C]),
+        ("BayerRG10Packed", bytes([0xA9, 0x01, 0x4F]), [0x2A5, 0x13C]),
+        ("Y16_BE", bytes([0xAB, 0xCD, 0x01, 0x23]), [0xABCD, 0x0123]),
+        # 0x2BCD = 10 1011 1100 1101 and 0x1234 = 01 0010 0011 0100, in a stream of bits from the lowest on.
+        ("Mono14p", bytes([0xCD, 0x2B, 0x8D, 0x04]), [0x2BCD, 0x1234]),
+        # High parts 0xAF and 0x48, then 00 1101 and 11 0100 from the lowest bit on.
+        ("Y14P", bytes([0xAF, 0x48, 0x00, 0x00, 0x0D, 0x0D, 0x00]), [0x2BCD, 0x1234]),
     ],
 )
 def test_bits_stand_where_the_standards_have_them(name, data, counts):
     np.testing.assert_array_equal(unpack(data, pixel_format=BY_NAME[name], width=2, height=1), [counts])
+
+
+@pytest.mark.parametrize(
+    ("name", "grey"), [("PolarizeMono12p", "Mono12p"), ("Polarized8", "Mono8"), ("PolarizedMono16", "Mono16")]
+)
+def test_samples_behind_polarizers_stand_as_grey_ones(name, grey):
+    found = polarized_format(name)
+    assert found == replace(BY_NAME[grey], name=name, is_polarized=True)
+
+
+@pytest.mark.parametrize(
+    "name", ["PolarizedDolp_Mono8", "PolarizedAngles_0d_45d_90d_135d_Mono8", "Mono8", "Polarized9"]
+)
+def test_computed_pictures_and_grey_ones_are_not_behind_polarizers(name):
+    assert polarized_format(name) is None
 
 
 def test_the_two_packings_of_12_bits_differ():

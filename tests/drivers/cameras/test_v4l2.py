@@ -175,10 +175,28 @@ def test_a_device_that_is_not_there_is_said_so():
 
 @pytest.mark.parametrize(
     ("letters", "cell"),
-    [("RG12", "RGGB"), ("BG12", "BGGR"), ("GB10", "GBRG"), ("BA10", "GRBG"), ("BA81", "BGGR"), ("BYR2", "BGGR")],
+    [
+        ("RG12", "RGGB"),
+        ("BG12", "BGGR"),
+        ("GB10", "GBRG"),
+        ("BA10", "GRBG"),
+        ("BA81", "BGGR"),
+        ("BYR2", "BGGR"),
+        ("pgAA", "GRBG"),
+    ],
 )
 def test_the_cell_of_a_mosaic_is_the_one_of_the_formats_name(letters, cell):
     assert sample_format(read_v4l2_place(f"/dev/fake?pixel_format={letters}&plane=red")).cell == cell
+
+
+def test_the_big_end_first_has_a_number_of_its_own():
+    assert v4l2.fourcc("Y16_BE") == v4l2.fourcc("Y16 ") | 1 << 31
+    assert [v4l2.letters_of(v4l2.fourcc(letters)) for letters in ("Y16_BE", "Y16 ", "RG12")] == [
+        "Y16_BE",
+        "Y16 ",
+        "RG12",
+    ]
+    assert sample_format(read_v4l2_place("/dev/fake?pixel_format=Y16_BE")).byte_order == "big"
 
 
 def test_colours_are_summed(video):
