@@ -246,8 +246,8 @@ class CameraFacts:
         It takes a picture only when it is asked for one, by software or by a line: then the numbers of its frames
         follow each other, and a gap is a picture that was lost.
     mosaic_deg : tuple of four floats or None
-        Polarizer angles of the cell of 2 x 2 pixels, row by row, counter-clockwise from horizontal in the picture, where
-        the camera tells them [deg].
+        Polarizer angles of the cell of 2 x 2 pixels, row by row, counter-clockwise from horizontal in the picture, as
+        the camera tells them; None where it tells none [deg].
     """
 
     sample_format: str
