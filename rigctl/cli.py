@@ -20,6 +20,7 @@ from calibration.errors import CalibrationError
 from drivers.errors import DeviceError
 from rigctl.console.console_streams import lasting_streams, visible
 from rigctl.console.destination_options import with_tried_destinations
+from rigctl.console.exclusion_option import with_exclusion_option
 from rigctl.console.failure_json import failure_json
 from rigctl.errors import ConfigError, DataError
 from rigctl.numbers.number_range import with_options_in_range
@@ -65,6 +66,8 @@ VERBS: dict[str, tuple[str, str]] = {
     "notify": ("rigctl.commands.notify", "Try the notices that a session sends."),
     "serve": ("rigctl.commands.serve", "Work the rig from a browser: focus, regions, sessions."),
     "watch": ("rigctl.commands.watch", "Show a run in a browser as it grows."),
+    "note": ("rigctl.commands.note", "Write down something about a run."),
+    "exclude": ("rigctl.commands.exclude", "Leave frames of a run out of every number, with a reason."),
     "log": ("rigctl.commands.log", "Tell what happened in a session, line by line."),
     "hold": ("rigctl.commands.hold", "Ask a running session to hold after this frame."),
     "stop": ("rigctl.commands.stop", "Ask a running session to stop after this frame."),
@@ -150,7 +153,8 @@ class LazyGroup(TyperGroup):
         if app is None:
             app = typer.Typer(add_completion=False, rich_markup_mode=None)
             app.command(cmd_name)(module.command)
-        return with_tried_destinations(cmd_name, once_each(_in_range(typer.main.get_command(app))))
+        command = with_exclusion_option(cmd_name, once_each(_in_range(typer.main.get_command(app))))
+        return with_tried_destinations(cmd_name, command)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the verb that was asked for; of an unknown one say which may have been meant."""

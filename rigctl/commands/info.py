@@ -51,6 +51,8 @@ def _print(summary: "RunSummary") -> None:
         console.print(f"note: {remark} ({frames} frames)", markup=False)
     for event, times in summary.events.items():
         console.print(f"event: {event} ({times} x)", markup=False)
+    for annotation in summary.annotations:
+        console.print(annotation.line, markup=False)
 
 
 def _facts(summary: "RunSummary") -> Iterable[tuple[str, str]]:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from rigctl.console.destination_options import summary_page
+from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress, results, warn
 
 
@@ -21,7 +22,9 @@ def command(
     """
     from rigctl.jobs.summary import summarise_session
     from rigctl.measurement.run_diagnosis import fault_lines
+    from rigctl.reports.tables.annotation_tables import annotations_of
     from rigctl.reports.tables.numbers_json import diagnosis_json
+    from rigctl.runs.annotation_record import left_out_texts
 
     page = summary_page(run) if out is None else out
     found = summarise_session(run, page)
@@ -30,16 +33,15 @@ def command(
         kinds = Counter[str](record.kind for record in history.run.frames)
         events = Counter(event.event for event in history.events)
         told = diagnosis_json(found.diagnosis)
-        print_json(
-            {
-                "run": str(run),
-                "page": str(page),
-                "frames": kinds,
-                "events": events,
-                "diagnosis": told,
-                "doubts": found.doubts,
-            }
-        )
+        answer: dict[str, Json] = {
+            "run": str(run),
+            "page": str(page),
+            "frames": kinds,
+            "events": events,
+            "diagnosis": told,
+            "doubts": found.doubts,
+        }
+        print_json(answer | annotations_of(history.run, left_out_texts(history.run.annotations, history.run.excluded)))
         return
     for line in fault_lines(found.diagnosis):
         results().print(line, markup=False)

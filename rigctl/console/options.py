@@ -23,6 +23,8 @@ MaxFrameMb = Annotated[
 ]
 
 
+AnnotationBy = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so; else the login name.")]
+
 # Calibrations that frames of a run are corrected by, and what the run itself shows.
 RegistrationFile = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")

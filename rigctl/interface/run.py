@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.console.exclusion_option import exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
@@ -20,6 +22,7 @@ from rigctl.interface.results import StokesResult
 from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.live.run_state import state_of
 from rigctl.measurement.run_calibrations import CalibrationPaths
+from rigctl.runs.annotations import annotated, exclusion_remark
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run as RunRecord
 from rigctl.runs.run_folder import read_contents, read_run
@@ -98,10 +101,13 @@ class Run:
         The folder.
     record : rigctl.runs.run_folder.Run
         Its table of contents, as the jobs take it.
+    ignore_exclusions : bool
+        Frames are taken too that people have excluded.
     """
 
     path: Path
     record: RunRecord
+    ignore_exclusions: bool = False
 
     def __repr__(self) -> str:
         return f"<run {self.path}: {self._summary}>"
@@ -191,7 +197,8 @@ class Run:
             ),
             correct=tuple(correct),
         )
-        return StokesResult(**vars(stokes_of_run(request)))
+        with exclusions_ignored() if self.ignore_exclusions else nullcontext():
+            return StokesResult(**vars(stokes_of_run(request)))
 
     def to_xarray(self) -> Any:
         """Return the run as an `xarray.Dataset`: the frames' counts with their angles, and the Stokes pictures.
@@ -248,13 +255,15 @@ def maybe_path(given: FilePath | None) -> Path | None:
     return None if given is None else Path(given)
 
 
-def open_run(path: FilePath) -> Run:
+def open_run(path: FilePath, *, ignore_exclusions: bool = False) -> Run:
     """Return a run folder, opened: its frames, Stokes parameters and regions.
 
     Parameters
     ----------
     path : path
         Run folder, of `rigctl acquire` or `rigctl import`.
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
 
     Raises
     ------
@@ -264,15 +273,16 @@ def open_run(path: FilePath) -> Run:
     Warns
     -----
     UserWarning
-        Its session has not finished, or something beside its frames is damaged.
+        Its session has not finished, something beside its frames is damaged, or frames are excluded.
 
     Examples
     --------
     >>> run = rigctl.open_run("runs/panels")  # doctest: +SKIP
     >>> run.frames(kind="scene").counts.mean(axis=(1, 2))  # doctest: +SKIP
     """
-    record = read_run(Path(path))
-    remark = wholeness_remark(record)
-    if remark is not None:
-        warnings.warn(remark, stacklevel=2)
-    return Run(path=Path(path), record=record)
+    with exclusions_ignored() if ignore_exclusions else nullcontext():
+        record = annotated(read_run(Path(path)))
+    for remark in (wholeness_remark(record), None if ignore_exclusions else exclusion_remark(record)):
+        if remark is not None:
+            warnings.warn(remark, stacklevel=2)
+    return Run(path=Path(path), record=record, ignore_exclusions=ignore_exclusions)

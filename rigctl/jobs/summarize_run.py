@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from rigctl.files.rig_file import unset_polarizer
 from rigctl.numbers.angles import wrapped
+from rigctl.runs.annotation_record import Annotation
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import Run
@@ -75,6 +76,10 @@ class RunSummary:
         What happened, and how often.
     doubts : tuple of str
         What is to be known before its numbers are used.
+    excluded : tuple of int
+        Frames that people have left out; they are not counted above.
+    annotations : tuple of Annotation
+        What people have noted.
     """
 
     run: str
@@ -95,6 +100,8 @@ class RunSummary:
     remarks: dict[str, int]
     events: dict[str, int]
     doubts: tuple[str, ...] = ()
+    excluded: tuple[int, ...] = ()
+    annotations: tuple[Annotation, ...] = ()
 
 
 def summarize_run(run: Run) -> RunSummary:
@@ -125,6 +132,8 @@ def summarize_run(run: Run) -> RunSummary:
         remarks=dict(Counter(remark for r in frames for remark in r.remarks)),
         events=dict(Counter(event.event for event in read_events(run.path))),
         doubts=unset_polarizer(run.path, placeholder=run.session.polarizer.placeholder),
+        excluded=tuple(record.sequence for record in run.excluded),
+        annotations=run.annotations,
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from model.prediction.quantity_table import counts_name
 from rigctl.errors import DataError
 from rigctl.numbers.angles import wrapped
+from rigctl.runs.annotation_record import left_out_texts
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
 
@@ -99,10 +100,16 @@ def arrange(run: Run) -> FrameGrid:
     """
     scene = [record for record in run.frames if record.kind == "scene"]
     _refuse_unusable(run, scene)
+    # Cycles are counted over all frames that were taken: one that is excluded moves no other into its cycle.
+    excluded = {
+        one.sequence: one for one in run.excluded if one.kind == "scene" and one.polarizer_angle_deg is not None
+    }
     by_cycle: dict[int, dict[str, FrameRecord]] = defaultdict(dict)
-    for cycle, name, record in _named(scene):
-        by_cycle[cycle][name] = record
-    names = max((frozenset(channels) for channels in by_cycle.values()), key=len)
+    for cycle, name, record in _named(sorted((*scene, *excluded.values()), key=lambda record: record.sequence)):
+        if record.sequence not in excluded:
+            by_cycle[cycle][name] = record
+    sets = Counter(frozenset(channels) for channels in by_cycle.values())
+    names = max(sets, key=lambda found: (len(found), sets[found]))
     whole = [by_cycle[cycle] for cycle in sorted(by_cycle) if frozenset(by_cycle[cycle]) == names]
     partial = [cycle for cycle in sorted(by_cycle) if frozenset(by_cycle[cycle]) != names]
     ordered = sorted(names, key=lambda name: (_target_deg(whole[0][name]), name))
@@ -113,13 +120,17 @@ def arrange(run: Run) -> FrameGrid:
         target_angles_deg=np.array([_target_deg(record) for record in records[0]]),
         polarizer_angles_rad=_mean_angles_rad(records),
         exposures_s=_exposures_s(run, records),
-        left_out=tuple(f"cycle {cycle}: incomplete, {len(by_cycle[cycle])} of {len(names)}" for cycle in partial),
+        left_out=(
+            *left_out_texts(run.annotations, excluded.values()),
+            *(f"cycle {cycle}: incomplete, {len(by_cycle[cycle].keys() & names)} of {len(names)}" for cycle in partial),
+        ),
     )
 
 
 def _refuse_unusable(run: Run, scene: list[FrameRecord]) -> None:
     if not scene:
-        raise DataError(f"{run.path}: holds no scene frames")
+        gone = sum(record.kind == "scene" for record in run.excluded)
+        raise DataError(f"{run.path}: holds no scene frames{f': all {gone} are excluded' if gone else ''}")
     unknown = [record.file for record in scene if record.polarizer_angle_deg is None]
     sizes = {(record.width, record.height) for record in scene}
     problems = [f"the polarizer angle of {len(unknown)} frames is not known ({unknown[0]}, ...)"] if unknown else []

@@ -6,6 +6,7 @@
     RUN/frames/*.fits     one whole frame each, with all that is known of it in its header
     RUN/manifest.jsonl    one line a frame, appended once the frame is on the disk
     RUN/events.jsonl      what happened, and when
+    RUN/annotations.jsonl what people note of it, and which frames they leave out (rigctl.runs.annotations)
 
 The frames are the truth; the manifest is their table of contents and can be made again from them.
 """
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from pydantic import JsonValue, ValidationError
 
 from rigctl.errors import DataError, RunFolderError
+from rigctl.runs.annotation_record import Annotation
 from rigctl.runs.fits.fits_frame import FitsFrame, decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
 from rigctl.runs.frame_record import FRAME_RECORD, FrameRecord
@@ -52,6 +54,10 @@ class Run:
         Program and version that made the folder.
     created_utc : str
         When it was made.
+    excluded : tuple of FrameRecord
+        Frames that people have left out; they are not among `frames`.
+    annotations : tuple of Annotation
+        What people have noted of it.
     """
 
     path: Path
@@ -60,6 +66,8 @@ class Run:
     frames: tuple[FrameRecord, ...]
     created_by: str
     created_utc: str
+    excluded: tuple[FrameRecord, ...] = ()
+    annotations: tuple[Annotation, ...] = ()
 
     def counts(self, record: FrameRecord) -> NDArray[np.uint16]:
         """Return the samples of a frame, once its checksum has been found right.

@@ -69,6 +69,23 @@ def released_on_error(lock: RunLock) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def locked_file(file: Path) -> Iterator[None]:
+    """Hold a file, made where it is not there, so that one process at a time adds to it; wait for the others.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened.
+    """
+    descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def writing_process(path: Path) -> int | None:
     """Return the number of the process that writes into a run folder, or None where there is none.
 

@@ -7,6 +7,13 @@ from pathlib import Path
 from typing import Literal
 
 from rigctl.errors import RunFolderError
+from rigctl.runs.annotations import (
+    ANNOTATIONS_FILE,
+    annotated,
+    annotation_problems,
+    exclusion_remark,
+    read_annotation_lines,
+)
 from rigctl.runs.run_description import SESSION_FILE, RunDescription
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closed_with, journal_problems, read_journal, sound_events
 from rigctl.runs.run_folder import MANIFEST_FILE, Contents, Run, read_contents, read_run
@@ -38,18 +45,21 @@ class Wholeness:
 
 
 def used_run(path: Path) -> Run:
-    """Return a run whose frames are to become numbers; what is not whole about it is said in the log.
+    """Return a run whose frames are to become numbers, without those that people have excluded.
+
+    What is not whole about it, and which frames are left out, is said in the log.
 
     Raises
     ------
     RunFolderError
-        As `read_run`: a line, a frame or the session file is damaged or gone.
+        As `read_run`: a line, a frame or the session file is damaged or gone; or the annotations are damaged.
     """
     run = read_run(path)
-    remark = wholeness_remark(run)
-    if remark is not None:
-        _LOG.warning("%s", remark)
-    return run
+    used = annotated(run)
+    for remark in (wholeness_remark(run), exclusion_remark(used)):
+        if remark is not None:
+            _LOG.warning("%s", remark)
+    return used
 
 
 def wholeness_remark(run: Run) -> str | None:
@@ -83,6 +93,7 @@ def wholeness(path: Path, contents: Contents) -> Wholeness:
     except RunFolderError as error:
         problems.append((EVENTS_FILE, str(error)))
         is_torn = False
+    problems += [(ANNOTATIONS_FILE, text) for text in annotation_problems(read_annotation_lines(path))]
     description = contents.description
     if description is None:
         return Wholeness(state="damaged", problems=tuple(problems))

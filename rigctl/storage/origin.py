@@ -11,6 +11,8 @@ from pathlib import Path
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, sha256_of
 
 _RUN_FILES = ("session.json", "manifest.jsonl")
+# What people say of a run, if anything: which of its frames are left out.
+_SAID_OF_RUN = "annotations.jsonl"
 # A run of which one of the two is gone is still one.
 _BESIDE_IN_RUN = ("frames", "events.jsonl")
 # Where a format has a place for its writer, the word stands within this much of either end.
@@ -115,7 +117,7 @@ def _files_of_input(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path] if path.is_file() else []
     if is_run(path):
-        return [path / name for name in _RUN_FILES]
+        return [file for name in (*_RUN_FILES, _SAID_OF_RUN) if (file := path / name).is_file()]
     return [file for file in path.iterdir() if file.is_file()]
 
 

@@ -15,6 +15,8 @@ from rigctl.errors import DataError
 from rigctl.live.live_status import STATUS_FILE, read_status
 from rigctl.live.run_state import State, session_state
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
+from rigctl.runs.annotation_record import Annotation
+from rigctl.runs.annotations import read_annotations
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, event_facts, read_events
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
@@ -74,6 +76,7 @@ class RunReader:
         problems: list[str] = []
         run = _or_problem(self._run, problems)
         events = _or_problem(lambda: read_events(self._path), problems) or []
+        noted = _or_problem(lambda: read_annotations(self._path), problems) or ()
         process = _or_problem(lambda: writing_process(self._path), problems)
         state = session_state(process, [event.event for event in events])
         liveliness = _LIVELINESS[state] if run is not None else "waiting"
@@ -81,7 +84,7 @@ class RunReader:
             run=self._path.name,
             state=self._stale_or(liveliness),
             disk_free_mb=shutil.disk_usage(self._path).free / _BYTES_PER_MB,
-            events=tuple(map(_happening, reversed(events[-_EVENTS:]))),
+            events=_happenings(events, noted),
         )
         look = replace(look, since_utc=self._since(look.state, events), advice=self._advice(look.state, events))
         look = look if run is None else _with_frames(look, run)
@@ -306,8 +309,13 @@ def _step(frame: FrameRecord) -> str:
     return ", ".join(words)
 
 
-def _happening(event: RunEvent) -> Happening:
-    return Happening(utc=event.utc, event=event.event, facts=event_facts(event))
+def _happenings(events: Sequence[RunEvent], noted: Sequence[Annotation]) -> tuple[Happening, ...]:
+    """Return the last things that happened or were noted, the newest first."""
+    told = [Happening(utc=event.utc, event=event.event, facts=event_facts(event)) for event in events[-_EVENTS:]]
+    if noted:
+        told += [Happening(utc=one.utc, event=one.kind, facts=one.facts) for one in noted[-_EVENTS:]]
+        told.sort(key=lambda one: one.utc)
+    return tuple(reversed(told[-_EVENTS:]))
 
 
 def _frame(run: Run, record: FrameRecord, *, zebra: bool, most_width: int) -> Picture:

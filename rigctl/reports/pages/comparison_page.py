@@ -18,6 +18,7 @@ from rigctl.reports.figures import comparison_figures, measurement_figures
 from rigctl.reports.figures.scene_figures import light_figure
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
 from rigctl.reports.tables import comparison_tables
+from rigctl.reports.tables.annotation_tables import annotation_sections
 from rigctl.reports.tables.calibration_tables import parameter_table
 from rigctl.reports.tables.comparison_tables import fault_table, fitted_table, move_table
 from rigctl.reports.tables.effects_tables import taken_table
@@ -46,6 +47,7 @@ def comparison_report(found: ComparedRun) -> Report:
         verdict=Verdict(good=comparison.agrees is True, text=verdict(comparison), reasons=tuple(_reasons(comparison))),
         sections=[
             *_first(comparison, measurement),
+            *annotation_sections(measurement.run.annotations),
             *_attributed(comparison.attribution),
             _pictures(measurement, found.regions),
             *_both_sides(comparison, measurement),

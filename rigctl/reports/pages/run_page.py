@@ -10,6 +10,7 @@ from rigctl.measurement.run_diagnosis import RunDiagnosis, fault_lines
 from rigctl.reports.figures.run_figures import contact_sheet, count_plot, cycle_figure, drift_line, sun_plot
 from rigctl.reports.report import Bullets, Picture, Report, Section
 from rigctl.reports.table import Column, Table, text_columns
+from rigctl.reports.tables.annotation_tables import annotation_sections
 from rigctl.reports.tables.comparison_tables import fault_table
 from rigctl.runs.run_events import RunEvent, event_facts
 from rigctl.runs.session_record import SessionRecord
@@ -25,7 +26,8 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
         columns=text_columns("event", "times", left=(0, 1)), rows=tuple((name, str(count)) for name, count in counts)
     )
     events = Section(title="Events", blocks=(times, _event_table(session.events[-_SHOWN_EVENTS:])))
-    sections = [*_simulation(session.run.session), *pictures, _faults(session.run.session, diagnosis), events]
+    noted = annotation_sections(session.run.annotations)
+    sections = [*_simulation(session.run.session), *noted, *pictures, _faults(session.run.session, diagnosis), events]
     return Report(title=session.run.path.name, source=_source(session), sections=sections)
 
 

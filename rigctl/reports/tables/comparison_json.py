@@ -9,6 +9,7 @@ from rigctl.comparison.trends import Trend
 from rigctl.comparison.verdict import RegionVerdict
 from rigctl.console.json_text import Json
 from rigctl.reports.table import Table
+from rigctl.reports.tables.annotation_tables import annotations_of
 from rigctl.reports.tables.numbers_json import SCHEMA_VERSION, STATISTICS, diagnosis_json, pixels_json
 from rigctl.reports.tables.provenance import provenance_json
 from rigctl.reports.tables.row_table import numbers_columns, row_table
@@ -40,7 +41,7 @@ def compared_json(found: ComparedRun) -> dict[str, Json]:
         "remarks": list(comparison.remarks),
         "not_tested": list(comparison.not_tested),
         "provenance": provenance_json(found),
-    }
+    } | annotations_of(measurement.run, measurement.grid.left_out)
 
 
 def _with_verdicts(regions: Mapping[str, Mapping[str, Json]], verdicts: Mapping[str, RegionVerdict]) -> Json:

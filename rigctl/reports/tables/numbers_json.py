@@ -15,6 +15,7 @@ from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
 from rigctl.measurement.run_diagnosis import UNSEEN, FaultTerm, RunDiagnosis
 from rigctl.prediction.performance import NO_NOISE, Performance
+from rigctl.reports.tables.annotation_tables import annotations_of
 from rigctl.reports.writers.data_files import finite
 
 SCHEMA_VERSION = 1
@@ -90,7 +91,7 @@ def measurement_json(measurement: Measurement, textures: dict[str, Texture] | No
     }
     if textures is not None:
         content["texture"] = {name: texture_json(texture) for name, texture in textures.items()}
-    return content
+    return content | annotations_of(measurement.run, grid.left_out)
 
 
 def texture_json(texture: Texture) -> dict[str, Json]:

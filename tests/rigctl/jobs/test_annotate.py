@@ -1,0 +1,258 @@
+"""Notes and exclusions: journaled beside the frames, honoured wherever frames become numbers."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import rigctl
+from rigctl import cli
+from rigctl.errors import ConfigError, RunFolderError
+from rigctl.jobs.annotate import exclude_frames, note_run
+from rigctl.jobs.stokes import StokesRequest, stokes_of_run
+from rigctl.jobs.verify import verify
+from rigctl.measurement.frame_grid import arrange
+from rigctl.runs.annotations import ANNOTATIONS_FILE, read_annotations
+from rigctl.runs.wholeness import used_run
+from rigctl.web.run_reader import RunReader
+from tests.rigctl.made_runs import at, make_run
+from tests.rigctl.resealed import as_of_layout_1
+
+ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+NOW_NS = 1_777_890_000_000_000_000  # 2026-05-04T10:20:00Z
+
+
+def _run(path, *, cycles=3, with_cycle=True):
+    """Return a run of some cycles; the last one is much brighter, as if a bird were white."""
+    generator = np.random.default_rng(3)
+    frames = []
+    for cycle in range(cycles):
+        light = 400.0 if cycle == cycles - 1 else 200.0
+        for place, angle_deg in enumerate(ANGLES_DEG):
+            facts = at(angle_deg, exposure_s=0.001, start_utc=f"2026-05-04T10:{cycle:02d}:{place:02d}.000000000Z")
+            facts |= {"cycle": cycle} if with_cycle else {}
+            frames.append((facts, generator.poisson(light, (24, 32))))
+    make_run(path, frames)
+    return path
+
+
+@pytest.fixture
+def run(tmp_path):
+    return _run(tmp_path / "run")
+
+
+def _exclude(run, frames, **options):
+    return exclude_frames(run, frames, **({"reason": "bird", "undo": False, "by": "ann"} | options))
+
+
+def test_a_line_has_the_keys_of_the_contract_and_its_seal(run):
+    note_run(run, "a cloud passed", at="10:01", by="ann")
+    line = json.loads((run / ANNOTATIONS_FILE).read_text())
+    assert {"utc", "by", "kind", "frames", "text"} <= line.keys()
+    assert (line["utc"], line["by"], line["kind"]) == ("2026-05-04T10:01:00.000000000Z", "ann", "note")
+    assert (line["frames"], line["text"]) == ([], "a cloud passed")
+    assert line["line_sha256"]
+
+
+def test_excluded_frames_are_in_no_number_and_frames_do_not_change(run):
+    before = {file.name: file.read_bytes() for file in run.rglob("*") if file.is_file()}
+    _exclude(run, "8-11")
+    found = stokes_of_run(StokesRequest(run=run))
+    assert found.measurement.grid.cycles == 2
+    assert found.measurement.images.stokes[0].mean() == pytest.approx(400.0, rel=0.01)
+    assert found.as_json()["left_out"][0] == "frame 8: excluded: bird (ann)"
+    assert found.as_json()["annotations"][0]["kind"] == "exclude"
+    after = {file.name: file.read_bytes() for file in run.rglob("*") if file.name in before}
+    assert after == before
+
+
+def test_ignore_exclusions_takes_them_and_says_so(run, tmp_path, capsys):
+    _exclude(run, "8-11")
+    assert cli.main(["stokes", str(run), "--out", str(tmp_path / "a"), "--json"]) == 0
+    said = capsys.readouterr()
+    assert (json.loads(said.out)["cycles"], "excluded frames are left out: 8-11: bird (ann)" in said.err) == (2, True)
+    assert cli.main(["stokes", str(run), "--out", str(tmp_path / "b"), "--json", "--ignore-exclusions"]) == 0
+    said = capsys.readouterr()
+    assert (json.loads(said.out)["cycles"], "are taken all the same" in said.err) == (3, True)
+
+
+def test_every_command_that_makes_numbers_of_a_run_has_the_option():
+    readers = ("stokes", "compare", "detect", "export", "summary", "info")
+    inner = {"calibrate": ("axis", "flat", "noise", "radiometric", "registration"), "fit": ("surface",)}
+    group = cli.typer.main.get_command(cli.app)
+    commands = [group.get_command(None, verb) for verb in readers]
+    commands += [group.get_command(None, verb).commands[name] for verb, names in inner.items() for name in names]
+    assert all("ignore_exclusions" in {one.name for one in command.params} for command in commands)
+
+
+def test_python_leaves_them_out_too(run):
+    _exclude(run, "8-11")
+    with pytest.warns(UserWarning, match="excluded frames are left out"):
+        opened = rigctl.open_run(run)
+    assert len(opened.frames("scene").records) == 8
+    every = rigctl.open_run(run, ignore_exclusions=True)
+    assert (len(every.frames("scene").records), every.stokes().measurement.grid.cycles) == (12, 3)
+
+
+def test_undo_takes_them_in_again(run):
+    _exclude(run, "4,8-11")
+    found = _exclude(run, "4,8-11", undo=True, reason=None)
+    assert (found.annotation.kind, found.annotation.frames, found.excluded) == ("include", (4, 8, 9, 10, 11), ())
+    assert arrange(used_run(run)).cycles == 3
+
+
+def test_what_is_excluded_already_is_a_remark_and_no_line(run):
+    _exclude(run, "8-9")
+    assert _exclude(run, "8").annotation is None
+    again = _exclude(run, "9-10")
+    assert again.annotation.frames == (10,)
+    assert again.remarks[0] == "frames 9: excluded already; nothing changes for them"
+    assert _exclude(run, "0", undo=True).annotation is None
+    assert len(read_annotations(run)) == 2
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        ("12", "not all of them are frames of"),
+        ("3-400000000", "it has 0-11"),
+        ("5-3", "'5-3' is no frame"),
+        ("", "is no frame"),
+        ("1,,2", "is no frame"),
+        ("-1", "is no frame"),
+        ("a", "is no frame"),
+        ("1.5", "is no frame"),
+    ],
+)
+def test_frames_that_are_not_there_are_refused(run, frames, said):
+    with pytest.raises(ConfigError, match=said):
+        _exclude(run, frames)
+    assert not (run / ANNOTATIONS_FILE).exists()
+    assert cli.main(["exclude", str(run), f"--frames={frames}", "--reason", "x"]) == 2
+
+
+def test_a_reason_has_to_be_said(run):
+    with pytest.raises(ConfigError, match="--reason: is empty"):
+        _exclude(run, "1", reason=None)
+    with pytest.raises(ConfigError, match="control characters"):
+        _exclude(run, "1", reason="a \x1b[2J")
+
+
+def test_an_angle_without_frames_is_said_and_the_rest_is_measured(run):
+    found = _exclude(run, "1,5,9")
+    assert any("no frame at 45 deg is left" in remark for remark in found.remarks)
+    grid = arrange(used_run(run))
+    assert (grid.angles, grid.cycles) == (3, 3)
+    assert any("does not tell S0, S1 and S2" in remark for remark in _exclude(run, "0,4,8").remarks)
+
+
+def test_all_frames_excluded_is_said_then_and_when_they_are_used(run):
+    assert "no scene frame is left" in _exclude(run, "0-11").remarks[0]
+    assert cli.main(["stokes", str(run), "--out", str(run.parent / "out")]) == 4
+
+
+def test_cycles_without_a_number_keep_their_frames_together(tmp_path):
+    run = _run(tmp_path / "imported", with_cycle=False)
+    _exclude(run, "1")
+    grid = arrange(used_run(run))
+    assert [[record.sequence for record in cycle] for cycle in grid.records] == [[4, 5, 6, 7], [8, 9, 10, 11]]
+    assert grid.left_out[-1] == "cycle 0: incomplete, 3 of 4"
+
+
+@pytest.mark.parametrize(
+    ("at_time", "utc"),
+    [
+        ("10:01", "2026-05-04T10:01:00Z"),
+        ("12:01+02:00", "2026-05-04T10:01:00Z"),
+        ("2026-05-04T12:01+02:00", "2026-05-04T10:01:00Z"),
+        ("23:59", "2026-05-04T23:59:00Z"),
+        ("00:30+14:00", "2026-05-04T10:30:00Z"),
+        ("23:30-02:00", "2026-05-05T01:30:00Z"),
+    ],
+)
+def test_a_time_is_that_of_the_run_s_own_day(run, at_time, utc):
+    assert note_run(run, "x", at=at_time, by="ann").annotation.utc[:19] + "Z" == utc
+
+
+@pytest.mark.parametrize("at_time", ["25:00", "noon", "2026-05-04T10:00", ""])
+def test_what_is_no_time_is_refused(run, at_time):
+    with pytest.raises(ConfigError, match="--at: "):
+        note_run(run, "x", at=at_time, by="ann")
+
+
+def test_a_run_without_times_wants_the_day(tmp_path):
+    make_run(tmp_path / "r", [(at(0.0), np.zeros((4, 4)))])
+    with pytest.raises(ConfigError, match="write it with its day"):
+        note_run(tmp_path / "r", "x", at="10:00", by="ann")
+    assert note_run(tmp_path / "r", "x", at=None, by=None, utc_ns=lambda: NOW_NS).annotation.utc.startswith("2026")
+
+
+def _spoil(run, change):
+    file = run / ANNOTATIONS_FILE
+    file.write_bytes(change(file.read_bytes()))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data.replace(b"bird", b"bord"),
+        lambda data: data.replace(b"[8]", b"[9]"),
+        lambda data: data.partition(b"\n")[2],
+        lambda data: data + b"{}\n",
+        lambda data: b"\x00" + data[1:],
+    ],
+)
+def test_a_damaged_line_is_said_by_verify_and_no_number_is_made(run, change):
+    _exclude(run, "8")
+    _exclude(run, "9")
+    assert verify(run).state == "whole"
+    _spoil(run, change)
+    assert any(finding.file == ANNOTATIONS_FILE for finding in verify(run).bad)
+    assert cli.main(["verify", str(run)]) == 4
+    with pytest.raises(RunFolderError, match="which frames are excluded is not known"):
+        used_run(run)
+    assert cli.main(["info", str(run), "--ignore-exclusions"]) == 0
+    with pytest.raises(RunFolderError, match="annotations"):
+        note_run(run, "more", at=None, by="ann")
+
+
+def test_a_torn_last_line_was_never_acknowledged(run):
+    _exclude(run, "8")
+    _spoil(run, lambda data: data + b'{"utc": "2026')
+    assert (verify(run).state, len(used_run(run).excluded)) == ("whole", 1)
+    _exclude(run, "9")
+    assert [one.frames for one in read_annotations(run)] == [(8,), (9,)]
+
+
+def test_runs_of_the_first_layout_are_annotated_too(run):
+    as_of_layout_1(run)
+    _exclude(run, "8")
+    assert [record.sequence for record in used_run(run).excluded] == [8]
+
+
+def test_many_at_once_lose_no_line(run):
+    code = (
+        "import sys; from pathlib import Path; from rigctl.jobs.annotate import note_run\n"
+        f"for i in range(5): note_run(Path({str(run)!r}), f'{{sys.argv[1]}} {{i}}', at=None, by='x')"
+    )
+    together = [subprocess.Popen([sys.executable, "-c", code, str(k)], env=os.environ) for k in range(3)]
+    assert [one.wait(60) for one in together] == [0, 0, 0]
+    assert len({one.text for one in read_annotations(run)}) == 15
+
+
+def test_what_is_noted_stands_in_log_info_summary_and_the_live_page(run, tmp_path, capsys):
+    note_run(run, "a cloud passed", at="10:01", by="ann")
+    _exclude(run, "8-11")
+    assert cli.main(["log", str(run), "--only", "note"]) == 0
+    assert capsys.readouterr().out == "2026-05-04T10:01:00Z  note            a cloud passed (ann)\n"
+    assert cli.main(["log", str(run), "--json", "--last", "1"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (len(told["events"]), [one["kind"] for one in told["annotations"]]) == (0, ["exclude"])
+    assert cli.main(["info", str(run), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["excluded"] == [8, 9, 10, 11]
+    assert cli.main(["summary", str(run), "--out", str(tmp_path / "s.html")]) == 0
+    assert "a cloud passed" in (tmp_path / "s.html").read_text()
+    assert {"note", "exclude"} <= {one.event for one in RunReader(run).look().events}
