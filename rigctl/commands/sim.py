@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.console.terminal import progress
+from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
@@ -74,3 +74,31 @@ def camera_command(
             signal.pause()
     except KeyboardInterrupt:
         sys.stderr.write("\n")
+
+
+@app.command("lens")
+def lens_command(
+    rig: Annotated[Path, typer.Argument(metavar="RIG.toml", help="Rig file with a simulated camera.")],
+    defocus_mm: Annotated[
+        float, typer.Option(metavar="MM", help="Distance of the detector from the focus, -5 to 5; 0 is sharp.")
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
+) -> None:
+    """Turn the lens of a simulated camera, also while it runs, to try focusing.
+
+    It changes defocus_mm in the rig file and nothing else there; a simulated camera of that file has it in its next
+    picture.
+
+    Example: rigctl sim lens rig-sim.toml --defocus-mm 0.1
+    """
+    from rigctl.simulated.lens_position import turn_lens
+
+    turned = turn_lens(rig, defocus_mm=defocus_mm)
+    if as_json:
+        print_json({"defocus_mm": turned.defocus_mm, "was_mm": turned.was_mm, "blur_px": turned.blur_px})
+        return
+    results().print(
+        f"{rig}: defocus {turned.defocus_mm:g} mm, was {turned.was_mm:g} mm; a point is a disk of "
+        f"{turned.blur_px:.1f} pixels",
+        markup=False,
+    )

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, Field, model_validator
+from pydantic import AwareDatetime, Field, PrivateAttr, model_validator
 
 from rigctl.files.choices import RoofChange
 from rigctl.files.config import Section, load, with_std_apart
@@ -96,6 +96,8 @@ class SimulatedPolarizer(Section):
 
 # Pixels along a side of a picture: beyond any sensor.
 LARGEST_SIDE = 20_000
+# Further off, no lens of this kind shows anything [mm].
+MOST_DEFOCUS_MM = 5.0
 
 
 class SimulatedCamera(Section):
@@ -133,6 +135,8 @@ class SimulatedCamera(Section):
     """Deviation of the pixels' dark signal. Example: `2.0`."""
     full_well_e: PositiveNumber
     """Electrons that a pixel holds. Example: `16000.0`."""
+    defocus_mm: Annotated[float, Field(ge=-MOST_DEFOCUS_MM, le=MOST_DEFOCUS_MM)] = 0.0
+    """How far the detector is behind the focus; `rigctl sim lens` changes it while the camera runs. Example: `0.1`."""
 
 
 class SimulationSection(Section):
@@ -158,6 +162,17 @@ class SimulationSection(Section):
     """The camera as it truly is."""
     effects: list[RenderingSection] = Field(default_factory=list)
     """Effects that its pictures go through beside lens and detector."""
+    _file: Path | None = PrivateAttr(default=None)
+
+    @property
+    def file(self) -> Path | None:
+        """The rig file that it stands in; None where it was not read from one."""
+        return self._file
+
+    def beside(self, file: Path) -> "SimulationSection":
+        """Return it as it stands in a rig file: its scene is sought beside that."""
+        self._file = file.resolve()  # copies have it too
+        return self.model_copy(update={"scene": (file.parent / self.scene).resolve()})
 
     @model_validator(mode="after")
     def _each_effect_once(self) -> "SimulationSection":
@@ -226,5 +241,4 @@ def load_rig(path: str | Path) -> RigFile:
         rig = rig.model_copy(update={"stage": rig.stage.model_copy(update={"characterisation": beside})})
     if rig.simulation is None:
         return rig
-    scene = (path.parent / rig.simulation.scene).resolve()
-    return rig.model_copy(update={"simulation": rig.simulation.model_copy(update={"scene": scene})})
+    return rig.model_copy(update={"simulation": rig.simulation.beside(path)})

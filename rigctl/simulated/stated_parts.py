@@ -22,11 +22,12 @@ from rigctl.files.rendering_sections import (
 )
 from rigctl.files.rig_file import SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
+from rigctl.simulated.lens_position import LensPosition
 from rigctl.simulated.simulated_clock import SimulatedClock
 from sim_devices.camera import SimCamera
 from sim_devices.detector import Detector, Lens
 from sim_devices.rendering.effect import RenderingEffect
-from sim_devices.rendering.optics import beam_wander, drift, point_spread, vignetting
+from sim_devices.rendering.optics import beam_wander, defocus, drift, point_spread, vignetting
 from sim_devices.rendering.readout import cosmic_hits, fixed_pattern, smear
 from sim_devices.scene_truth import Region, Surface, paint_scene
 from sim_devices.stages.catalogue import StageOptions, parse_stage_address
@@ -116,8 +117,11 @@ def stated_camera(
         utc_ns=time.time_ns if clock is None else clock.utc_ns,
         monotonic_ns=time.monotonic_ns if clock is None else clock.monotonic_ns,
         rendering=[
-            wrapped(rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed))
-            for section in simulation.effects
+            defocus(lens, detector, defocus_m=LensPosition(simulation).defocus_m),
+            *(
+                wrapped(rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed))
+                for section in simulation.effects
+            ),
         ],
     )
 

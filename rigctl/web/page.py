@@ -141,6 +141,8 @@ class _Page:
     async def _newer_picture(self, question: Mapping[str, Any]) -> bytes:
         """Return the newest picture behind a head of JSON; only the head where the one that is known is the newest."""
         head: dict[str, Any] = {"name": str(question.get("name", ""))}
+        if question.get("of") == "rig" and self._hands is not None:
+            head["rig"] = asdict(self._hands.rig.look())
         try:
             found = await asyncio.to_thread(self._picture, question)
         except DataError as error:

@@ -1,5 +1,8 @@
 """Effects of lamp, polarizer and lens, on the expected photo-electrons of a frame."""
 
+from collections.abc import Callable
+from functools import lru_cache
+
 import numpy as np
 
 from sim_devices.detector import Detector, Lens
@@ -67,6 +70,60 @@ def point_spread(*, sigma_px: float) -> RenderingEffect:
         return np.asarray(ndimage.gaussian_filter(picture, sigma_px, mode="nearest"))
 
     return RenderingEffect(name="point-spread", place="light", act=act)
+
+
+def defocus(lens: Lens, detector: Detector, *, defocus_m: Callable[[], float]) -> RenderingEffect:
+    """Return the blur of a detector that does not stand in the focus: every point becomes an even disk.
+
+    Parameters
+    ----------
+    lens
+        The cone of light behind its aperture has its tip one focal length away.
+    detector
+        Cuts that cone.
+    defocus_m
+        Gives, at each frame, how far the detector is from the tip; before or behind it is the same [m].
+
+    Notes
+    -----
+    Rays alone: no diffraction, which is below a pixel where a lens is wide open. Between pixels it is linear
+    interpolation, so that the picture in the focus stays as it is. The rim repeats beyond the picture.
+    """
+    cone = lens.aperture_diameter_m / lens.focal_length_m
+
+    def act(picture: FloatArray, _: Shot) -> FloatArray:
+        radius_px = cone * abs(defocus_m()) / 2.0 / detector.pixel_pitch_m
+        return picture if radius_px == 0.0 else _spread(picture, radius_px)
+
+    return RenderingEffect(name="defocus", place="light", act=act)
+
+
+def _spread(picture: FloatArray, radius_px: float) -> FloatArray:
+    import cv2
+
+    spread = cv2.filter2D(picture, cv2.CV_64F, _disk(radius_px), borderType=cv2.BORDER_REPLICATE)
+    # Its Fourier transforms leave a rounding below zero, of which no electrons can be drawn.
+    return np.maximum(spread, 0.0)
+
+
+_FINEST, _COARSEST = 512, 32
+
+
+@lru_cache(maxsize=4)
+def _disk(radius_px: float) -> FloatArray:
+    """Shares of an even disk's light in the pixels around its middle; they add up to 1."""
+    across = int(np.clip(np.ceil(16.0 * radius_px), _COARSEST, _FINEST))
+    steps = ((np.arange(across) + 0.5) / across * 2.0 - 1.0) * radius_px
+    inside = steps[:, None] ** 2 + steps**2 <= radius_px**2
+    half = int(np.ceil(radius_px)) + 1
+    right = np.broadcast_to(steps, inside.shape)[inside] + half
+    down = np.broadcast_to(steps[:, None], inside.shape)[inside] + half
+    left, top = np.floor(right).astype(int), np.floor(down).astype(int)
+    shares = np.zeros((2 * half + 1, 2 * half + 1))
+    for row, share_row in ((top, 1.0 - (down - top)), (top + 1, down - top)):
+        np.add.at(shares, (row, left), share_row * (1.0 - (right - left)))
+        np.add.at(shares, (row, left + 1), share_row * (right - left))
+    return shares / shares.sum()
 
 
 def vignetting(lens: Lens, detector: Detector) -> RenderingEffect:

@@ -1,8 +1,6 @@
 """A run watched over the network, as programs and people do it."""
 
 import json
-import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,8 +16,6 @@ from websockets.sync.client import connect
 from rigctl.cli import main
 from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import small_rig, small_session
-
-CHROMIUM = shutil.which("chromium")
 
 
 @contextmanager
@@ -108,34 +104,3 @@ def test_the_page_goes_on_beside_two_hundred_idle_connections_and_a_huge_body(pa
 def test_a_place_where_nothing_can_be_is_refused(tmp_path: Path) -> None:
     for words in ([str(tmp_path / "no" / "run")], [str(tmp_path), "--listen", "nowhere"], [__file__]):
         assert main(["watch", *words]) == 2
-
-
-@pytest.mark.skipif(
-    CHROMIUM is None and not os.environ.get("RIGCTL_REQUIRE_BROWSER"),
-    reason="needs Debian's chromium and rigctl[browser]",
-)
-@pytest.mark.parametrize(("width", "height"), [(1280, 900), (360, 740)])
-def test_a_browser_shows_the_run_and_loads_nothing_from_elsewhere(page: str, width: int, height: int) -> None:
-    sync_api = pytest.importorskip("playwright.sync_api", exc_type=ImportError)
-    problems: list[str] = []
-    asked_for: list[str] = []
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        tab = browser.new_page(viewport={"width": width, "height": height})
-        tab.on("console", lambda message: problems.append(message.text))
-        tab.on("pageerror", lambda error: problems.append(str(error)))
-        tab.on("request", lambda request: asked_for.append(urlsplit(request.url).netloc))
-        tab.goto(page)
-        tab.wait_for_selector("#aolp[data-sequence]", timeout=30_000)
-        tab.wait_for_selector("#plot-dolp canvas", timeout=30_000)
-        assert tab.inner_text("#state").startswith("finished")
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width
-        assert "token" not in tab.url
-        tab.click("#angles button[data-name='90']")
-        assert tab.get_attribute("#angles button[data-name='90']", "aria-selected") == "true"
-        tab.evaluate("socket.close()")
-        tab.wait_for_selector("#lost:not([hidden])", timeout=30_000)
-        tab.wait_for_selector("#lost", state="hidden", timeout=30_000)
-        browser.close()
-    assert problems == []
-    assert set(asked_for) == {urlsplit(page).netloc}

@@ -16,23 +16,33 @@ $("dark").onclick = () => act("dark");
 $("proposed").onclick = () => { $("exposure").value = $("proposed").dataset.ms; if (seenTask !== "rest") task(seenTask); };
 
 function showRig(state) {
-  const rig = state.rig;
   $("rig").hidden = !state.hands || state.right !== "act";
   if ($("rig").hidden) return;
+  tellRig(state.rig);
+  const names = state.sessions.join();
+  if ($("session").dataset.names !== names) { $("session").dataset.names = names; $("session").replaceChildren(); for (const name of state.sessions) put($("session"), "option", name); }
+}
+
+// What the devices do and see, told with every picture: whoever turns the lens looks at the number.
+function tellRig(rig) {
   seenTask = rig.task;
-  for (const button of document.querySelectorAll("[data-task]")) button.setAttribute("aria-selected", button.dataset.task === rig.task);
+  for (const button of document.querySelectorAll("[data-task]")) button.setAttribute("aria-pressed", button.dataset.task === rig.task);
   const words = [rig.problem || (rig.task === "rest" ? "devices are closed" : `${rig.exposure_ms.toPrecision(4)} ms, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${(100 * rig.clipped).toPrecision(2)} % saturated`)];
-  if (rig.task !== "rest" && rig.best_sharpness) words.push(`sharpness ${(1e3 * rig.sharpness).toPrecision(4)}, best ${(1e3 * rig.best_sharpness).toPrecision(4)}`);
   if (rig.angle_deg !== null) words.push(`polarizer ${rig.angle_deg.toFixed(2)} deg`);
   if (rig.cycles_per_min !== null) words.push(`${rig.cycles_per_min.toFixed(1)} cycles a minute`);
   if (rig.task === "polarimetry") words.push(rig.dark_dn === null ? "no dark level taken: DoLP reads too low" : `dark level ${rig.dark_dn.toFixed(1)} DN`);
-  $("rig-text").textContent = words.join("; ");
-  $("sharpness").value = rig.best_sharpness ? rig.sharpness / rig.best_sharpness : 0;
+  const text = words.join("; ");
+  if ($("rig-text").textContent !== text) $("rig-text").textContent = text;
+  const isSeen = rig.task !== "rest" && rig.best_sharpness > 0;
+  $("focus").hidden = !isSeen;
+  if (isSeen) {
+    $("sharpness").value = rig.sharpness / rig.best_sharpness;
+    $("sharpness-now").textContent = (1e3 * rig.sharpness).toPrecision(4); $("sharpness-best").textContent = (1e3 * rig.best_sharpness).toPrecision(4);
+    $("focus").dataset.sequence = rig.sequence;
+  }
   $("proposed").hidden = rig.proposed_ms === null || rig.task === "rest";
   if (rig.proposed_ms !== null) { $("proposed").textContent = `take ${rig.proposed_ms.toPrecision(3)} ms`; $("proposed").dataset.ms = rig.proposed_ms.toPrecision(3); }
   $("live-maps").hidden = !rig.maps_sequence;
-  const names = state.sessions.join();
-  if ($("session").dataset.names !== names) { $("session").dataset.names = names; $("session").replaceChildren(); for (const name of state.sessions) put($("session"), "option", name); }
   $("outlines").dataset.width = rig.width; $("outlines").dataset.height = rig.height;
 }
 
@@ -43,6 +53,7 @@ async function rigPictures(state) {
     const canvas = $(name === "view" ? "view" : `live-${name}`);
     const answer = await ask({ want: "picture", of: "rig", name, after: liveKnown[name] || null });
     const length = new DataView(answer).getUint32(0), head = JSON.parse(new TextDecoder().decode(new Uint8Array(answer, 4, length)));
+    if (head.rig) tellRig(head.rig);
     if (answer.byteLength === 4 + length) continue;
     const bitmap = await createImageBitmap(new Blob([new Uint8Array(answer, 4 + length)], { type: "image/jpeg" }));
     canvas.width = bitmap.width; canvas.height = bitmap.height;

@@ -8,7 +8,7 @@ import pytest
 from sim_devices.detector import Detector, Lens
 from sim_devices.random_streams import Stream
 from sim_devices.rendering.effect import RenderingEffect, Shot
-from sim_devices.rendering.optics import beam_wander, drift, point_spread, vignetting
+from sim_devices.rendering.optics import beam_wander, defocus, drift, point_spread, vignetting
 from sim_devices.rendering.readout import cosmic_hits, fixed_pattern, smear
 from tests.sim_devices.camera_builders import ELECTRONS_OF_FLAT_IN_1_MS, SILENT, Turntable, camera_on, uniform_world
 
@@ -55,6 +55,40 @@ def test_point_spread_keeps_the_light_and_has_its_width():
     columns = np.arange(41) - 20.0
     # A Gaussian sampled on pixels and cut at four deviations: its variance is 0.2 % below sigma^2.
     assert (blurred.sum(axis=0) @ columns**2) / 1000.0 == pytest.approx(2.25, rel=4e-3)
+
+
+F_2 = {
+    "lens": Lens(focal_length_m=0.05, aperture_diameter_m=0.025),
+    "detector": dataclasses.replace(SILENT, pixel_pitch_m=5e-6),
+}
+
+
+@pytest.mark.parametrize("defocus_um", [120.0, -120.0])
+def test_out_of_focus_a_point_is_an_even_disk_as_wide_as_the_cone_of_light(defocus_um):
+    # At f/2 the cone is 60 um wide 120 um from its tip: 12 pixels of 5 um, on either side.
+    blurred = defocus(F_2["lens"], F_2["detector"], defocus_m=lambda: defocus_um * 1e-6).act(point(), shot())
+    assert blurred.sum() == pytest.approx(1000.0, rel=1e-12)
+    columns = np.arange(41) - 20.0
+    # An even disk has a variance of r^2 / 4 along either axis, and linear interpolation adds 1/6.
+    for along in (0, 1):
+        assert (blurred.sum(axis=along) @ columns**2) / 1000.0 == pytest.approx(36.0 / 4.0 + 1.0 / 6.0, rel=0.01)
+    np.testing.assert_allclose(blurred[20, :13], 0.0, atol=1e-9)
+    assert blurred[20, 20] == pytest.approx(1000.0 / (np.pi * 36.0), rel=0.03)
+
+
+def test_the_lens_is_turned_while_the_camera_runs_and_in_the_focus_nothing_is_blurred():
+    places_m = iter((0.0, 1e-4, 0.0))
+    effect = defocus(F_2["lens"], F_2["detector"], defocus_m=lambda: next(places_m))
+    sharp, blurred, again = (effect.act(point(), shot()) for _ in range(3))
+    np.testing.assert_array_equal(sharp, point())
+    np.testing.assert_array_equal(again, point())
+    assert blurred.max() < 20.0
+
+
+def test_even_light_has_no_focus():
+    effect = defocus(F_2["lens"], F_2["detector"], defocus_m=lambda: 3e-4)
+    np.testing.assert_allclose(effect.act(np.full((30, 40), 7.0), shot()), 7.0, rtol=1e-12)
+    assert effect.act(np.zeros((3, 3)), shot()).min() == 0.0
 
 
 @pytest.mark.parametrize(("axis_deg", "right", "up"), [(0.0, 3.0, 0.0), (90.0, 0.0, 3.0), (180.0, -3.0, 0.0)])
