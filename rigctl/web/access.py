@@ -16,7 +16,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 Right = Literal["look", "act"]
 MOST_BODY_BYTES = 1_000_000
-MOST_SOCKETS = 32
 _REQUEST_TIMEOUT_S = 20.0
 _TOKEN_BYTES = 18
 # Scripts, styles and pictures come from here alone; pictures of the camera are made of what the socket brings.
@@ -90,7 +89,6 @@ class Guard:
         self._hosts = frozenset(host.lower() for host in hosts)
         self._cookie = f"rigctl-{port}"
         self._scheme = "https" if is_secure else "http"
-        self._sockets = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one connection."""
@@ -107,7 +105,7 @@ class Guard:
             return
         scope.setdefault("state", {})["right"] = right
         if scope["type"] == "websocket":
-            await self._socket(scope, receive, send)
+            await self._app(scope, receive, send)
         else:
             async with asyncio.timeout(_REQUEST_TIMEOUT_S):
                 await self._app(scope, receive, _with_safe_headers(send))
@@ -156,16 +154,6 @@ class Guard:
             self._cookie, _query_token(scope), httponly=True, samesite="strict", secure=self._scheme == "https"
         )
         return response
-
-    async def _socket(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if self._sockets >= MOST_SOCKETS:
-            await _refuse(_Refusal(status=503, text=f"{MOST_SOCKETS} pages look already"), scope, receive, send)
-            return
-        self._sockets += 1
-        try:
-            await self._app(scope, receive, send)
-        finally:
-            self._sockets -= 1
 
 
 def names_of_this_machine(listen: str) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ import asyncio
 import json
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.resources import files
 from typing import Any, Protocol
@@ -17,6 +18,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rigctl.console.json_text import json_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.version import VERSION
+from rigctl.web.connections import Sockets
 from rigctl.web.hands import Hands, hand_routes
 from rigctl.web.pictures import Picture
 from rigctl.web.run_look import RunRow
@@ -27,6 +29,7 @@ _MOST_QUESTION_BYTES = 1000
 _PATIENCE_S = 20.0
 _POLL_S = 0.05
 _HEAD_BYTES = 4
+_NOT_UNDERSTOOD, _OTHERS_NEED_ITS_PLACE = 1008, 1013
 # A report may hold names from files of others: no script of it runs, and it reaches nothing.
 _DOCUMENT_POLICY = (
     "sandbox allow-popups; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
@@ -94,7 +97,7 @@ class _Page:
     """Answers, each made in a thread of its own where it reads from the disk."""
 
     def __init__(self, source: Source, hands: Hands | None) -> None:
-        self._source, self._hands = source, hands
+        self._source, self._hands, self._sockets = source, hands, Sockets()
 
     async def state(self, request: Request) -> Response:
         content = await asyncio.to_thread(self._state, request.query_params)
@@ -119,16 +122,22 @@ class _Page:
     async def socket(self, socket: WebSocket) -> None:
         """Answer question by question: whoever is slow asks less often and holds up nobody."""
         await socket.accept()
-        try:
-            while True:
-                question = _question(await asyncio.wait_for(socket.receive_text(), _PATIENCE_S * 3))
-                if question is None:
-                    await socket.close(1008)
-                    return
-                async with asyncio.timeout(_PATIENCE_S):
-                    await self._answer(socket, question)
-        except (WebSocketDisconnect, TimeoutError):
-            return
+        with suppress(WebSocketDisconnect, TimeoutError, RuntimeError):
+            try:
+                with self._sockets.place():
+                    await self._answers(socket)
+            except asyncio.CancelledError:
+                await socket.close(_OTHERS_NEED_ITS_PLACE)
+
+    async def _answers(self, socket: WebSocket) -> None:
+        while True:
+            question = _question(await asyncio.wait_for(socket.receive_text(), _PATIENCE_S * 3))
+            if question is None:
+                await socket.close(_NOT_UNDERSTOOD)
+                return
+            self._sockets.has_asked()
+            async with asyncio.timeout(_PATIENCE_S):
+                await self._answer(socket, question)
 
     async def _answer(self, socket: WebSocket, question: Mapping[str, Any]) -> None:
         if question.get("want") == "picture":

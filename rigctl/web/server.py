@@ -13,9 +13,9 @@ from starlette.types import ASGIApp
 
 from rigctl.errors import ConfigError
 from rigctl.web.access import Access, Guard, names_of_this_machine
+from rigctl.web.connections import HEAD_S, connection_class
 
 _BACKLOG = 256
-_KEEP_ALIVE_S = 10
 _SHUTDOWN_S = 2
 _QUESTION_BYTES = 4096
 # Below everything that a session does.
@@ -108,8 +108,9 @@ def _config(app: ASGIApp, place: Place) -> uvicorn.Config:
         log_level="critical",
         access_log=False,
         lifespan="off",
+        http=connection_class(),
         server_header=False,
-        timeout_keep_alive=_KEEP_ALIVE_S,
+        timeout_keep_alive=int(HEAD_S),
         timeout_graceful_shutdown=_SHUTDOWN_S,
         ws_max_size=_QUESTION_BYTES,
         h11_max_incomplete_event_size=_QUESTION_BYTES * 4,

@@ -123,7 +123,7 @@ def _disk(radius_px: float) -> FloatArray:
     for row, share_row in ((top, 1.0 - (down - top)), (top + 1, down - top)):
         np.add.at(shares, (row, left), share_row * (1.0 - (right - left)))
         np.add.at(shares, (row, left + 1), share_row * (right - left))
-    return shares / shares.sum()
+    return np.asarray(shares / shares.sum())
 
 
 def vignetting(lens: Lens, detector: Detector) -> RenderingEffect:
