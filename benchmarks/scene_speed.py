@@ -8,8 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import pvlib  # noqa: F401  (its import is not what is measured)
-from pvlib import spectrum  # noqa: F401
+import erfa  # noqa: F401  (its import is not what is measured)
 
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor

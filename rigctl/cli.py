@@ -49,6 +49,9 @@ _DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS, er
 # Of a link that leads to itself Python before 3.13 says so in another kind of error.
 _LINK_LOOP = "Symlink loop"
 
+# Packages that the installation for acquisition alone does without (pyproject.toml, group `acquisition`).
+_LEFT_OUT = ("astropy", "jinja2", "matplotlib", "reportlab")
+
 # Verb -> (module that holds its `command` or `app`, one line of help). A module is imported when its verb is
 # called, so that `rigctl --help` starts at once.
 VERBS: dict[str, tuple[str, str]] = {
@@ -257,6 +260,11 @@ def _failure(error: Exception) -> tuple[int, str]:
     if isinstance(error, OSError):
         code = EXIT_DATA if error.errno in _DISK_FAULTS else EXIT_USAGE
         return code, f"{error.filename or 'a file'}: {error.strerror or error}"
+    if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
+        return EXIT_USAGE, (
+            f"this needs {error.name}, which an installation for acquisition alone leaves out: "
+            f"pip install {' '.join(_LEFT_OUT)}"
+        )
     text = f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}"
     return EXIT_OWN_FAULT, text
 

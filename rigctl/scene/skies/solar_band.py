@@ -1,6 +1,7 @@
-"""The sun's spectrum in the band of a sensor: ASTM G173 outside the atmosphere, as pvlib ships it."""
+"""The sun's spectrum in the band of a sensor: ASTM G173 outside the atmosphere."""
 
 from functools import cache
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,6 @@ def response_band(*, wavelength_nm: FloatArray, response: FloatArray, distance_f
 @cache
 def _extraterrestrial() -> tuple[FloatArray, FloatArray]:
     """Wavelengths [nm] and irradiance [W m-2 nm-1] at the mean distance of the sun."""
-    from pvlib import spectrum
-
-    table = spectrum.get_reference_spectra(standard="ASTM G173-03")
-    return table.index.to_numpy(dtype=np.float64), table["extraterrestrial"].to_numpy(dtype=np.float64)
+    table = (files("rigctl") / "data" / "astm-g173-extraterrestrial.csv").read_text(encoding="ascii")
+    wavelength_nm, irradiance = np.loadtxt(table.splitlines(), delimiter=",", skiprows=2, unpack=True)
+    return wavelength_nm, irradiance

@@ -1,12 +1,21 @@
-"""Position of the sun at a time and a place, by pvlib."""
+"""Position of the sun at a time and a place, by the routines of the International Astronomical Union."""
 
+import warnings
 from dataclasses import dataclass, fields, replace
-from datetime import datetime
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.files.place import Place
+
+_DAY_S = 86400.0
+# Julian date of the midnight at which day 0 of Python's calendar begins.
+_JULIAN_DAY_OF_YEAR_1 = 1721424.5
+# Where the Earth's axis stands off its mean: 0.0001 deg at most.
+_POLE_RAD = (0.0, 0.0)
+# Pressure [hPa], temperature [degC], humidity, wavelength [um]: without pressure there is no refraction.
+_NO_AIR = (0.0, 0.0, 0.0, 0.55)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,21 +84,43 @@ def sun_position(time: datetime, place: Place) -> SunPosition:
     -----
     Refraction, which lifts the sun by 0.02 deg at 50 deg from the zenith, is left out: the atmosphere has none either.
 
+    UTC stands for the Earth's rotation, from which it is at most 0.9 s away: 0.004 deg. Leap seconds of years to come
+    are not known; each would move the sun by as much.
+
     References
     ----------
-    Reda & Andreas, Solar Energy 76 (2004) 577, doi:10.1016/j.solener.2003.12.003, as pvlib has it.
+    Standards of Fundamental Astronomy, IAU (2006 precession, 2000A nutation), as ERFA has them (apco13, ab, atioq).
     """
     if time.tzinfo is None:
         raise ValueError(f"time = {time.isoformat()} has no zone; write 2010-05-25T13:07:40-04:00, or ...17:07:40Z")
-    # Imported here: it brings pandas, which the rest of the program does without.
-    import pandas as pd
-    from pvlib import solarposition
+    import erfa  # a tenth of a second, and most commands need no sun
 
-    when = pd.DatetimeIndex([time])
-    found = solarposition.get_solarposition(when, place.latitude_deg, place.longitude_deg, altitude=place.elevation_m)
-    distance_au = float(np.asarray(solarposition.nrel_earthsun_distance(when))[0])
+    day = _julian_date(time)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*dubious year", category=erfa.ErfaWarning)
+        observer, _ = erfa.apco13(
+            *day,
+            0.0,  # UT1 - UTC [s]
+            np.radians(place.longitude_deg),
+            np.radians(place.latitude_deg),
+            place.elevation_m,
+            *_POLE_RAD,
+            *_NO_AIR,
+        )
+    # From the observer to the sun, turned by his motion round it (20 arc seconds), then by precession and nutation.
+    toward = erfa.ab(-observer["eh"], observer["v"], observer["em"], observer["bm1"])
+    right_ascension, declination = erfa.c2s(erfa.rxp(observer["bpn"], toward))
+    azimuth_rad, zenith_rad, *_ = erfa.atioq(right_ascension, declination, observer)
+    from_sun, _ = erfa.epv00(*day)  # of the Earth's middle: the same for every place [au]
     return SunPosition(
-        zenith_rad=float(np.radians(found["zenith"].iloc[0])),
-        azimuth_rad=float(np.radians(found["azimuth"].iloc[0])),
-        distance_factor=distance_au**-2,
+        zenith_rad=float(zenith_rad),
+        azimuth_rad=float(azimuth_rad),
+        distance_factor=1.0 / float(np.sum(from_sun["p"] ** 2)),
     )
+
+
+def _julian_date(time: datetime) -> tuple[float, float]:
+    """Return the day at whose beginning it is midnight in Greenwich and the part of it that has passed, UTC."""
+    utc = time.astimezone(UTC)
+    midnight = utc.replace(hour=0, minute=0, second=0, microsecond=0)
+    return _JULIAN_DAY_OF_YEAR_1 + utc.toordinal(), (utc - midnight).total_seconds() / _DAY_S

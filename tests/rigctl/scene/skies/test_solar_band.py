@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from pvlib import spectrum
 
 from rigctl.scene.skies.solar_band import response_band
 from tests.rigctl.scene.skies.flat_bands import flat_band
@@ -38,3 +39,11 @@ def test_limits_between_samples_of_the_spectrum_count_exactly():
 def test_bands_beyond_the_atmospheres_tables_are_refused(wavelengths, word):
     with pytest.raises(ValueError, match=word):
         response_band(wavelength_nm=np.array(wavelengths), response=np.ones(2), distance_factor=1.0)
+
+
+def test_the_table_is_that_of_the_standard():
+    theirs = spectrum.get_reference_spectra(standard="ASTM G173-03")["extraterrestrial"].loc[300.0:1060.0]
+    ends = np.array([300.0, 1060.0])
+    ours = response_band(wavelength_nm=ends, response=np.ones(2), distance_factor=1.0)
+    np.testing.assert_allclose(ours.wavelength_m * 1e9, theirs.index, rtol=1e-12)
+    np.testing.assert_allclose(ours.irradiance_w_per_m3 / 1e9, theirs, rtol=1e-12)

@@ -1,7 +1,9 @@
 from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
+import pandas as pd
 import pytest
+from pvlib import solarposition
 
 from rigctl.files.place import Place
 from rigctl.scene.skies.sun_position import sun_position
@@ -55,3 +57,29 @@ def test_time_zones_are_only_words():
 def test_a_time_without_zone_is_refused():
     with pytest.raises(ValueError, match="has no zone"):
         sun_position(datetime(2010, 5, 25, 13, 7, 40), ROCHESTER)
+
+
+def test_nrels_algorithm_gives_the_same_over_years_and_sites():
+    # Its authors state 3e-4 deg; it takes UTC for the rotation too. Seen on 400 draws: 2.3e-4 deg, 3.4e-6 in distance.
+    draws = np.random.default_rng(5)
+    for _ in range(40):
+        time = datetime(1990, 1, 1, tzinfo=UTC) + timedelta(days=float(draws.uniform(0.0, 60.0 * 365.0)))
+        place = Place(
+            latitude_deg=float(draws.uniform(-89.0, 89.0)),
+            longitude_deg=float(draws.uniform(-180.0, 180.0)),
+            elevation_m=float(draws.uniform(0.0, 4000.0)),
+        )
+        ours, when = sun_position(time, place), pd.DatetimeIndex([time])
+        theirs = solarposition.get_solarposition(
+            when, place.latitude_deg, place.longitude_deg, altitude=place.elevation_m
+        ).iloc[0]
+        turned_deg = (np.degrees(ours.azimuth_rad) - theirs["azimuth"] + 180.0) % 360.0 - 180.0
+        assert np.degrees(ours.zenith_rad) == pytest.approx(theirs["zenith"], abs=1e-3)
+        assert turned_deg * np.sin(ours.zenith_rad) == pytest.approx(0.0, abs=1e-3)
+        distance_au = float(np.asarray(solarposition.nrel_earthsun_distance(when))[0])
+        assert ours.distance_factor == pytest.approx(distance_au**-2, rel=5e-6)
+
+
+def test_azimuths_are_in_a_turn():
+    noon, later = at(13, 7, 40), at(20, 0, 0)
+    assert 0.0 <= noon.azimuth_rad < later.azimuth_rad < 2.0 * np.pi
