@@ -1,6 +1,7 @@
 """The standard atmosphere as the solver takes it: molecules and aerosol over height, at one wavelength."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,7 +86,7 @@ class Column:
         """Optical depth of the aerosol."""
         return self.depth - self.tau_rayleigh
 
-    @property
+    @cached_property
     def depth(self) -> float:
         """Optical depth of all."""
         return float(self.tau_above(0.0))

@@ -1,6 +1,7 @@
 """Light in a band from a computed atmosphere: few wavelengths, each with its share of the solar spectrum."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
 from model.atmosphere.profile import Column
 from model.atmosphere.transfer.depth import slant
+
+# Regions of a scene are looked at along the same lines of sight, one after another.
+_KEPT = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +38,7 @@ class BandLighting:
     irradiance: NDArray[np.float64]
     direct_irradiance: float
     wavelength_error: float
+    _kept: dict[Hashable, NDArray[np.float64]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def error_estimate(self) -> float:
@@ -78,13 +83,17 @@ class BandLighting:
         ----------
         [MK14] eq. (4).
         """
-        mu = _cosine(zenith_rad)
-        return self._band(
-            [
-                path_radiance(solution, tau_above=column.tau_above(height_m), mu=mu, phi_rad=phi_rad)
-                for column, solution in zip(self.columns, self.solutions, strict=True)
-            ]
-        )
+        mu, phi = _cosine(zenith_rad), np.asarray(phi_rad, dtype=float)
+
+        def computed() -> NDArray[np.float64]:
+            return self._band(
+                [
+                    path_radiance(solution, tau_above=column.tau_above(height_m), mu=mu, phi_rad=phi)
+                    for column, solution in zip(self.columns, self.solutions, strict=True)
+                ]
+            )
+
+        return self._once(("path", height_m, mu.shape, mu.tobytes(), phi.shape, phi.tobytes()), computed)
 
     def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
         """Transmittance from the ground to a sensor, in the mean over the spectrum of the beam at the ground.
@@ -105,11 +114,24 @@ class BandLighting:
         [MK14] eq. (4).
         """
         mu = _cosine(zenith_rad)
-        beam = self.irradiance * [np.exp(-one.depth / one.mu0) for one in self.solutions]
-        each = [
-            path_transmittance(tau_below=column.depth - column.tau_above(height_m), mu=mu) for column in self.columns
-        ]
-        return np.asarray(np.tensordot(beam / np.sum(beam), np.array(each), 1))
+
+        def computed() -> NDArray[np.float64]:
+            beam = self.irradiance * [np.exp(-one.depth / one.mu0) for one in self.solutions]
+            each = [
+                path_transmittance(tau_below=column.depth - column.tau_above(height_m), mu=mu)
+                for column in self.columns
+            ]
+            return np.asarray(np.tensordot(beam / np.sum(beam), np.array(each), 1))
+
+        return self._once(("transmittance", height_m, mu.shape, mu.tobytes()), computed)
+
+    def _once(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return an array of its own, computed where none of the last ones is the same."""
+        if key not in self._kept:
+            if len(self._kept) >= _KEPT:
+                self._kept.clear()
+            self._kept[key] = compute()
+        return self._kept[key].copy()
 
     def _band(self, each: list[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Sum over the wavelengths."""

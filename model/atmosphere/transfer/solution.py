@@ -1,6 +1,7 @@
 """The diffuse radiance of a solved atmosphere at any level and in any direction."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import pi
 from typing import Literal
 
@@ -70,7 +71,7 @@ class Solution:
     converged: bool
     error_estimate: float
 
-    @property
+    @cached_property
     def depth(self) -> float:
         """Extinction optical depth of all layers."""
         return sum(layer.full_depth for layer in self.layers)
@@ -130,11 +131,15 @@ class Solution:
         allowed = (tau >= 0.0) & (tau <= self.depth * (1.0 + _ROUNDING))
         if not np.all(allowed):
             raise ValueError(f"stokes: tau_above = {tau[~allowed][0]!r}, allowed is 0 to {self.depth:.6g}")
-        full, counted = (
-            np.cumsum([0.0, *(getattr(layer, name) for layer in self.layers)]) for name in ("full_depth", "depth")
-        )
+        full, counted = self._faces
         # Both grow in proportion within a layer; where they are the same, so is the result, to the last digit.
         return np.asarray(np.minimum(tau - np.interp(tau, full, full - counted), self.edges[-1]))
+
+    @cached_property
+    def _faces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Depths of the layers' faces, whole and as the solver counts them."""
+        full = np.cumsum([0.0, *(layer.full_depth for layer in self.layers)])
+        return full, np.cumsum([0.0, *(layer.depth for layer in self.layers)])
 
     def _radiance(
         self, tau: NDArray[np.float64], mu: NDArray[np.float64], phi_rad: NDArray[np.float64], *, upward: bool
