@@ -24,6 +24,9 @@ _POINTS, _SPAN = 400, 5.0
 _LINE_LENGTH = 150
 # Words under a plot: more of them stand in table, CSV and JSON.
 _MOST_LINES = 4
+_MAP_KEY = "red cross: there is a warning of this point; white: the number does not exist"
+# A map with its bar; its margins left, right (with the bar), below and above; and room for words under all of them.
+_MAP_INCH, _MAP_MARGINS, _BENEATH_INCH = (5.4, 4.0), (0.75, 1.0, 0.55, 0.35), 1.5
 # More numbers than these make no plot.
 MOST_AXES = 2
 
@@ -96,8 +99,10 @@ def sweep_png(found: Sweep, *, snr: SnrKind = "exact", remarks: Sequence[str] = 
 
     Over two numbers, the most that there may be, these are maps.
     """
-    figure = _maps(found, snr) if len(found.axes) == MOST_AXES else _curves(found, snr)
-    say_beneath(figure, _shortened([*warning_lines(found), *remarks]))
+    are_maps = len(found.axes) == MOST_AXES
+    figure = _maps(found, snr) if are_maps else _curves(found, snr)
+    key = [_MAP_KEY] if are_maps and found.warnings else []
+    say_beneath(figure, [*key, *_shortened([*warning_lines(found), *remarks])])
     return png(figure)
 
 
@@ -145,18 +150,35 @@ def _maps(found: Sweep, snr: SnrKind) -> Figure:
     panels = list(_map_panels(found, snr))
     columns = 2 if len(panels) <= 4 else 3
     rows = -(-len(panels) // columns)
-    figure, axes = subplots(rows, columns, size=(5.4 * columns, 4.0 * rows + 0.6))
-    for ax in axes[len(panels) :]:
-        ax.set_axis_off()
+    # Places are counted out, in inches: a layout engine takes longer than the drawing.
+    wide, high = _MAP_INCH
+    width, height = columns * wide, rows * high + _BENEATH_INCH
+    left, right, below, above = _MAP_MARGINS
+    figure = Figure(figsize=(width, height))
     first, second = found.axes
-    for ax, (title, values) in zip(axes, panels, strict=False):
+    for k, (title, values) in enumerate(panels):
         norm = Normalize(0.0, 1.0 if title.startswith("P_D") else float(np.nanmax(values, initial=1e-12)))
+        x, y = (k % columns) * wide + left, height - (k // columns + 1) * high + below
+        size = (wide - left - right, high - below - above)
+        ax = figure.add_axes((x / width, y / height, size[0] / width, size[1] / height))
         shown = ax.pcolormesh(second.values, first.values, values, shading="nearest", cmap="viridis", norm=norm)
+        _cross(ax, found, title)
         ax.set_title(title, fontsize=9)
         ax.set_xlabel(second.key)
         ax.set_ylabel(first.key)
-        figure.colorbar(shown, ax=ax, shrink=0.85)
+        bar = figure.add_axes(((x + size[0] + 0.15) / width, y / height, 0.14 / width, size[1] / height))
+        figure.colorbar(shown, cax=bar)
     return figure
+
+
+def _cross(ax: Axes, found: Sweep, title: str) -> None:
+    """Cross the points of a map of whose region, or regions, there is something to be said."""
+    region, _, pair = title.partition(": ")
+    named = (region,) if region in found.regions else (*pair.split(" on "), pair)
+    starts = tuple(f"{name}: " for name in named)
+    warned = sorted({one.index for one in found.warnings if one.message.startswith(starts)})
+    first, second = found.axes
+    ax.plot([second.values[j] for _, j in warned], [first.values[i] for i, _ in warned], "x", color="#d00000", ms=4)
 
 
 def _map_panels(found: Sweep, snr: SnrKind) -> Iterable[tuple[str, FloatArray]]:
