@@ -5,6 +5,8 @@ narrow lobe has as many as a wide one; for the diffuse term they cover the sky e
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,36 @@ IntArray = NDArray[np.intp]
 _OVERHEAD = 1e-9
 # So many nodes at a time stay in the processor's cache, whoever sees them.
 _BLOCK = 8192
+# What a panel does with light from its nodes is kept for other suns and heights: of many rules of few nodes, of few
+# rules of many.
+_FEW_NODES, _MANY_NODES = 1024, 4096
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rule:
+    """Nodes of a quadrature, and what the panel does with their light, whatever that is.
+
+    Attributes
+    ----------
+    nodes, camera
+        Directions, and the camera to which each one's light goes, shape (R,).
+    turn_rad
+        From each one's own frame to that of the panel; None for a level panel.
+    mueller
+        Of the panel, shape (R, 3, 3) [sr-1].
+    """
+
+    nodes: Nodes
+    camera: IntArray
+    turn_rad: FloatArray | None
+    mueller: FloatArray
+
+    def sums(self, incident: FloatArray, cameras: int) -> FloatArray:
+        """Return the sum of pBRDF times light times projected solid angle over the nodes of each camera, (V, 3)."""
+        if self.turn_rad is not None:
+            incident = rotate_frame(incident, self.turn_rad)
+        reflected = np.einsum("rij,rj->ir", self.mueller, incident) * self.nodes.weight
+        return np.stack([np.bincount(self.camera, one, minlength=cameras) for one in reflected], axis=-1)
 
 
 class PanelLight:
@@ -38,6 +70,8 @@ class PanelLight:
             The panel turns its back to a camera.
         """
         self._surface, self._tilt = surface, tilt
+        # Height and roll of a camera are nothing to the panel.
+        self._views = tuple(replace(view, height_m=0.0, roll_rad=0.0) for view in views)
         self._zenith_rad = np.array([view.zenith_rad for view in views])
         self._azimuth_rad = np.array([view.azimuth_rad for view in views])
         cameras = geometry.direction(zenith_rad=self._zenith_rad, azimuth_rad=self._azimuth_rad)
@@ -94,18 +128,10 @@ class PanelLight:
         ----------
         [MK14] eq. (3), over facet slopes: dOmega_sky = 4 cos(psi) dOmega_facet.
         """
-        slope_rms = self._surface.slope_rms
-        facets = facet_nodes(self._theta_r_rad, slope_rms=slope_rms, shadowing=self._surface.shadowing, order=order)
-        parts = np.broadcast_arrays(facets.row[:, np.newaxis], facets.x, facets.y, facets.weight)
-        camera, x, y, weight = (np.tile(part.ravel(), 2) for part in parts)
-        y[y.size // 2 :] *= -1.0
-        # The facets' weight holds the density of slopes, which is part of the pBRDF too: take it out.
-        weight *= np.pi * slope_rms**2 * np.exp((x**2 + y**2) * (0.5 / slope_rms**2))
         found = np.zeros((self._theta_r_rad.size, 3))
-        for block in _blocks(x.size):
-            nodes, seen_by = self._mirrored(x[block], y[block], weight[block], camera[block])
-            incident = light.stokes(zenith_rad=nodes.zenith_rad, azimuth_rad=nodes.azimuth_rad)
-            found += self._sums(nodes, incident, seen_by, specular=True)
+        for rule in self._rules(order, specular=True):
+            incident = light.stokes(zenith_rad=rule.nodes.zenith_rad, azimuth_rad=rule.nodes.azimuth_rad)
+            found += rule.sums(incident, len(found))
         return self._to_cameras(found)
 
     def diffuse(self, light: DiffuseRadiance, order: int) -> FloatArray:
@@ -125,12 +151,49 @@ class PanelLight:
         found = np.zeros((self._theta_r_rad.size, 3))
         if self._surface.dhr is None:
             return found
-        nodes, incident = hemisphere_nodes(self._tilt, order), light.on_nodes(self._tilt, order)
-        per_camera = nodes.weight.size
-        for block in _blocks(found.shape[0] * per_camera):
-            seen_by, at = np.divmod(np.arange(block.start, block.stop), per_camera)
-            found += self._sums(nodes.at(at), incident[at], seen_by, specular=False)
+        incident, start = light.on_nodes(self._tilt, order), 0
+        for rule in self._rules(order, specular=False):
+            at = np.arange(start, start + rule.camera.size) % len(incident)
+            found += rule.sums(incident[at], len(found))
+            start += rule.camera.size
         return self._to_cameras(found)
+
+    def _rules(self, order: int, *, specular: bool) -> tuple[_Rule, ...]:
+        """Nodes of the lobe or of the diffuse term, block by block, made where they are not kept."""
+        nodes = order**2 * len(self._views)
+        if nodes > _MANY_NODES:
+            return self.made_rules(order, specular=specular)
+        kept = _kept_of_few if nodes <= _FEW_NODES else _kept_of_many
+        return kept(self._surface, self._tilt, self._views, order, specular)
+
+    def made_rules(self, order: int, *, specular: bool) -> tuple[_Rule, ...]:
+        """Return the nodes of the lobe or of the diffuse term, block by block."""
+        return tuple(self._lobe_rules(order) if specular else self._diffuse_rules(order))
+
+    def _lobe_rules(self, order: int) -> Iterator[_Rule]:
+        slope_rms = self._surface.slope_rms
+        facets = facet_nodes(self._theta_r_rad, slope_rms=slope_rms, shadowing=self._surface.shadowing, order=order)
+        parts = np.broadcast_arrays(facets.row[:, np.newaxis], facets.x, facets.y, facets.weight)
+        camera, x, y, weight = (np.tile(part.ravel(), 2) for part in parts)
+        y[y.size // 2 :] *= -1.0
+        # The facets' weight holds the density of slopes, which is part of the pBRDF too: take it out.
+        weight *= np.pi * slope_rms**2 * np.exp((x**2 + y**2) * (0.5 / slope_rms**2))
+        for block in _blocks(x.size):
+            nodes, seen_by = self._mirrored(x[block], y[block], weight[block], camera[block])
+            yield self._rule(nodes, seen_by, specular=True)
+
+    def _diffuse_rules(self, order: int) -> Iterator[_Rule]:
+        """Every camera's nodes of the hemisphere, one camera after the other."""
+        nodes = hemisphere_nodes(self._tilt, order)
+        per_camera = nodes.weight.size
+        for block in _blocks(len(self._views) * per_camera):
+            seen_by, at = np.divmod(np.arange(block.start, block.stop), per_camera)
+            yield self._rule(nodes.at(at), seen_by, specular=False)
+
+    def _rule(self, nodes: Nodes, camera: IntArray, *, specular: bool) -> _Rule:
+        local = self._local(nodes.zenith_rad, nodes.azimuth_rad, camera)
+        turn_rad = None if self.is_level else local.incident_rotation_rad
+        return _Rule(nodes=nodes, camera=camera, turn_rad=turn_rad, mueller=self._mueller(local, specular=specular))
 
     def _mirrored(self, x: FloatArray, y: FloatArray, weight: FloatArray, camera: IntArray) -> tuple[Nodes, IntArray]:
         """Directions that facets of slopes x, y mirror to a camera, of those before the panel; and to which camera."""
@@ -142,14 +205,6 @@ class PanelLight:
         direction = np.einsum("rk,rkj->rj", local, self._axes[camera[facing]])
         solid_angle = (4.0 * seen / secant2**2 * weight)[facing]
         return nodes_toward(direction, solid_angle=solid_angle, cosine=local[:, 2]), camera[facing]
-
-    def _sums(self, nodes: Nodes, incident: FloatArray, camera: IntArray, *, specular: bool) -> FloatArray:
-        """Sum pBRDF times light times projected solid angle over the nodes of each camera, shape (V, 3)."""
-        local = self._local(nodes.zenith_rad, nodes.azimuth_rad, camera)
-        if not self.is_level:
-            incident = rotate_frame(incident, local.incident_rotation_rad)
-        reflected = np.einsum("rij,rj->ir", self._mueller(local, specular=specular), incident) * nodes.weight
-        return np.stack([np.bincount(camera, one, minlength=self._theta_r_rad.size) for one in reflected], axis=-1)
 
     def _mueller(self, local: LocalGeometry, *, specular: bool) -> FloatArray:
         """Lobe or diffuse term of the pBRDF alone, in the panel's frames."""
@@ -184,6 +239,13 @@ class PanelLight:
     def _to_cameras(self, stokes: FloatArray) -> FloatArray:
         """Turn from the panel's axis of the reflected ray to the true horizontal."""
         return rotate_frame(stokes, self._turn_rad)
+
+
+def _made(surface: Surface, tilt: Tilt, views: tuple[View, ...], order: int, specular: bool) -> tuple[_Rule, ...]:
+    return PanelLight(surface=surface, tilt=tilt, views=views).made_rules(order, specular=specular)
+
+
+_kept_of_few, _kept_of_many = (lru_cache(maxsize=size)(_made) for size in (512, 128))
 
 
 def _blocks(size: int) -> Iterator[slice]:

@@ -127,11 +127,13 @@ class BandLighting:
 
     def _once(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return an array of its own, computed where none of the last ones is the same."""
-        if key not in self._kept:
+        found = self._kept.get(key)
+        if found is None:
+            found = compute()
             if len(self._kept) >= _KEPT:
                 self._kept.clear()
-            self._kept[key] = compute()
-        return self._kept[key].copy()
+            self._kept[key] = found
+        return found.copy()
 
     def _band(self, each: list[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Sum over the wavelengths."""

@@ -160,7 +160,8 @@ def basis_functions(*, degree_max: int, order_max: int, mu: FloatArray) -> Float
     ----------
     Siewert, Astron. Astrophys. 109 (1982) 195.
     """
-    kept = _kept_functions if mu.size > _FEW else _kept_functions_of_few
+    numbers = (degree_max + 1) * (order_max + 1) * mu.size
+    kept = next((kept for most, kept in _KEPT_UP_TO if numbers <= most), _kept_functions_of_many)
     return kept(degree_max, order_max, np.ascontiguousarray(mu, dtype=np.float64).tobytes())
 
 
@@ -172,6 +173,9 @@ def _functions(degree_max: int, order_max: int, mu_bytes: bytes) -> FloatArray:
     return functions
 
 
-# Of many directions they take tens of megabytes; of the few of a quadrature or of some lines of sight, little.
-_FEW = 40
-_kept_functions, _kept_functions_of_few = (lru_cache(maxsize=size)(_functions) for size in (6, 48))
+# Of many directions they take tens of megabytes; of the few of a quadrature little; of some lines of sight, to which a
+# sweep comes back with every sun, next to nothing.
+_kept_functions_of_many, _kept_functions_of_few, _kept_functions_of_some = (
+    lru_cache(maxsize=size)(_functions) for size in (6, 48, 192)
+)
+_KEPT_UP_TO = ((10_000, _kept_functions_of_some), (40_000, _kept_functions_of_few))
