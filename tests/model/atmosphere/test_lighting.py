@@ -129,6 +129,20 @@ def test_four_wavelengths_are_enough_for_the_visible():
     assert four.wavelength_error < 5e-4
 
 
+def test_a_line_of_sight_asked_for_again_has_the_same_air_whatever_was_done_to_it(standard):
+    lines = {"zenith_rad": ZENITH_RAD, "phi_rad": PHI_RAD}
+    first = standard.path(height_m=5e3, **lines)
+    kept = first.copy()
+    first[:] = 0.0
+    higher, turned = standard.path(height_m=9e3, **lines), standard.path(height_m=5e3, **(lines | {"phi_rad": 0.0}))
+    np.testing.assert_array_equal(standard.path(height_m=5e3, **lines), kept)
+    assert np.all(higher[:, 0] > kept[:, 0])
+    assert not np.allclose(turned, kept)
+    through = standard.transmittance(height_m=5e3, zenith_rad=ZENITH_RAD)
+    assert np.all(through > standard.transmittance(height_m=9e3, zenith_rad=ZENITH_RAD))
+    np.testing.assert_array_equal(standard.transmittance(height_m=5e3, zenith_rad=ZENITH_RAD), through)
+
+
 def test_standard_is_as_accurate_as_stated(standard):
     layers = [one.layers(fine=True) for one in standard.columns]
     for one, solution, cut in list(zip(standard.columns, standard.solutions, layers, strict=True))[::2]:

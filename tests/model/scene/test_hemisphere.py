@@ -173,3 +173,16 @@ def test_rules_are_refined_until_they_suffice_for_the_worst_camera():
         for views in ((easy,), (hard,), (easy, hard))
     )
     assert alone < other == both
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 25.0])
+def test_a_panel_that_was_seen_before_reflects_the_light_that_is_there_now(tilt_deg):
+    tilt, rules = Tilt(tilt_rad=np.radians(tilt_deg), azimuth_rad=1.0), Rules(lobe=9, diffuse=6)
+    first, other = (polarized_sky(sun_zenith_deg=at) for at in (50.0, 20.0))
+    of_first, of_other = (by_rules(panel(53.0, tilt=tilt), skylight(sky), rules) for sky in (first, other))
+
+    def both(*, zenith_rad, phi_rad):
+        return first(zenith_rad=zenith_rad, phi_rad=phi_rad) + other(zenith_rad=zenith_rad, phi_rad=phi_rad)
+
+    assert not np.allclose(of_first, of_other, rtol=1e-2)
+    np.testing.assert_allclose(by_rules(panel(53.0, tilt=tilt), skylight(both), rules), of_first + of_other, rtol=1e-12)
