@@ -4,13 +4,14 @@ Usage: python -m benchmarks.trial_diagnosis [--seeds 400] [--first-seed 0] [--pr
 
 Faults are ten of their own errors, as a run of the same scene without a fault states them (two: of their joint errors);
 scenes are the same with the fault and without, noise is not. A fault counts as named where it is named, or where the
-line that names another says that the two are not to be told apart.
+line that names another says that the two are not to be told apart. Faults without a rival are those that no other set
+of causes does as well, by the errors of the run without them: these have to be named themselves.
 """
 
 import argparse
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ from scipy.stats import binom
 from model.processing.diagnosis.causes import PER_FRAME, known_causes
 from model.processing.diagnosis.diagnosis import Diagnosis, diagnose
 from model.processing.diagnosis.evidence import estimates
-from model.processing.diagnosis.joint_fit import FALSE_FINDING_RATE, JointFit, fit_faults
+from model.processing.diagnosis.joint_fit import CONFUSED_MARGIN, FALSE_FINDING_RATE, JointFit, fit_faults
+from model.processing.diagnosis.weigher import Weigher, stand_ins
 from model.processing.reconstruction import design
 from tests.worldlike import Faults, World, expose, other_world, random_world
 
@@ -42,7 +44,21 @@ _WANTED_FIRST, _WANTED_BOTH = 0.95, 0.90
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """What was wrong with one run, and what was found; `strict` without stated confusions."""
+    """What was wrong with one run, and what was found.
+
+    Attributes
+    ----------
+    seed, kind
+        Of the run.
+    truth, named
+        What was wrong, and what was named.
+    strict, found
+        Whether it was named itself, or in a stated confusion.
+    reason
+        Why nothing is testable.
+    has_rival
+        Whether another set of causes does the same, as far as this run can tell.
+    """
 
     seed: int
     kind: str
@@ -51,6 +67,7 @@ class Tried:
     strict: bool
     found: bool
     reason: str = ""
+    has_rival: bool = False
 
 
 def _inputs(world: World, frames: Frames) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
@@ -119,7 +136,8 @@ def _with_faults(seed: int, count: int) -> Tried | None:
             break
     else:
         return None
-    chosen, faults = drawn
+    chosen, sizes = drawn
+    faults = _as_faults(fit, chosen, sizes)
     frames = expose(world, faults, np.random.default_rng(scene), np.random.default_rng(scene + 1))
     found = diagnosed(world, frames)
     named = _named(found)
@@ -135,6 +153,20 @@ def _with_faults(seed: int, count: int) -> Tried | None:
         named=named,
         strict=strict,
         found=alike >= {_family(one) for one in truth},
+        has_rival=_has_rival(fit, chosen, sizes),
+    )
+
+
+def _has_rival(fit: JointFit, chosen: Sequence[int], sizes: Sequence[NDArray[np.float64]]) -> bool:
+    """Return whether other causes would do as well in a run without noise, by the errors of this one."""
+    causes, information = fit.evidence.causes, fit.evidence.information
+    done = sum(causes[index].directions @ size for index, size in zip(chosen, sizes, strict=True))
+    weigher = Weigher(replace(fit.evidence, right=information @ np.asarray(done)))
+    rivals = stand_ins(weigher, tuple(chosen), fit.candidates, margin=CONFUSED_MARGIN)
+    return any(
+        _family((causes[other].name, causes[other].frame)) != _family((causes[index].name, causes[index].frame))
+        for index, others in rivals.items()
+        for other in others
     )
 
 
@@ -143,7 +175,7 @@ def _family(one: Which) -> Which:
     return ("response", None) if one[0].startswith("response") else one
 
 
-def _drawn(fit: JointFit, rng: np.random.Generator, count: int) -> tuple[list[int], Faults] | None:
+def _drawn(fit: JointFit, rng: np.random.Generator, count: int) -> tuple[list[int], list[NDArray[np.float64]]] | None:
     causes = fit.evidence.causes
     chosen: list[int] = []
     while len(chosen) < count:
@@ -163,7 +195,7 @@ def _drawn(fit: JointFit, rng: np.random.Generator, count: int) -> tuple[list[in
         if not fitted.is_determined or not np.linalg.norm(size) <= largest:
             return None
         sizes.append(size)
-    return chosen, _as_faults(fit, chosen, sizes)
+    return chosen, sizes
 
 
 def _as_faults(fit: JointFit, chosen: Sequence[int], sizes: Sequence[NDArray[np.float64]]) -> Faults:
@@ -234,9 +266,11 @@ def run_diagnoses(seeds: int, *, first_seed: int = 0, processes: int = 2, parts:
 
 def _told(part: str, tried: Sequence[Tried]) -> bool:
     found, strict = sum(one.found for one in tried), sum(one.strict for one in tried)
+    alone = [one for one in tried if not one.has_rival]
     sound = bool(found >= binom.ppf(_CHANCE, len(tried), _LEAST_SHARE[part]))
     print(
         f"{part}: {len(tried)} runs, {found} as they are, {strict} of them without a stated confusion; "
+        f"of {len(alone)} without a rival {sum(one.strict for one in alone)}; "
         f"{sum(bool(one.reason) for one in tried)} not testable{'' if sound else '   <- NOT AS STATED'}"
     )
     for one in tried:

@@ -13,8 +13,9 @@ PER_FRAME = ("throughput", "angle", "dark level", "shift x", "shift y")
 SHARED = ("response curvature", "response power law")
 # How large faults of rigs are before anything is known (standard deviations), in the units of the parameters.
 _THROUGHPUT, _ANGLE_RAD, _DARK_SHARE, _SHIFT_PIXELS, _CURVATURE, _POWER = 0.02, 0.0175, 0.01, 0.7, 0.2, 0.15
-# Of two explanations that fit alike, what the pair sums say in any case is said first.
-_PAIRS_LOG_ODDS = 2.0
+# Of explanations that fit alike, what the pair sums say in any case is said first. A dark level of one frame alone is
+# rare, and two frames off by opposite shares, where one turned polarizer does the same, rarer.
+_PAIRS_LOG_ODDS, _DARK_LOG_ODDS, _WITHIN_LOG_ODDS = 2.0, -0.7, -2.0
 # Of angles that are the same, or a quarter turn apart, to the resolution of what people write [rad].
 _SAME_RAD = np.radians(0.5)
 
@@ -86,13 +87,14 @@ def known_causes(angles_rad: FloatArray, order: Sequence[float], *, light: float
 
 def _of_single_frames(frames: int, light: float) -> Iterator[Cause]:
     kinds = (
-        ("throughput", _THROUGHPUT, "share"),
-        ("angle", _ANGLE_RAD, "rad"),
-        ("dark level", _DARK_SHARE * light, "DN"),
+        ("throughput", _THROUGHPUT, "share", 0.0),
+        ("angle", _ANGLE_RAD, "rad", 0.0),
+        ("dark level", _DARK_SHARE * light, "DN", _DARK_LOG_ODDS),
     )
-    for kind, expected, unit in kinds:
+    for kind, expected, unit, log_odds in kinds:
         for frame in range(frames):
-            yield _cause(kind, [(place(kind, frame, frames), 1.0)], expected, unit, frames, frame=frame)
+            one = _cause(kind, [(place(kind, frame, frames), 1.0)], expected, unit, frames, frame=frame)
+            yield replace(one, log_odds=log_odds)
     for frame in range(frames):
         along = [_unit_vector(place(kind, frame, frames), frames) for kind in ("shift x", "shift y")]
         yield Cause(
@@ -121,7 +123,14 @@ def _of_pairs(angles_rad: FloatArray) -> Iterator[Cause]:
     for group in complete:
         halves = _groups(angles_rad[group], np.pi)
         shares = {int(group[at]): sign for half, sign in zip(halves, (0.5, -0.5), strict=True) for at in half}
-        yield _of_throughputs("throughput within a pair", shares, frames, 2**0.5 * _THROUGHPUT, frame=int(group[0]))
+        yield _of_throughputs(
+            "throughput within a pair",
+            shares,
+            frames,
+            2**0.5 * _THROUGHPUT,
+            frame=int(group[0]),
+            log_odds=_WITHIN_LOG_ODDS,
+        )
 
 
 def _of_all(frames: int) -> Iterator[Cause]:

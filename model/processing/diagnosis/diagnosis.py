@@ -15,8 +15,6 @@ from model.processing.reconstruction import Design
 
 FloatArray = NDArray[np.float64]
 
-# Loss of evidence (natural logarithm) up to which another cause could stand in the place of one: one in a hundred.
-_CONFUSED_MARGIN = 4.6
 # Correlation of what two causes do to a run, from which they are the same to it.
 _SAME = 0.99
 # Errors of a fault that are this much larger than any rig's faults tell nothing.
@@ -208,9 +206,9 @@ def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> st
 def _confused(fit: JointFit, index: int) -> list[Cause]:
     causes = fit.evidence.causes
     if index in fit.named:
-        same = fit.weigher.in_place_of(fit.named, index, fit.candidates, margin=_CONFUSED_MARGIN)
+        same = fit.stand_ins[index]
     else:
-        same = [
+        same = {
             other for other in range(len(causes)) if other != index and fit.weigher.correlation(index, other) > _SAME
-        ]
+        }
     return [causes[other] for other in sorted(same)]

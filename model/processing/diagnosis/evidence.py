@@ -81,19 +81,14 @@ def estimates(evidence: Evidence, chosen: Sequence[int]) -> Estimates:
     return Estimates(values=found, covariance=spread, parts=parts, is_determined=True)
 
 
-def significance(evidence: Evidence, fitted: Estimates, which: int) -> float:
-    """Return the chance of an estimate so far from nothing, were there nothing (1 where it is not determined)."""
-    part = fitted.parts[which]
-    freedom = max(evidence.freedom - len(fitted.values) - 1, 1)
-    return float(fdtrc(part.stop - part.start, freedom, _statistic(fitted, which)))
-
-
-def least_significant(evidence: Evidence, chosen: tuple[int, ...]) -> tuple[int, float]:
-    """Return which cause of a set is the least significant beside the others, and its chance were there nothing."""
+def significances(evidence: Evidence, chosen: tuple[int, ...]) -> list[float]:
+    """Return the chance of each estimate of a set, so far from nothing, were there nothing; 1 if not determined."""
     fitted = estimates(evidence, chosen)
-    chances = [significance(evidence, fitted, at) for at in range(len(chosen))]
-    worst = int(np.argmax(chances))
-    return worst, chances[worst]
+    freedom = max(evidence.freedom - len(fitted.values) - 1, 1)
+    return [
+        float(fdtrc(part.stop - part.start, freedom, _statistic(fitted, which)))
+        for which, part in enumerate(fitted.parts)
+    ]
 
 
 def _statistic(fitted: Estimates, which: int) -> float:

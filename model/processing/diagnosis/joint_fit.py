@@ -1,16 +1,16 @@
 """The joint fit of all faults of a run to what its redundant angles leave over."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.diagnosis.causes import PER_FRAME, SHARED, Cause, parameter_count
 from model.processing.diagnosis.correction import corrected_pictures, corrected_system, frame_faults
-from model.processing.diagnosis.evidence import Evidence, by_size, estimates, least_significant
+from model.processing.diagnosis.evidence import Evidence, by_size, estimates, significances
 from model.processing.diagnosis.samples import block_samples, usable_with_neighbours
 from model.processing.diagnosis.scores import Scores, score_covariance, tile_scores
-from model.processing.diagnosis.weigher import Weigher, best_set
+from model.processing.diagnosis.weigher import Weigher, best_set, larger_set, stand_ins
 
 FloatArray = NDArray[np.float64]
 
@@ -21,8 +21,12 @@ LEAST_SHARE_LEFT = 0.05
 # What fine structure between pixels feigns as a curved response (standard deviation).
 _RESPONSE_FLOOR = 0.004
 _PASSES, _ROUNDS, _MOST_CAUSES, _LEAST_TILES = 8, 4, 6, 12
+# Loss of evidence (natural logarithm) up to which other causes could stand in place of those named: one in a hundred.
+CONFUSED_MARGIN = 4.6
 # Gain of evidence (natural logarithm) below which causes are not exchanged for others once they were taken out.
 _HARDLY_BETTER = 3.0
+# Times the chance of the first cause that others may have: something is wrong, and the question is what.
+_MORE_LENIENT = 5.0
 # Last steps of a fit are below this share of a standard error.
 _SETTLED = 0.05
 
@@ -41,6 +45,8 @@ class JointFit:
         Numbers of the causes that this run can show.
     named
         Numbers of the causes that explain the run best, the strongest first.
+    stand_ins
+        Of each of them: which could stand in its place, alone or with others.
     parameters : (P,) array
         Of single frames and the response, as the named causes make them.
     light
@@ -51,6 +57,7 @@ class JointFit:
     weigher: Weigher
     candidates: NDArray[np.intp]
     named: tuple[int, ...]
+    stand_ins: dict[int, set[int]]
     parameters: FloatArray
     light: float
 
@@ -89,16 +96,19 @@ def fit_faults(
     near = usable_with_neighbours(usable)
     parameters = np.zeros(parameter_count(len(pictures)))
     named: tuple[int, ...] | None = None
+    before: set[int] = set()
     for _ in range(_PASSES):
         scores = _scores_about(system, pictures, near, parameters, light)
         if scores.tiles < _LEAST_TILES:
             return None
         fit = _fit_about(scores, parameters, causes, light, offsets, named or ())
         settled = fit.named == named and _is_settled(fit, parameters)
+        before |= set(named or ())
         named, parameters = fit.named, fit.parameters
         if settled or not named:
-            break
-    return fit
+            return fit
+    # Sets that each explain a run best once they were taken out: none of them can be told from the other.
+    return replace(fit, stand_ins={index: same | (before - set(fit.named)) for index, same in fit.stand_ins.items()})
 
 
 def share_left(evidence: Evidence, index: int) -> float:
@@ -147,16 +157,19 @@ def _fit_about(
     left_out: set[int] = set()
     while True:
         evidence, candidates, best = _best_causes(sums, evidence, left_out, before)
+        evidence, best = _with_its_own_errors(sums, evidence, np.setdiff1d(candidates, [*left_out]), best)
         evidence, named = _that_stand(sums, evidence, best, FALSE_FINDING_RATE / max(len(candidates), 1))
         if named or not best:
             break
         # What does not stand by itself must not stand in the way of what does.
         left_out |= set(best)
+    weigher = Weigher(evidence)
     return JointFit(
         evidence=evidence,
-        weigher=Weigher(evidence),
+        weigher=weigher,
         candidates=candidates,
         named=by_size(evidence, named),
+        stand_ins=stand_ins(weigher, named, candidates, margin=CONFUSED_MARGIN),
         parameters=_sum_of(evidence, named),
         light=light,
     )
@@ -179,13 +192,32 @@ def _best_causes(
     return evidence, candidates, named or ()
 
 
+def _with_its_own_errors(
+    sums: "_Sums", evidence: Evidence, candidates: NDArray[np.intp], named: tuple[int, ...]
+) -> tuple[Evidence, tuple[int, ...]]:
+    """Return a larger set where it explains a run better by the errors that it leaves itself.
+
+    Notes
+    -----
+    The errors about a set hold what the set leaves unexplained, and so speak for it.
+    """
+    larger = larger_set(Weigher(evidence), candidates, named)
+    if len(larger) > _MOST_CAUSES or larger == named:
+        return evidence, named
+    about = sums.evidence_of(larger)
+    weigher = Weigher(about)
+    is_better = weigher.log_evidence(larger) > weigher.log_evidence(named)
+    return (about, larger) if is_better else (evidence, named)
+
+
 def _that_stand(
     sums: "_Sums", evidence: Evidence, named: tuple[int, ...], level: float
 ) -> tuple[Evidence, tuple[int, ...]]:
     """Return the causes left when the least significant is taken away, one after the other, with errors about them."""
     while named:
-        worst, chance = least_significant(evidence, named)
-        if chance <= level:
+        chances = significances(evidence, named)
+        worst = int(np.argmax(chances))
+        if min(chances) <= level and chances[worst] <= (_MORE_LENIENT * level if len(named) > 1 else level):
             break
         named = named[:worst] + named[worst + 1 :]
         evidence = sums.evidence_of(named)

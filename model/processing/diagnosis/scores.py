@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtri
 
 from model.processing.diagnosis.causes import PER_FRAME, SHARED
 from model.processing.diagnosis.samples import Samples
@@ -15,6 +16,8 @@ FloatArray = NDArray[np.float64]
 _TILE_BLOCKS, _LARGE_TILE_BLOCKS, _LARGE_BLOCKS = 3, 5, 8000
 # Coarser tiles are made of 2 x 2, 4 x 4 ... of them while there are at least so many.
 _LEAST_COARSE_TILES = 4
+# That coarse tiles of nothing but noise scatter by more than is taken for chance.
+_CHANCE = 0.01
 # Of the scaled covariance of scores: directions below are sums of others, to rounding.
 _RANK_TOLERANCE = 1e-8
 # Of the information of a shift that can be taken for noise of slopes.
@@ -188,13 +191,13 @@ def _shrunk(left: FloatArray, expected: FloatArray) -> ScoreCovariance:
 
 def _widening(coarse: FloatArray, own: FloatArray) -> FloatArray:
     """Return the factor of each parameter's error, from the scatter of coarser tiles."""
-    widening = np.ones(len(own))
+    widening, tiles = np.ones(len(own)), int(np.count_nonzero(np.any(coarse != 0.0, axis=2)))
     while (coarse := _merged(coarse)).shape[0] * coarse.shape[1] >= _LEAST_COARSE_TILES:
         flat = coarse.reshape(-1, coarse.shape[-1])
         ratio = np.diag(_scatter(flat)) / np.where(own > 0.0, own, np.inf)
         # What independent tiles exceed by chance is no widening.
-        chance = 3.0 * np.sqrt(2.0 / len(flat))
-        widening = np.where(ratio > 1.0 + chance, np.maximum(widening, ratio), widening)
+        by_chance = float(fdtri(len(flat) - 1, max(tiles - 1, 1), 1.0 - _CHANCE))
+        widening = np.where(ratio > by_chance, np.maximum(widening, ratio), widening)
     return np.sqrt(widening)
 
 

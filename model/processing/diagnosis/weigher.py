@@ -1,6 +1,7 @@
 """The evidence for sets of causes, and the search for the best."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,36 +34,50 @@ class Weigher:
         whitener = _whitener(evidence.covariance)
         measured = whitener @ evidence.right
         self._rank = len(measured)
-        widths = [cause.directions.shape[1] for cause in evidence.causes]
-        ends = np.cumsum(widths)
-        self._columns = [np.arange(end - width, end) for end, width in zip(ends, widths, strict=True)]
-        self._widths = np.array(widths)
+        self._widths = np.array([cause.directions.shape[1] for cause in evidence.causes])
+        self._starts = np.cumsum(self._widths) - self._widths
         expected = np.column_stack([cause.directions * cause.expected for cause in evidence.causes])
         regressors = whitener @ (evidence.information @ expected)
         self._gram = regressors.T @ regressors
         self._along = regressors.T @ measured
         self._total = float(measured @ measured)
         self._freedom = float(max(evidence.freedom, 8.0))
-        self._odds = np.array([cause.log_odds for cause in evidence.causes]) - np.log(len(evidence.causes))
-        self._close = _collinearity(evidence, self._columns)
+        self._odds = np.array([cause.log_odds for cause in evidence.causes])
+        self._per_cause = -float(np.log(len(evidence.causes)))
+        self._close = _collinearity(self._gram, self._starts, self._widths)
 
-    def log_evidence(self, chosen: Sequence[int]) -> float:
+    def log_evidence(self, chosen: Sequence[int], *, is_even: bool = False) -> float:
         """Return the logarithm of the evidence of a set, up to what all sets share."""
         if not chosen:
             return -0.5 * (self._freedom + self._rank) * float(np.log1p(self._total / self._freedom))
-        return float(self.with_each(chosen[:-1], np.array([chosen[-1]]))[0])
+        return float(self.of_sets(np.array([chosen], dtype=np.intp), is_even=is_even)[0])
+
+    def of_sets(self, sets: NDArray[np.intp], *, is_even: bool = False) -> FloatArray:
+        """Return the logarithms of the evidence of sets, -inf where causes are too alike.
+
+        Parameters
+        ----------
+        sets
+            Numbers of causes, shape (M, K), K > 0.
+        is_even
+            As if every cause were met equally often: what the run itself says.
+        """
+        heights, widths = np.empty(len(sets)), self._widths[sets]
+        for kind in np.unique(widths, axis=0):
+            these = np.flatnonzero(np.all(widths == kind, axis=1))
+            starts = self._starts[sets[these]]
+            parts = [starts[:, at, None] + np.arange(width) for at, width in enumerate(kind)]
+            columns = np.concatenate(parts, axis=1)
+            heights[these] = self._of_columns(columns)
+            if sets.shape[1] > 1:
+                close = self._close[columns[:, :, None], columns[:, None, :]]
+                heights[these[np.linalg.eigvalsh(close)[:, 0] < _ALIKE]] = -np.inf
+        odds = 0.0 if is_even else self._odds[sets].sum(axis=1)
+        return np.asarray(heights + odds + sets.shape[1] * self._per_cause)
 
     def with_each(self, chosen: Sequence[int], others: NDArray[np.intp]) -> FloatArray:
         """Return the logarithm of the evidence of a set with each of some causes; -inf where they are too alike."""
-        heights = np.empty(len(others))
-        base = np.concatenate([np.empty(0, dtype=np.intp), *(self._columns[index] for index in chosen)]).astype(np.intp)
-        for width in np.unique(self._widths[others]):
-            these = np.flatnonzero(self._widths[others] == width)
-            columns = np.array([np.concatenate([base, self._columns[others[at]]]) for at in these])
-            heights[these] = self._of_columns(columns)
-        heights += self._odds[others] + sum(self._odds[index] for index in chosen)
-        heights[self._too_alike(chosen, others)] = -np.inf
-        return heights
+        return self.of_sets(_each_with(chosen, others[:, None]))
 
     def _of_columns(self, columns: NDArray[np.intp]) -> FloatArray:
         gram, along = self._gram[columns[:, :, None], columns[:, None, :]], self._along[columns]
@@ -76,31 +91,9 @@ class Weigher:
         misfit = (self._freedom + self._rank) * np.log1p(left / self._freedom)
         return np.asarray(-0.5 * misfit - 0.5 * np.linalg.slogdet(normal)[1])
 
-    def _too_alike(self, chosen: Sequence[int], others: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Return which of the others would make a set of regressors that are nearly sums of one another."""
-        alike = np.zeros(len(others), dtype=np.bool_)
-        if not chosen:
-            return alike
-        base = np.concatenate([self._columns[index] for index in chosen])
-        for width in np.unique(self._widths[others]):
-            these = np.flatnonzero(self._widths[others] == width)
-            columns = np.array([np.concatenate([base, self._columns[others[at]]]) for at in these])
-            least = np.linalg.eigvalsh(self._close[columns[:, :, None], columns[:, None, :]])[:, 0]
-            alike[these] = least < _ALIKE
-        return alike
-
-    def in_place_of(
-        self, chosen: tuple[int, ...], index: int, candidates: NDArray[np.intp], *, margin: float
-    ) -> list[int]:
-        """Return the causes that could stand in the place of one of a set, at a loss of evidence below a margin."""
-        rest = tuple(other for other in chosen if other != index)
-        others = np.setdiff1d(candidates, chosen)
-        heights = self.with_each(rest, others) if others.size else np.empty(0)
-        return [int(other) for other in others[heights > self.log_evidence((*rest, index)) - margin]]
-
     def correlation(self, one: int, other: int) -> float:
         """Return how far two causes do the same to a run, from 0 to 1 (the largest canonical correlation)."""
-        mine, its = self._columns[one], self._columns[other]
+        mine, its = (self._starts[at] + np.arange(self._widths[at]) for at in (one, other))
         own, cross = self._gram[np.ix_(mine, mine)], self._gram[np.ix_(mine, its)]
         second = self._gram[np.ix_(its, its)]
         if not (np.all(np.diag(own) > 0.0) and np.all(np.diag(second) > 0.0)):
@@ -139,6 +132,14 @@ def best_set(weigher: Weigher, candidates: NDArray[np.intp], *, most: int) -> tu
     return chosen
 
 
+def larger_set(weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the best set of one cause more, all pairs tried against a single cause; as given where there is none."""
+    larger, value = _grown(weigher, candidates, chosen)
+    if len(larger) == 2 and len(candidates) > 1:
+        larger, value = max([(larger, value), _best_pair(weigher, candidates)], key=lambda found: found[1])
+    return larger if np.isfinite(value) else chosen
+
+
 def _grown(weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...]) -> tuple[tuple[int, ...], float]:
     others = np.setdiff1d(candidates, chosen)
     if not others.size:
@@ -149,8 +150,10 @@ def _grown(weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ..
 
 
 def _best_pair(weigher: Weigher, candidates: NDArray[np.intp]) -> tuple[tuple[int, ...], float]:
-    pairs = (_grown(weigher, candidates[at + 1 :], (int(index),)) for at, index in enumerate(candidates[:-1]))
-    return max(pairs, key=lambda found: found[1])
+    pairs = _pairs(candidates)
+    heights = weigher.of_sets(pairs)
+    top = int(np.argmax(heights))
+    return (int(pairs[top, 0]), int(pairs[top, 1])), float(heights[top])
 
 
 def _exchanged(
@@ -168,20 +171,62 @@ def _exchanged(
     return chosen, value
 
 
-def _collinearity(evidence: Evidence, columns: Sequence[NDArray[np.intp]]) -> FloatArray:
+def stand_ins(
+    weigher: Weigher, named: tuple[int, ...], candidates: NDArray[np.intp], *, margin: float
+) -> dict[int, set[int]]:
+    """Return, for each cause of a set, those that could stand in its place, alone or with others.
+
+    Parameters
+    ----------
+    weigher
+        Of the run.
+    named
+        The set.
+    candidates
+        Numbers of the causes that may be named.
+    margin
+        Loss of evidence (natural logarithm) at which a set could be the right one.
+
+    Notes
+    -----
+    One or two of the set are exchanged for one or two others.
+    """
+    found: dict[int, set[int]] = {index: set() for index in named}
+    others = np.setdiff1d(candidates, named)
+    if not others.size:
+        return found
+    least = weigher.log_evidence(named, is_even=True) - margin
+    added = (others[:, None], _pairs(others))
+    taken = [(1, added[0]), (2, added[0]), (2, added[1]), *([(1, added[1])] if len(named) == 1 else [])]
+    for count, sets in taken:
+        for leaving in combinations(named, count):
+            staying = tuple(index for index in named if index not in leaving)
+            alike = sets[weigher.of_sets(_each_with(staying, sets), is_even=True) > least] if sets.size else sets
+            for index in leaving:
+                found[index].update(alike.ravel().tolist())
+    return found
+
+
+def _pairs(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+    first, second = np.triu_indices(len(numbers), 1)
+    return np.column_stack([numbers[first], numbers[second]])
+
+
+def _each_with(chosen: Sequence[int], others: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return a set with each of some others, shape (M, K)."""
+    same = np.tile(np.array(chosen, dtype=np.intp), (len(others), 1))
+    return np.hstack([same, others])
+
+
+def _collinearity(gram: FloatArray, starts: NDArray[np.intp], widths: NDArray[np.intp]) -> FloatArray:
     """Return the correlations of the regressors of all causes, those of one cause made independent."""
-    stacked = np.column_stack([cause.directions for cause in evidence.causes])
-    whole = stacked.T @ evidence.information @ stacked
-    normal = 0.5 * (whole + whole.T)
-    scaled = np.zeros_like(normal)
-    for own in columns:
-        values, vectors = np.linalg.eigh(normal[np.ix_(own, own)])
+    scaled = np.zeros_like(gram)
+    for start, width in zip(starts, widths, strict=True):
+        own = slice(start, start + width)
+        values, vectors = np.linalg.eigh(gram[own, own])
         kept = values > _NOTHING_LEFT * max(float(values[-1]), 0.0)
-        root = (
-            (vectors[:, kept] / np.sqrt(values[kept])) @ vectors[:, kept].T if kept.any() else np.zeros((len(own),) * 2)
-        )
-        scaled[np.ix_(own, own)] = root
-    return np.asarray(scaled @ normal @ scaled)
+        scaled[own, own] = (vectors[:, kept] / np.sqrt(values[kept])) @ vectors[:, kept].T
+    return np.asarray(scaled @ gram @ scaled)
 
 
 def _whitener(covariance: FloatArray) -> FloatArray:

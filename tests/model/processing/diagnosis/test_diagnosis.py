@@ -89,6 +89,24 @@ def test_two_faults_are_both_named(seed: int) -> None:
     assert {("throughput", 0), ("shift", 1)} <= set(_named(found))
 
 
+def test_two_faults_that_two_others_do_as_well_are_named_or_among_the_stated_confusions() -> None:
+    # Light of 0 against all, and S1 as a turn of 45: two throughputs of 0 and 90 do the same to the residual.
+    found = _diagnosed(_world(2), Faults(throughput={0: 0.03}, angle_deg={1: 2.5}), 2)
+    named = [term for term in found.terms if term.is_named]
+    said = {which for term in named for which in ((term.name, term.frame), *term.confused_with)}
+    assert {("throughput", 0), ("angle", 1), ("throughput", 2), ("angle", 3)} <= said
+
+
+def test_a_turn_is_named_before_two_throughputs_that_would_do_the_same() -> None:
+    found = _diagnosed(_world(0), Faults(angle_deg={3: 0.7}), 0)
+    assert found.first is not None
+    assert found.first.name == "angle"
+    assert {("angle", 1), ("angle", 3), ("throughput within a pair", 0)} == {
+        (found.first.name, found.first.frame),
+        *found.first.confused_with,
+    }
+
+
 def test_light_without_polarization_cannot_tell_a_response() -> None:
     rng = np.random.default_rng(7)
     frames = rng.poisson(1000.0, (4, 128, 128)).astype(np.float64)
