@@ -31,6 +31,8 @@ class AptModel:
         What it says of the stage that is plugged into it; 0 for one that is built in.
     serial_number : int
         The maker numbers its controllers by kind.
+    home_offset_counts : int
+        How far behind its mark it calls home when it comes.
     """
 
     counts_per_deg: float
@@ -38,6 +40,7 @@ class AptModel:
     is_stepper: bool
     stage_id: int
     serial_number: int
+    home_offset_counts: int
 
 
 _K10CR = 409600.0 / 3.0
@@ -49,6 +52,7 @@ MODELS = {
         is_stepper=True,
         stage_id=0,
         serial_number=55000123,
+        home_offset_counts=546133,
     ),
     "K10CR2": AptModel(
         counts_per_deg=_K10CR,
@@ -56,6 +60,7 @@ MODELS = {
         is_stepper=True,
         stage_id=0,
         serial_number=55500123,
+        home_offset_counts=546133,
     ),
     "KDC101": AptModel(
         counts_per_deg=_PRM1,
@@ -63,6 +68,7 @@ MODELS = {
         is_stepper=False,
         stage_id=6,
         serial_number=27000123,
+        home_offset_counts=0,
     ),
 }
 

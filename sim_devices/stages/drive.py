@@ -87,13 +87,18 @@ class Ring:
         start_deg = self.angle_deg(time_s)
         return self._turn_to(time_s, start_deg + part * (target_deg - start_deg), speed_deg_per_s)
 
-    def find_mark(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float) -> float:
-        """Turn to the reference mark, which becomes the encoder's zero; return when it rests [s]."""
-        way_deg = (self._mark_deg - self.angle_deg(time_s)) % 360.0
+    def find_mark(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float, offset_counts: int = 0) -> float:
+        """Turn to the reference mark, or so far beyond it: the encoder's zero is there; return when it rests [s]."""
+        home_deg = self._mark_deg + offset_counts * 360.0 / self._counts_per_turn
+        way_deg = (home_deg - self.angle_deg(time_s)) % 360.0
         if clockwise and way_deg:
             way_deg -= 360.0
         self._zero_deg = self.angle_deg(time_s) + way_deg
         return self._turn_to(time_s, self._zero_deg, speed_deg_per_s)
+
+    def call_here(self, time_s: float, counts: int) -> None:
+        """Let the encoder read so many counts where the ring now stands."""
+        self._zero_deg = self.angle_deg(time_s) - counts * 360.0 / self._counts_per_turn
 
     def halt(self, time_s: float) -> None:
         """Stand still at once."""
@@ -113,6 +118,7 @@ class Ring:
 
 
 _HAND_TURNS_DEG = 5.0
+_ENDLESS_TURNS = 10**6
 
 Outcome = Literal["arrives", "stalls", "is turned by hand", "fails"]
 
@@ -157,9 +163,19 @@ class Drive:
         self._counts_per_turn = counts_per_turn
         self._moves = 0
 
-    def home(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float) -> float:
-        """Turn to the reference mark; return when the ring rests there [s]."""
-        return self.ring.find_mark(time_s, clockwise=clockwise, speed_deg_per_s=self._possible(speed_deg_per_s))
+    def home(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float, offset_counts: int = 0) -> float:
+        """Turn to the reference mark, or so far beyond it; return when the ring rests there [s]."""
+        return self.ring.find_mark(
+            time_s,
+            clockwise=clockwise,
+            speed_deg_per_s=self._possible(speed_deg_per_s),
+            offset_counts=offset_counts,
+        )
+
+    def turn_on(self, time_s: float, *, forward: bool, speed_deg_per_s: float) -> None:
+        """Turn on and on, until the ring is halted."""
+        counts = self.ring.counts(time_s) + round((1 if forward else -1) * _ENDLESS_TURNS * self._counts_per_turn)
+        self.ring.turn_to_counts(time_s, counts, speed_deg_per_s=self._possible(speed_deg_per_s))
 
     def move(self, time_s: float, counts: int, *, speed_deg_per_s: float) -> Ending:
         """Turn to an encoder reading."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim_devices.stages.address import number, read_address, whole
+from sim_devices.stages.address import number, one_of, read_address, whole
 from sim_devices.stages.stage_options import (
     COMMON_KEYS,
     LineOptions,
@@ -29,6 +29,8 @@ class EllxOptions:
         At most eight digits.
     pulses : int
         Encoder counts of a turn: 143360 in every ELL14 whose reply is public, 262144 in the manual's table.
+    address : str
+        Its place on the line, a hexadecimal digit.
     gap_s : float
         A move that is sent sooner than this after the last one ended goes to 0 instead.
     seed : int
@@ -42,6 +44,7 @@ class EllxOptions:
     model: int = 14
     serial_number: int = 11401326
     pulses: int = 143360
+    address: str = "0"
     gap_s: float = 0.0
     seed: int = 0
     speed: float = 1.0
@@ -63,6 +66,7 @@ _KEYS = {
     "model": whole("own", "model", "number in the model's name", 1, 255),
     "serial": whole("own", "serial_number", "serial number", 0, 99999999),
     "pulses": whole("own", "pulses", "encoder counts of a turn", 1, 0x7FFFFFFF),
+    "address": one_of("own", "address", "place on the line", tuple("0123456789ABCDEF")),
     "gap": number("own", "gap_s", "a move sooner than this after the last goes to 0 [s]", 0, 60),
     "fault": fault_key(_status_code, codes="a status from 1 to 255"),
     **COMMON_KEYS,

@@ -2,79 +2,24 @@
 
 import string
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 
 from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.ellx_address import EllxOptions
+from sim_devices.stages.ellx_motors import EllxMotors
+from sim_devices.stages.ellx_receiver import Command, EllxReceiver
 from sim_devices.stages.simulated_stage import Reply
 
-DATA_DIGITS = {
-    "in": 0, "i1": 0, "i2": 0, "gs": 0, "st": 0, "us": 0, "gp": 0, "go": 0, "gj": 0, "gv": 0, "fw": 0, "bw": 0,
-    "ho": 1, "ca": 1, "ga": 1, "sv": 2, "ma": 8, "mr": 8, "so": 8, "sj": 8,
-}  # fmt: skip
-
-_SILENCE_S = 2.0
-_ADDRESSES = b"0123456789ABCDEF"
-_HEAD_BYTES = 3
-
-
-@dataclass(frozen=True, kw_only=True)
-class Command:
-    """A whole command: who it is for, its two letters, its digits. Unknown letters have no digits."""
-
-    address: str
-    letters: str
-    digits: str
-
-
-class EllxReceiver:
-    """Collects bytes until a command is whole; the letters alone say how long it is.
-
-    A carriage return forgets what was collected, a line feed is skipped, so that commands may end in either.
-    More than two seconds between two bytes of a command discard it, which `timed_out` tells once.
-    """
-
-    def __init__(self) -> None:
-        self._collected = b""
-        self._last_byte_s = 0.0
-
-    def timed_out(self, time_s: float) -> bool:
-        """Return whether a command in part was just discarded for being too slow."""
-        if not self._collected or time_s - self._last_byte_s <= _SILENCE_S:
-            return False
-        self._collected = b""
-        return True
-
-    def receive(self, time_s: float, data: bytes) -> list[Command]:
-        """Return the commands that these bytes complete."""
-        self._last_byte_s = time_s
-        commands = (self._take(bytes([byte])) for byte in data)
-        return [command for command in commands if command is not None]
-
-    def _take(self, byte: bytes) -> Command | None:
-        if byte == b"\r":
-            self._collected = b""
-        elif byte != b"\n" and (self._collected or byte in _ADDRESSES):
-            self._collected += byte
-        return self._complete()
-
-    def _complete(self) -> Command | None:
-        if len(self._collected) < _HEAD_BYTES:
-            return None
-        text = self._collected.decode("latin-1")
-        if len(text) < _HEAD_BYTES + DATA_DIGITS.get(text[1:3], 0):
-            return None
-        self._collected = b""
-        return Command(address=text[0], letters=text[1:3], digits=text[3:])
-
-
-_ADDRESS = "0"
 _YEAR = "2025"
 _FIRMWARE, _HARDWARE = "18", "01"
 
-_OK, _TIMEOUT, _STALLED, _UNSUPPORTED, _OUT_OF_RANGE, _BUSY = 0, 1, 2, 3, 4, 9
+_OK, _TIMEOUT, _STALLED, _UNSUPPORTED, _OUT_OF_RANGE, _OUT_OF_ISOLATION, _BUSY = 0, 1, 2, 3, 4, 6, 9
 _STALL_S = 2.0
 _FULL_SPEED_PERCENT = 100
+_JOGS_PER_TURN, _OFFSETS_PER_TURN = 36, 360  # what it comes with: 10 deg a jog, home 1 deg behind the mark (assumed)
+_MOVES = frozenset({"ho", "ma", "mr", "fw", "bw"})
+# How long it is at it (assumed; the manual says "up to 12 s" of a curve and "several minutes" of the last two).
+_SEARCH_S, _CURVE_S, _OPTIMIZE_S, _CLEAN_S = 1.5, 12.0, 180.0, 240.0
 
 
 class EllxLanguage:
@@ -88,19 +33,65 @@ class EllxLanguage:
         self._velocity_percent = _FULL_SPEED_PERCENT
         self.heard = 0
         self._rested_s = -1e9
+        self._address, self._group = options.address, ""
+        self._isolated_until_s = -1e9
+        self._jog_counts = options.pulses // _JOGS_PER_TURN
+        self._born_offset = self._home_offset = options.pulses // _OFFSETS_PER_TURN
+        self._motors = EllxMotors()
+        self._stoppable = False
         self._appointment: tuple[float, Callable[[float], None]] | None = None
         self._replies: list[Reply] = []
-        self._answers: dict[str, Callable[[float, str], None]] = {
+        self._answers = self._questions() | self._settings() | self._upkeep() | self._motions()
+
+    def _questions(self) -> dict[str, Callable[[float, str], None]]:
+        return {
             "in": self._tell_information,
             "gs": self._tell_status,
-            "gp": self._tell_position,
-            "gv": self._tell_velocity,
+            "gp": lambda time_s, _: self._say(time_s, f"PO{self._position(time_s)}"),
+            "gv": lambda time_s, _: self._say(time_s, f"GV{self._velocity_percent:02X}"),
+            "gj": lambda time_s, _: self._say(time_s, f"GJ{_unsigned(self._jog_counts)}"),
+            "go": lambda time_s, _: self._say(time_s, f"HO{_unsigned(self._home_offset)}"),
+            "i1": lambda time_s, _: self._say(time_s, self._motors.information("1")),
+            "i2": lambda time_s, _: self._say(time_s, self._motors.information("2")),
+        }
+
+    def _settings(self) -> dict[str, Callable[[float, str], None]]:
+        periods = {letters: partial(self._set_period, letters) for letters in ("f1", "b1", "f2", "b2")}
+        return periods | {
             "sv": self._set_velocity,
-            "st": self._tell_status,
+            "sj": self._set_jog,
+            "so": self._set_home_offset,
+            "us": lambda time_s, _: self._say(time_s, f"GS{_OK:02X}"),
+            "sk": lambda time_s, _: self._say(time_s, f"GS{_OK:02X}"),
+            "ca": self._change_address,
+            "ga": self._join_group,
+            "is": self._isolate,
+        }
+
+    def _upkeep(self) -> dict[str, Callable[[float, str], None]]:
+        return {
+            "s1": partial(self._search, "1"),
+            "s2": partial(self._search, "2"),
+            "c1": partial(self._draw_curve, "1"),
+            "c2": partial(self._draw_curve, "2"),
+            "om": lambda time_s, _: self._work(time_s, _OPTIMIZE_S, self._say_done, stoppable=True),
+            "cm": lambda time_s, _: self._work(time_s, _CLEAN_S, self._say_done, stoppable=True),
+        }
+
+    def _motions(self) -> dict[str, Callable[[float, str], None]]:
+        return {
+            "st": self._stop,
             "ho": self._home,
             "ma": self._move_absolute,
-            "mr": self._move_relative,
+            "mr": lambda time_s, digits: self._move_by(time_s, _signed(digits)),
+            "fw": lambda time_s, _: self._jog(time_s, forward=True),
+            "bw": lambda time_s, _: self._jog(time_s, forward=False),
         }
+
+    @property
+    def understood(self) -> frozenset[str]:
+        """The letters of all commands that it knows."""
+        return frozenset(self._answers)
 
     def receive(self, time_s: float, data: bytes) -> list[Reply]:
         """Return the replies up to a time [s] at which these bytes arrive."""
@@ -130,7 +121,7 @@ class EllxLanguage:
             keep(due_s)
 
     def _obey(self, time_s: float, command: Command) -> None:
-        if command.address != _ADDRESS:
+        if time_s < self._isolated_until_s or not self._is_meant(command):
             return
         self.heard += 1
         if set(command.digits) - set(string.digits + "ABCDEF"):
@@ -139,11 +130,18 @@ class EllxLanguage:
             self._refuse(time_s, _UNSUPPORTED)
         else:
             self._answers[command.letters](time_s, command.digits)
+        if command.letters in _MOVES:
+            self._group = ""
+
+    def _is_meant(self, command: Command) -> bool:
+        """Return whether it listens: to its own address, and for one motion to that of its group."""
+        in_group = command.address == self._group and command.letters in _MOVES
+        return command.address == self._address or in_group
 
     def _say(self, time_s: float, text: str) -> None:
         silent = self._options.line.silent
         if silent is None or self.heard < silent:
-            self._replies.append((time_s, f"{_ADDRESS}{text}\r\n".encode("ascii")))
+            self._replies.append((time_s, f"{self._address}{text}\r\n".encode("ascii")))
 
     def _refuse(self, time_s: float, error: int) -> None:
         self._error = error
@@ -165,23 +163,82 @@ class EllxLanguage:
         self._say(time_s, f"GS{self._error:02X}")
         self._error = _OK
 
-    def _tell_position(self, time_s: float, _digits: str) -> None:
-        self._say(time_s, f"PO{self._position(time_s)}")
-
-    def _tell_velocity(self, time_s: float, _digits: str) -> None:
-        self._say(time_s, f"GV{self._velocity_percent:02X}")
-
     def _set_velocity(self, time_s: float, digits: str) -> None:
         percent = int(digits, 16)
         if not 1 <= percent <= _FULL_SPEED_PERCENT:
             self._refuse(time_s, _OUT_OF_RANGE)
             return
         self._velocity_percent = percent
+        self._say_done(time_s)
+
+    def _set_jog(self, time_s: float, digits: str) -> None:
+        if self._allows(time_s, abs(_signed(digits)) <= self._options.pulses):
+            self._jog_counts = _signed(digits)
+
+    def _set_home_offset(self, time_s: float, digits: str) -> None:
+        if self._allows(time_s, 0 <= _signed(digits) < self._options.pulses):
+            self._home_offset = _signed(digits)
+
+    def _set_period(self, letters: str, time_s: float, digits: str) -> None:
+        self._allows(time_s, self._motors.set_period(letters, int(digits, 16)))
+
+    def _allows(self, time_s: float, allowed: bool) -> bool:
+        if allowed:
+            self._say_done(time_s)
+        else:
+            self._refuse(time_s, _OUT_OF_RANGE)
+        return allowed
+
+    def _say_done(self, time_s: float) -> None:
         self._say(time_s, f"GS{_OK:02X}")
+
+    def _change_address(self, time_s: float, digits: str) -> None:
+        self._address = digits
+        self._say_done(time_s)
+
+    def _join_group(self, time_s: float, digits: str) -> None:
+        self._group = digits
+        self._say_done(time_s)
+
+    def _isolate(self, time_s: float, digits: str) -> None:
+        """Fall silent and deaf for some minutes; the status tells it once, afterwards."""
+        self._say_done(time_s)
+        if minutes := int(digits, 16):
+            self._isolated_until_s = time_s + 60.0 * minutes
+            self._error = _OUT_OF_ISOLATION
+
+    def _search(self, motor: str, time_s: float, _digits: str) -> None:
+        def found(end_s: float) -> None:
+            self._motors.search(motor)
+            self._say_done(end_s)
+
+        self._work(time_s, _SEARCH_S, found)
+
+    def _draw_curve(self, motor: str, time_s: float, _digits: str) -> None:
+        self._work(time_s, _CURVE_S, lambda end_s: self._say(end_s, self._motors.curve(motor)))
+
+    def _work(self, time_s: float, duration_s: float, end: Callable[[float], None], *, stoppable: bool = False) -> None:
+        if self._begins(time_s):
+            self._stoppable = stoppable
+            self._appointment = (time_s + duration_s, end)
+
+    def _stop(self, time_s: float, digits: str) -> None:
+        """End what goes on without an end of its own; a move to somewhere goes on."""
+        if self._stoppable:
+            self._stoppable = False
+            self._appointment = None
+            self._drive.ring.halt(time_s)
+            self._rest(time_s)
+        self._tell_status(time_s, digits)
 
     def _home(self, time_s: float, digits: str) -> None:
         if self._begins(time_s):
-            end_s = self._drive.home(time_s, clockwise=digits == "0", speed_deg_per_s=self._speed())
+            end_s = self._drive.home(
+                time_s,
+                clockwise=digits == "0",
+                speed_deg_per_s=self._speed(),
+                offset_counts=self._home_offset - self._born_offset,
+            )
             self._appointment = (end_s, self._rest if self._options.motion.unhomed else self._arrive)
 
     def _move_absolute(self, time_s: float, digits: str) -> None:
@@ -191,8 +248,17 @@ class EllxLanguage:
         else:
             self._move(time_s, counts)
 
-    def _move_relative(self, time_s: float, digits: str) -> None:
-        self._move(time_s, self._drive.ring.counts(time_s) + _signed(digits))
+    def _move_by(self, time_s: float, counts: int) -> None:
+        self._move(time_s, self._drive.ring.counts(time_s) + counts)
+
+    def _jog(self, time_s: float, *, forward: bool) -> None:
+        """Go by a jog; where that is 0, go on and on, which is told at once."""
+        if self._jog_counts:
+            self._move_by(time_s, self._jog_counts if forward else -self._jog_counts)
+        elif self._begins(time_s):
+            self._say_done(time_s)
+            self._drive.turn_on(time_s, forward=forward, speed_deg_per_s=self._speed())
+            self._stoppable = True
 
     def _move(self, time_s: float, counts: int) -> None:
         if self._begins(time_s):
@@ -203,6 +269,7 @@ class EllxLanguage:
         busy = self._is_busy(time_s)
         if busy or self._options.motion.busy:
             self._say(time_s, f"GS{_BUSY:02X}")
+        self._stoppable = busy and self._stoppable
         return not busy
 
     def _turn(self, time_s: float, counts: int) -> None:
@@ -241,7 +308,7 @@ class EllxLanguage:
         self._arrive(time_s)
 
     def _position(self, time_s: float) -> str:
-        return f"{self._drive.ring.counts(time_s) % (1 << 32):08X}"
+        return _unsigned(self._drive.ring.counts(time_s))
 
     def _speed(self) -> float:
         return self._options.motion.motor_deg_per_s * self._velocity_percent / _FULL_SPEED_PERCENT
@@ -250,3 +317,7 @@ class EllxLanguage:
 def _signed(digits: str) -> int:
     value = int(digits, 16)
     return value if value < 1 << 31 else value - (1 << 32)
+
+
+def _unsigned(value: int) -> str:
+    return f"{value % (1 << 32):08X}"

@@ -12,14 +12,17 @@ import sys
 import venv
 from pathlib import Path
 
+PYLABLIB = "pylablib-lightweight==1.4.3 pyserial==3.5"
+
 # Client -> (what pip installs, script that drives it, simulated stage that it drives).
 CLIENTS = {
-    "elliptec": ("elliptec==0.1.0", "elliptec_client.py", "sim:ellx"),
-    "thorlabs-elliptec": ("thorlabs-elliptec==1.3.0", "thorlabs_elliptec_client.py", "sim:ellx"),
-    "pylablib-elliptec": ("pylablib-lightweight==1.4.3 pyserial==3.5", "pylablib_elliptec_client.py", "sim:ellx"),
-    "pylablib-k10cr1": ("pylablib-lightweight==1.4.3 pyserial==3.5", "pylablib_k10cr1_client.py", "sim:apt?speed=20"),
-    "thorlabs-apt-device": ("thorlabs-apt-device==0.3.8", "apt_device_client.py", "sim:apt?model=KDC101&speed=20"),
-    "zaber-motion": ("zaber-motion==10.2.0", "zaber_motion_client.py", "sim:zaber"),
+    "elliptec": ("elliptec==0.1.0", "elliptec_client.py", "sim:ellx?speed=5"),
+    "thorlabs-elliptec": ("thorlabs-elliptec==1.3.0", "thorlabs_elliptec_client.py", "sim:ellx?speed=5"),
+    "pylablib-elliptec": (PYLABLIB, "pylablib_elliptec_client.py", "sim:ellx?speed=5"),
+    "pylablib-k10cr1": (PYLABLIB, "pylablib_kinesis_client.py", "sim:apt?speed=50"),
+    "pylablib-kdc101": (PYLABLIB, "pylablib_kinesis_client.py", "sim:apt?model=KDC101&speed=50"),
+    "thorlabs-apt-device": ("thorlabs-apt-device==0.3.8", "apt_device_client.py", "sim:apt?model=KDC101&speed=50"),
+    "zaber-motion": ("zaber-motion==10.2.0", "zaber_motion_client.py", "sim:zaber?oneturn=1&speed=20"),
 }
 
 # A camera that others simulate, read by their own program: what pip installs, and the script that takes its frames.

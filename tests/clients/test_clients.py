@@ -27,7 +27,7 @@ def apart_deg(a_deg: float, b_deg: float) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(CLIENTS))
-def test_drives_the_pickering_sequence(name: str) -> None:
+def test_drives_the_pickering_sequence_and_calls_every_method(name: str) -> None:
     requirement, script, address = CLIENTS[name]
     python = python_of(requirement, default_folder())
     if not python.exists():
@@ -58,5 +58,6 @@ def test_drives_the_pickering_sequence(name: str) -> None:
             assert apart_deg(machine.true_angle_deg(), angle_deg) <= TOLERANCE_DEG
             client.stdin.write("\n")
             client.stdin.flush()
-        _, errors = client.communicate(timeout=60)
+        told, errors = client.communicate(timeout=60)
     assert client.returncode == 0, errors
+    assert "methods" in told  # `every_method` has counted them, and ends the client with an error if one is missing

@@ -42,7 +42,23 @@ class Stage:
         (b"0ma7FFFFFFF", b"0GS04\r\n"),
         (b"0ma0000460z", b"0GS04\r\n"),
         (b"0zz", b"0GS03\r\n"),
-        (b"0us", b"0GS03\r\n"),
+        (b"0us", b"0GS00\r\n"),
+        (b"0sk", b"0GS00\r\n"),
+        (b"0go", b"0HO0000018E\r\n"),
+        (b"0so00000400", b"0GS00\r\n"),
+        (b"0soFFFFFFFF", b"0GS04\r\n"),
+        (b"0gj", b"0GJ00000F8E\r\n"),
+        (b"0sj00002000", b"0GS00\r\n"),
+        (b"0sj00023001", b"0GS04\r\n"),
+        (b"0i1", b"0I110005DFFFFFFFF00BD008B\r\n"),
+        (b"0i2", b"0I210005DFFFFFFFF00BC008C\r\n"),
+        (b"0f180C0", b"0GS00\r\n"),
+        (b"0b2FFFF", b"0GS00\r\n"),
+        (b"0b10001", b"0GS04\r\n"),
+        (b"0i3", b"0GS03\r\n"),
+        (b"0ca7", b"7GS00\r\n"),
+        (b"0ga7", b"0GS00\r\n"),
+        (b"0is01", b"0GS00\r\n"),
     ],
 )
 def test_answers_at_once(command: bytes, reply: bytes) -> None:
@@ -153,3 +169,93 @@ def test_falls_silent_from_the_command_on_that_was_asked_for() -> None:
     stage = Stage("silent=2")
     assert len(stage.hears(0.0, b"0gs")) == 1
     assert stage.hears(0.1, b"0gs") == []
+
+
+def test_a_period_that_is_set_is_told_until_the_search_finds_the_resonance() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0f180C0")
+    assert b"00C0" in stage.hears(0.0, b"0i1")[0][1]
+    assert stage.hears(0.0, b"0s1") == []
+    assert stage.hears(0.5, b"0gs") == [(0.5, b"0GS09\r\n")]
+    assert stage.says_by(2.0) == [(1.5, b"0GS00\r\n")]
+    assert b"00BD" in stage.hears(2.0, b"0i1")[0][1]
+
+
+def test_the_current_curve_has_87_points_and_its_peak_at_the_resonance() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0c1")
+    ((time_s, reply),) = stage.says_by(20.0)
+    points = [bytes.fromhex(reply[start : start + 12].decode()) for start in range(3, len(reply) - 2, 12)]
+    currents = {int.from_bytes(point[:2], "little"): int.from_bytes(point[2:], "little") for point in points}
+    assert (time_s, reply[:3], len(points)) == (12.0, b"0C1", 87)
+    assert max(currents, key=lambda period: currents[period]) in (0x8B, 0xBD)
+
+
+def test_jogs_go_by_the_step() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0sj00000800")
+    stage.hears(0.0, b"0fw")
+    assert [reply for _, reply in stage.says_by(5.0)] == [b"0PO00000800\r\n"]
+    stage.hears(5.0, b"0bw")
+    assert [reply for _, reply in stage.says_by(9.0)] == [b"0PO00000000\r\n"]
+
+
+def test_a_jog_of_nothing_goes_on_until_it_is_stopped() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0sj00000000")
+    assert stage.hears(0.0, b"0fw") == [(0.0, b"0GS00\r\n")]
+    assert stage.hears(7.0, b"0gs") == [(7.0, b"0GS09\r\n")]
+    assert stage.hears(8.0, b"0ma00000000") == [(8.0, b"0GS09\r\n")]
+    assert stage.hears(9.0, b"0st") == [(9.0, b"0GS00\r\n")]
+    assert stage.mechanics.angle_deg(20.0) == pytest.approx(45.0 + 9.0 * 90.0)
+
+
+def test_a_move_to_somewhere_cannot_be_stopped() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0ma00004600")
+    assert stage.hears(0.1, b"0st") == [(0.1, b"0GS09\r\n")]
+    assert stage.says_by(1.0) == [(0.5, b"0PO00004600\r\n")]
+
+
+@pytest.mark.parametrize("command", [b"0om", b"0cm"])
+def test_upkeep_takes_minutes_and_can_be_stopped(command: bytes) -> None:
+    stage = Stage()
+    assert stage.hears(0.0, command) == []
+    assert stage.hears(60.0, b"0gs") == [(60.0, b"0GS09\r\n")]
+    assert stage.hears(61.0, b"0st") == [(61.0, b"0GS00\r\n")]
+    stage.hears(62.0, command)
+    assert [reply for _, reply in stage.says_by(999.0)] == [b"0GS00\r\n"]
+
+
+def test_another_home_offset_moves_the_zero_by_its_change() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0so0000031C")  # twice what it comes with, which is a degree
+    stage.hears(0.0, b"0ho1")
+    assert [reply for _, reply in stage.says_by(9.0)] == [b"0PO00000000\r\n"]
+    assert stage.mechanics.angle_deg(9.0) == pytest.approx(46.0, abs=0.003)
+
+
+def test_another_address_is_the_only_one_it_then_listens_to() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0caB")
+    assert stage.hears(0.1, b"0gs") == []
+    assert stage.hears(0.2, b"Bgs") == [(0.2, b"BGS00\r\n")]
+    assert Stage("address=4").hears(0.0, b"4gp") == [(0.0, b"4PO00000000\r\n")]
+
+
+def test_the_address_of_a_group_holds_for_one_motion() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0ga3")
+    assert stage.hears(0.1, b"3gs") == []
+    stage.hears(0.2, b"3ma00004600")
+    assert [reply for _, reply in stage.says_by(2.0)] == [b"0PO00004600\r\n"]
+    assert stage.hears(3.0, b"3ma00000000") == []
+    assert stage.next_event_s() is None
+
+
+def test_in_isolation_it_is_deaf_and_tells_so_afterwards() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"0is02")
+    assert stage.hears(119.0, b"0gs0ma00004600") == []
+    assert stage.hears(121.0, b"0gs") == [(121.0, b"0GS06\r\n")]
+    assert stage.hears(122.0, b"0gs") == [(122.0, b"0GS00\r\n")]

@@ -41,6 +41,17 @@ class Stage:
         (b"/1 2 get pos\n", b"@01 2 RJ IDLE WR BADAXIS\r\n"),
         (b"/1 1 move abs x\n", b"@01 1 RJ IDLE WR BADDATA\r\n"),
         (b"/1 1 move abs 1000000001\n", b"@01 1 RJ IDLE WR BADDATA\r\n"),
+        (b"/1 get 1 maxspeed accel\n", b"@01 0 OK IDLE WR 699051 ; 205\r\n"),
+        (b"/1 1 get motion.index.num\n", b"@01 1 OK IDLE WR 1\r\n"),
+        (b"/1 1 set accel 300\n", b"@01 1 OK IDLE WR 0\r\n"),
+        (b"/1 1 set accel x\n", b"@01 1 RJ IDLE WR BADDATA\r\n"),
+        (b"/1 1 set deviceid 5\n", b"@01 1 RJ IDLE WR BADCOMMAND\r\n"),
+        (b"/1 1 move sin 100 100\n", b"@01 1 RJ IDLE WR BADDATA\r\n"),
+        (b"/1 trigger show\n", b"@01 0 OK IDLE WR d d d d d d\r\n"),
+        (b"/1 trigger 7 enable\n", b"@01 0 RJ IDLE WR BADDATA\r\n"),
+        (b"/1 storage get a\n", b"@01 0 RJ IDLE WR BADDATA\r\n"),
+        (b"/1 io info\n", b"@01 0 OK IDLE WR 0 0 0 0\r\n"),
+        (b"/1 renumber 100\n", b"@01 0 RJ IDLE WR BADDATA\r\n"),
         (b"noise/1 1 get pos\n", b"@01 1 OK IDLE WR 0\r\n"),
     ],
 )
@@ -94,3 +105,79 @@ def test_stop_ends_a_motion_where_it_is() -> None:
     stage.hears(0.0, b"/1 1 move abs 384000\n")
     assert stage.hears(0.5, b"/1 1 stop\n") == [(0.5, b"@01 1 OK IDLE WR 0\r\n")]
     assert stage.ring.angle_deg(9.0) == 45.0
+
+
+def data_of(stage: Stage, time_s: float, command: str) -> str:
+    return stage.hears(time_s, f"/1 1 {command}\n".encode())[0][1].decode().split(maxsplit=5)[5].strip()
+
+
+def test_a_lower_top_speed_takes_longer() -> None:
+    stage = Stage()
+    data_of(stage, 0.0, "set maxspeed 69905")  # ten degrees a second
+    data_of(stage, 0.0, "move abs 384000")
+    stage.says_by(8.9)
+    assert stage.ring.angle_deg(8.9) == pytest.approx(89.0, rel=1e-4)
+
+
+def test_a_motion_at_a_speed_goes_on_until_it_is_stopped() -> None:
+    stage = Stage()
+    assert stage.hears(0.0, b"/1 1 move vel -69905\n")[0][1] == b"@01 1 OK BUSY WR 0\r\n"
+    assert stage.hears(5.0, b"/1 1 stop\n")[0][1] == b"@01 1 OK IDLE WR 0\r\n"
+    assert stage.ring.angle_deg(99.0) == pytest.approx(-50.0, rel=1e-4)
+
+
+def test_moves_to_an_end_and_to_an_index() -> None:
+    stage = Stage("oneturn=1")
+    data_of(stage, 0.0, "move max")
+    stage.says_by(9.0)
+    assert stage.ring.angle_deg(9.0) == 360.0
+    data_of(stage, 9.0, "move index 3")
+    stage.says_by(20.0)
+    assert stage.ring.angle_deg(20.0) == 90.0
+    assert data_of(stage, 20.0, "get motion.index.num") == "3"
+
+
+@pytest.mark.parametrize(
+    ("off", "on", "why"),
+    [("tools parking park", "tools parking unpark", "PARKED"), ("driver disable", "driver enable", "DRIVERDISABLED")],
+)
+def test_a_stage_that_may_not_move_says_why(off: str, on: str, why: str) -> None:
+    stage = Stage()
+    data_of(stage, 0.0, off)
+    assert data_of(stage, 0.0, "move abs 1000") == why
+    data_of(stage, 0.0, on)
+    assert data_of(stage, 0.0, "move abs 1000") == "0"
+
+
+def test_another_number_is_the_only_one_it_then_listens_to() -> None:
+    stage = Stage()
+    assert stage.hears(0.0, b"/1 renumber 5\n") == [(0.0, b"@05 0 OK IDLE WR 0\r\n")]
+    assert stage.hears(0.0, b"/1 get pos\n") == []
+    assert len(stage.hears(0.0, b"/5 get pos\n")) == 1
+
+
+def test_a_trigger_is_told_as_the_commands_that_make_it() -> None:
+    stage = Stage()
+    for command in (b"when 1 pos > 5", b"action a 1 stop", b"enable 3"):
+        stage.hears(0.0, b"/1 trigger 2 " + command + b"\n")
+    told = [reply for _, reply in stage.hears(0.0, b"/1 0 7 trigger 2 print\n")]
+    lines = [b"when 1 pos > 5", b"action a 1 stop", b"action b none", b"enable 3"]
+    assert told == [b"@01 0 7 OK IDLE WR 0\r\n", *(b"#01 0 7 " + line + b"\r\n" for line in lines)]
+
+
+def test_texts_are_kept_for_device_and_axis_apart() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"/1 storage set a two words\n")
+    stage.hears(0.0, b"/1 1 storage axis set a other\n")
+    stage.hears(0.0, b"/1 storage append a more\n")
+    assert data_of(stage, 0.0, "storage get a") == "two words more"
+    assert data_of(stage, 0.0, "storage axis get a") == "other"
+    assert data_of(stage, 0.0, "storage erase a") == "0"
+    assert data_of(stage, 0.0, "storage exists a") == "0"
+
+
+def test_settings_can_be_made_what_they_were() -> None:
+    stage = Stage()
+    data_of(stage, 0.0, "set accel 300")
+    data_of(stage, 0.0, "system restore")
+    assert data_of(stage, 0.0, "get accel") == "205"
