@@ -25,7 +25,7 @@ class EllxMotors:
 
     def set_period(self, letters: str, period: int) -> bool:
         """Obey `f1`, `b1`, `f2`, `b2`; return whether the motor can follow."""
-        way, motor = letters
+        way, motor = letters[0], letters[1]
         asked = _BORN[motor][way] if period == _FACTORY else period & ~_TUNED
         if not asked or not _LOWEST_HZ <= _TICKS_HZ / asked <= _HIGHEST_HZ:
             return False
