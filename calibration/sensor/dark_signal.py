@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.rounding_error import mean_rounding_error_dn, variance_rounding_error_dn2
+from calibration.sensor.rounding_error import least_noise_dn2, mean_rounding_error_dn, variance_rounding_error_dn2
 from calibration.sensor.scatter_fit import ScatterFit, fit_with_scatter
 
 FloatArray = NDArray[np.float64]
@@ -194,7 +194,7 @@ def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
 def _mean_rounding_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
     temporal = np.array([dark.temporal_variance_dn2 for dark in darks])
     spatial = np.array([max(dark.ordinary.variance_dn2, 0.0) for dark in darks])
-    return np.square(mean_rounding_error_dn(np.maximum(temporal - QUANTISATION_VAR_DN2, 0.0) + spatial))
+    return np.square(mean_rounding_error_dn(least_noise_dn2(temporal, spatial) + spatial))
 
 
 def _fit_variance(darks: Sequence[LevelStatistics], design: FloatArray, variances: FloatArray) -> ScatterFit:
@@ -225,8 +225,8 @@ def _shared_variance_error_dn2(darks: Sequence[LevelStatistics]) -> float:
     if zeros > 0.0:
         z = -float(ndtri(zeros))
         cut = z * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) + zeros - z**2 * zeros
-    noise = np.array(max(variance - QUANTISATION_VAR_DN2, 0.0))
-    rounding = float(variance_rounding_error_dn2(noise, np.array(spatial)))
+    noise_dn2 = least_noise_dn2(np.array(variance), np.array(spatial))
+    rounding = float(variance_rounding_error_dn2(noise_dn2, np.array(spatial)))
     return float(np.hypot(cut * variance, rounding))
 
 

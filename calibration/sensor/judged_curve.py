@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.flags import Flag
+from calibration.sensor.dark_influence import DarkInfluence, dark_influence
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal, mean_sampling_variance
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.gain_change import Step, change_flag, gain_change, largest_step
 from calibration.sensor.level_influence import (
-    DarkInfluence,
-    dark_influence,
     light_influence,
     mean_variance_dn2,
     noise_influence,

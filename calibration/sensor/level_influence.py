@@ -1,4 +1,4 @@
-"""Influence of single levels: which stand off what the others say, and on which axis."""
+"""Influence of single flats: which stand off what the others say, and on which axis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,88 +7,23 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.dark_signal import mean_sampling_variance
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.light_stability import LightStability, wander_variance_dn2
 from calibration.sensor.outlying_points import CurveModel, PointInfluence, point_influence
-from calibration.sensor.rounding_error import mean_rounding_error_dn, variance_rounding_error_dn2
+from calibration.sensor.rounding_error import least_noise_dn2, mean_rounding_error_dn
 from calibration.sensor.transfer_points import TransferPoints
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 LightName = Literal["exposure", "photons"]
 
-# Chances that a sound set has a level named on one axis; all together below 1 %.
-_FALSE_VARIANCE, _FALSE_LIGHT, _FALSE_DARK_MEAN, _FALSE_DARK_VARIANCE = 1.5e-3, 2.5e-3, 1e-3, 5e-4
+# Chances that a sound set has a flat named on one axis; with those of the darks below 1 %.
+_FALSE_VARIANCE, _FALSE_LIGHT = 1.5e-3, 2.5e-3
 _LEAST_LEVELS = 5
 # Exposures are longer or shorter than stated by a fixed time: some microseconds of a sweep of ten milliseconds.
 _USUAL_OFFSET = 3e-4
-_MOST_DARK_TERMS = 6
 # Usual sizes of what a sweep may have besides, in shares of the brightest: an offset, bends of response and of noise.
 _OFFSET, _BEND_OF_RESPONSE, _BEND_OF_NOISE = 0.02, 0.1, 0.2
-
-
-@dataclass(frozen=True, kw_only=True)
-class DarkInfluence:
-    """One dark level: its mean and its temporal variance against exposure [DN, DN^2]."""
-
-    mean_off_dn: float
-    mean_std_error_dn: float
-    variance_off_dn2: float
-    variance_std_error_dn2: float
-    outlying: bool
-
-
-def dark_influence(darks: Sequence[LevelStatistics]) -> tuple[DarkInfluence, ...] | None:
-    """Return each dark level beside the others; None with fewer than five."""
-    if len(darks) < _LEAST_LEVELS:
-        return None
-    exposures = np.array([np.nan if dark.exposure_s is None else dark.exposure_s for dark in darks])
-    models = _dark_models(exposures)
-    temporal = np.array([dark.temporal_variance_dn2 for dark in darks])
-    spatial = np.array([max(dark.ordinary.variance_dn2, 0.0) for dark in darks])
-    means = np.array([dark.mean_dn for dark in darks])
-    # Pixels that jump are left out of the mean of one level and not of the next.
-    left_out_dn = np.array([np.mean(dark.frame_means_dn) for dark in darks]) - means
-    by_mean = point_influence(
-        models,
-        means,
-        mean_sampling_variance(darks) + np.square(left_out_dn),
-        abscissa=exposures,
-        p_false=_FALSE_DARK_MEAN,
-    )
-    errors = np.array([dark.temporal_std_error_dn2 / max(dark.temporal_variance_dn2, 1e-9) for dark in darks])
-    own = np.square(np.maximum(errors, 1e-6) * max(float(np.median(temporal)), 1e-9))
-    of_rounding = variance_rounding_error_dn2(np.maximum(temporal - 1.0 / 12.0, 0.0), spatial)
-    by_variance = point_influence(
-        models, temporal, own + np.square(of_rounding), abscissa=exposures, p_false=_FALSE_DARK_VARIANCE
-    )
-    if by_mean is None or by_variance is None:
-        return None
-    return tuple(
-        DarkInfluence(
-            mean_off_dn=float(by_mean.deviation[index]),
-            mean_std_error_dn=float(by_mean.std_error[index]),
-            variance_off_dn2=float(by_variance.deviation[index]),
-            variance_std_error_dn2=float(by_variance.std_error[index]),
-            outlying=bool(by_mean.outlying[index] or by_variance.outlying[index]),
-        )
-        for index in range(len(darks))
-    )
-
-
-def _dark_models(exposures: FloatArray) -> list[CurveModel]:
-    even = np.ones(len(exposures))
-    if np.isnan(exposures).any() or np.ptp(exposures) == 0.0:
-        return [CurveModel(design=even[:, None], scatter_shape=even)]
-    scaled = exposures / exposures.max()
-    # A dark current that grows with the sensor's temperature bends the means by many times their errors.
-    n_terms = max(min(_MOST_DARK_TERMS, len(np.unique(exposures)) // 2), min(4, len(np.unique(exposures))))
-    powers = scaled[:, None] ** np.arange(n_terms)
-    models = [CurveModel(design=powers[:, :terms], scatter_shape=even) for terms in range(1, n_terms + 1)]
-    # A sensor that warms up scatters the more the longer it exposes.
-    growing = CurveModel(design=powers[:, :2], scatter_shape=np.maximum(scaled, 1e-3), is_usual=False)
-    return [*models, growing] if n_terms > 1 else models
 
 
 def noise_influence(points: TransferPoints, used: Mask) -> PointInfluence | None:
@@ -180,7 +115,7 @@ def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, s
     spatial = np.array([max(flat.ordinary.variance_dn2, 0.0) for flat in flats])
     n_frames = np.array([float(flat.n_frames) for flat in flats])
     n_pixels = np.array([float(flat.n_pixels) for flat in flats])
-    rounding = mean_rounding_error_dn(np.maximum(temporal - 1.0 / 12.0, 0.0) + spatial)
+    rounding = mean_rounding_error_dn(least_noise_dn2(temporal, spatial) + spatial)
     variance: FloatArray = (
         temporal / n_pixels + wander_variance_dn2(flats, signal_dn, stability)
     ) / n_frames + np.square(rounding)

@@ -142,36 +142,56 @@ def _eliminate(
 ) -> PointInfluence:
     n = len(values)
     active = np.ones(n, dtype=bool)
-    chosen, scatter_variance = active, 0.0
+    chosen, fit = active, _fit(model, values, sampling, active)
     for _ in range(max(1, int(_LARGEST_SHARE * n))):
         freedom = int(active.sum()) - model.n_free - 1
         if freedom < _LEAST_FREEDOM - 1:
             break
-        fit = _fit(model, values, sampling, active, scatter_variance)
-        off, limit = _distances(fit, sampling[active], freedom, p_false / n)
-        worst = int(np.argmax(off / limit))
-        if fit.scatter_variance == 0.0 and off[worst] < limit[worst]:
+        worst = np.flatnonzero(active)[_furthest(fit, sampling[active], freedom)]
+        active = active.copy()
+        active[worst] = False
+        others = _fit(model, values, sampling, active, fit.scatter_variance)
+        off, limit = _distance(model, others, values, sampling, worst, freedom=freedom, p_one=p_false / n)
+        if off > limit:
+            chosen = active
+        elif fit.scatter_variance == 0.0:
             # Sampling alone explains all: nothing is hidden behind a scatter.
             break
-        active = active.copy()
-        active[np.flatnonzero(active)[worst]] = False
-        if off[worst] > limit[worst]:
-            chosen = active
-        scatter_variance = fit.scatter_variance
+        fit = others
     return _beside_the_others(model, values, sampling, abscissa, chosen)
 
 
-def _distances(fit: _Fit, sampling: FloatArray, freedom: int, p_one: float) -> tuple[FloatArray, FloatArray]:
-    """Return how far each point is off the others in its own standard errors, and how far it may be."""
+def _furthest(fit: _Fit, sampling: FloatArray, freedom: int) -> int:
+    """Return which of the fitted points is furthest off the others in its own standard errors, by the hat matrix."""
     spread = np.square(fit.residual) / fit.variance
     open_ = np.maximum(1.0 - fit.leverage, 1.0 - _LARGEST_LEVERAGE)
     others = np.maximum((spread.sum() - spread / open_) / freedom, 0.0) * fit.variance
-    by_scatter = np.maximum(others - sampling, 0.0)
-    total = sampling + by_scatter
-    by_normal, by_student = -ndtri(0.5 * p_one), -stdtrit(freedom, 0.5 * p_one)
-    limit = np.sqrt((by_normal**2 * sampling + by_student**2 * by_scatter) / total)
-    off = np.where(fit.leverage < _LARGEST_LEVERAGE, np.abs(fit.residual) / np.sqrt(total * open_), 0.0)
-    return off, limit
+    total = np.maximum(others, sampling)
+    return int(np.argmax(np.where(fit.leverage < _LARGEST_LEVERAGE, spread * fit.variance / (total * open_), 0.0)))
+
+
+def _distance(
+    model: CurveModel,
+    others: _Fit,
+    values: FloatArray,
+    sampling: FloatArray,
+    point: int,
+    *,
+    freedom: int,
+    p_one: float,
+) -> tuple[float, float]:
+    """Return how far a point is off the fit through others in its own standard errors, and how far it may be.
+
+    The scatter is that of the others alone: where points have unlike errors, that of a wrong one hides it.
+    """
+    row = model.design[point]
+    by_scatter = others.scatter_variance * float(model.scatter_shape[point]) ** 2
+    of_curve = float(row @ others.covariance @ row)
+    own = float(sampling[point])
+    off = abs(float(values[point] - row @ others.parameters)) / float(np.sqrt(own + by_scatter + of_curve))
+    by_normal, by_student = -float(ndtri(0.5 * p_one)), -float(stdtrit(freedom, 0.5 * p_one))
+    share = by_scatter / (own + by_scatter)
+    return off, float(np.sqrt(by_normal**2 * (1.0 - share) + by_student**2 * share))
 
 
 def _fit(model: CurveModel, values: FloatArray, sampling: FloatArray, active: Mask, start: float = 0.0) -> _Fit:
@@ -249,5 +269,6 @@ def _cost_of_terms(model: CurveModel, covariance: FloatArray, *, n_points: int) 
     if model.term_sizes is None:
         return model.n_free * float(np.log(n_points))
     bounded = np.isfinite(model.term_sizes)
-    left = np.linalg.slogdet(covariance[np.ix_(bounded, bounded)])[1]
-    return float(2.0 * np.log(model.term_sizes[bounded]).sum() - left)
+    left = covariance[np.ix_(bounded, bounded)]
+    before = left + np.diag(np.square(model.term_sizes[bounded]))
+    return float(np.linalg.slogdet(before)[1] - np.linalg.slogdet(left)[1])

@@ -10,6 +10,7 @@ from calibration.sensor.dark_signal import QUANTISATION_VAR_DN2, DarkMatch, Dark
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.pattern_parts import small_scale_freedom
 from calibration.sensor.photon_transfer import PhotonTransfer
+from calibration.sensor.rounding_error import least_noise_dn2, spatial_rounding_error_dn2
 
 FloatArray = NDArray[np.float64]
 
@@ -104,6 +105,13 @@ def _statistics_covariance(
     temporal = np.zeros((n, n))
     temporal[:n_flat, :n_flat] = np.diag(np.square(transfer.points.flat_std_error_dn2))
     temporal[n_flat:, n_flat:] = dark.variance_covariance_dn4
-    spatial = np.diag([level.ordinary.std_error_dn2**2 for level in levels])
+    spatial = np.diag(np.square([level.ordinary.std_error_dn2 for level in levels]) + _rounding_dn4(levels))
     cross = np.diag([level.ordinary.temporal_cov_dn4 for level in levels])
     return np.block([[temporal, cross], [cross, spatial]])
+
+
+def _rounding_dn4(levels: Sequence[LevelStatistics]) -> FloatArray:
+    """Return what noise that hardly dithers leaves of rounding in spatial variances, squared [DN^4]."""
+    temporal = np.array([level.temporal_variance_dn2 for level in levels])
+    pattern = np.array([max(level.ordinary.variance_dn2, 0.0) for level in levels])
+    return np.square(spatial_rounding_error_dn2(least_noise_dn2(temporal, pattern), pattern))
