@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -15,14 +16,24 @@ from drivers.interfaces import Camera, Frame, RotationStage
 from rigctl.devices.focus import focus_of
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import PolarizerSection
-from rigctl.web.pictures import CyclePictures, Picture, map_pictures, picture_of, smaller
-from rigctl.web.run_reader import MAPS, MOST_WIDTH
+from rigctl.web.pictures import (
+    MAP_WIDTH,
+    MOST_WIDTH,
+    CyclePictures,
+    Picture,
+    Shelf,
+    map_pictures,
+    picture_of,
+    smaller,
+)
+from rigctl.web.run_pictures import MAPS
 
 VIEW = "view"
 TaskKind = Literal["rest", "preview", "polarimetry"]
 # Counts that a metered exposure aims at, as a share of the range.
 _AIM = 0.7
 _LEAST_ANGLES = 3
+_KEPT = 8
 _TURN_DEG = 180.0
 _TIMEOUT_S = 10.0
 _MS_PER_S = 1e3
@@ -128,6 +139,7 @@ class LiveRig:
         self._saturation_dn = 1.0
         self._cycle: CyclePictures | None = None
         self._dark: tuple[float, float] | None = None
+        self._drawn: Shelf[dict[str, Picture]] = Shelf(_KEPT)
 
     def look(self) -> LiveLook:
         """Return what the devices do and see now."""
@@ -187,13 +199,15 @@ class LiveRig:
             The angles do not determine the maps.
         """
         with self._changed:
-            counts, cycle, saturation_dn = self._counts, self._cycle, self._saturation_dn
+            look, counts, cycle, saturation_dn = self._look, self._counts, self._cycle, self._saturation_dn
         if name == VIEW and counts is not None:
-            return picture_of(counts, saturation_dn=saturation_dn, most_width=MOST_WIDTH, zebra=zebra)
+            draw = partial(picture_of, counts, saturation_dn=saturation_dn, most_width=MOST_WIDTH, zebra=zebra)
+            return self._drawn.kept((VIEW, look.sequence, zebra), lambda: {VIEW: draw()})[VIEW]
         if name not in MAPS or cycle is None:
             return None
+        key = ("maps", look.maps_sequence, dolp_top)
         try:
-            return map_pictures(cycle, dolp_top=dolp_top)[name]
+            return self._drawn.kept(key, lambda: map_pictures(cycle, dolp_top=dolp_top))[name]
         except ValueError as error:
             raise DataError(f"no maps: {error}") from error
 
@@ -234,7 +248,7 @@ class LiveRig:
                 return
             angles_deg.append(self._move(stage, angle_deg))
             frame = self._frame(camera, task)
-            frames.append(smaller(frame.counts, most_width=MOST_WIDTH))
+            frames.append(smaller(frame.counts, most_width=MAP_WIDTH))
             self._seen(frame, angles_deg[-1])
         self._went_round(frames, angles_deg, time.monotonic() - began_s)
 
@@ -258,7 +272,8 @@ class LiveRig:
         return camera.take_frame(timeout_s=task.exposure_s + _TIMEOUT_S)
 
     def _seen(self, frame: Frame, angle_deg: float | None) -> None:
-        focus = focus_of(frame.counts, bit_depth=frame.settings.bit_depth)
+        is_focusing = self._task.kind == "preview"
+        focus = focus_of(frame.counts, bit_depth=frame.settings.bit_depth, is_sharpness_wanted=is_focusing)
         exposure_ms = frame.settings.exposure_s * _MS_PER_S
         with self._changed:
             self._counts, self._saturation_dn = frame.counts, 2.0**frame.settings.bit_depth - 1.0

@@ -1,6 +1,10 @@
 """Frames and maps of polarization as JPEG files for a page: small, with fixed colour scales, fast to make."""
 
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import cv2
 import numpy as np
@@ -11,6 +15,8 @@ from model.processing.maps import PolarizationMaps, polarization_maps
 from model.processing.reconstruction import design
 
 FloatArray = NDArray[np.float64]
+# Columns of a frame and of a map at most: a telephone has fewer, and arctangents are dear.
+MOST_WIDTH, MAP_WIDTH = 800, 480
 _DARKEST, _BRIGHTEST = 0.005, 0.995
 _QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 80)
 _STRIPE_PIXELS = 6
@@ -18,7 +24,9 @@ _SPECK = np.ones((5, 5), np.uint8)
 _ZEBRA_BGR = ((60, 60, 255), (0, 0, 130))
 _GREY = 128.0
 _BINS = 64
+_ABOVE_ROUNDING = 1e-6
 _STEP, _MANY_ROWS = 6, 64
+_COLUMN_STEP = 4
 # AoLP fades out where it is known to less than this.
 _FAINT_RAD = np.deg2rad(10.0)
 # Median absolute deviation of a second difference a - 2b + c of normal noise, over its standard deviation.
@@ -68,6 +76,34 @@ class CyclePictures:
     extinction_ratio: float
 
 
+T = TypeVar("T")
+
+
+class Shelf(Generic[T]):
+    """What was made last, for all who look. May be asked from several threads; one makes at a time.
+
+    Parameters
+    ----------
+    most : int
+        How many are kept.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._making = threading.Lock()
+        self._made: OrderedDict[tuple[object, ...], T] = OrderedDict()
+
+    def kept(self, key: tuple[object, ...], make: Callable[[], T]) -> T:
+        """Return what was made under a key, or make it."""
+        with self._making:
+            if key not in self._made:
+                self._made[key] = make()
+            self._made.move_to_end(key)
+            while len(self._made) > self._most:
+                self._made.popitem(last=False)
+            return self._made[key]
+
+
 def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: int, zebra: bool) -> Picture:
     """Return a frame, stretched for the eye; where `zebra` is set, saturated pixels are striped.
 
@@ -82,26 +118,23 @@ def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: 
     zebra : bool
         Whether to stripe.
     """
-    clipped = counts >= saturation_dn
+    histogram = _histogram(counts, saturation_dn=saturation_dn)
     small = smaller(counts, most_width=most_width)
     quantiles = np.quantile(_sampled(small), [_DARKEST, _BRIGHTEST])
     low, high = float(quantiles[0]), float(quantiles[1])
     grey = cv2.convertScaleAbs(small - np.float32(low), alpha=255.0 / max(high - low, 1.0))
     grey[small <= low] = 0
     shown = grey
-    if zebra and clipped.any():
+    if zebra and histogram[-1]:
         # Wider than one pixel, or JPEG would take its colour away.
-        seen = smaller(clipped.astype(np.uint8) * np.uint8(255), most_width=most_width) > 0.0
+        clipped = (counts >= saturation_dn).astype(np.uint8) * np.uint8(255)
+        seen = smaller(clipped, most_width=most_width) > 0.0
         striped = cv2.dilate(seen.astype(np.uint8), _SPECK) > 0
         rows, columns = np.ogrid[: len(striped), : len(striped[0])]
         shown = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
         bright = (rows + columns) // _STRIPE_PIXELS % 2 == 0
         shown[striped & bright], shown[striped & ~bright] = _ZEBRA_BGR
-    return Picture(
-        jpeg=_jpeg(shown),
-        histogram=_histogram(counts, saturation_dn=saturation_dn),
-        clipped=float(np.mean(clipped)),
-    )
+    return Picture(jpeg=_jpeg(shown), histogram=histogram, clipped=histogram[-1] / counts.size)
 
 
 def smaller(picture: NDArray[np.uint16] | NDArray[np.uint8], *, most_width: int) -> NDArray[np.float32]:
@@ -146,15 +179,16 @@ _COLOURS = {"dolp": cv2.COLORMAP_VIRIDIS, "aolp": cv2.COLORMAP_TWILIGHT_SHIFTED}
 
 
 def _s0(maps: PolarizationMaps) -> Picture:
-    total = maps.stokes[0]
+    total = np.maximum(maps.stokes[0], np.float32(0.0))
     top = float(np.quantile(_sampled(total), _BRIGHTEST))
-    return Picture(jpeg=_jpeg(np.clip(total * (255.0 / max(top, 1e-9)), 0.0, 255.0).astype(np.uint8)))
+    return Picture(jpeg=_jpeg(cv2.convertScaleAbs(total, alpha=255.0 / max(top, 1e-9))))
 
 
 def _dolp(maps: PolarizationMaps, *, top: float) -> Picture:
-    share = np.clip(np.nan_to_num(maps.dolp, nan=0.0) / top, 0.0, 1.0)
-    coloured = cv2.applyColorMap((share * 255.0).astype(np.uint8), _COLOURS["dolp"])
-    coloured[~maps.valid] = _GREY
+    share = cv2.convertScaleAbs(_numbers(maps.dolp, maps.valid), alpha=255.0 / top)
+    coloured = cv2.applyColorMap(share, _COLOURS["dolp"])
+    if not maps.valid.all():
+        coloured[~maps.valid] = _GREY
     return Picture(jpeg=_jpeg(coloured))
 
 
@@ -163,12 +197,19 @@ def _aolp(maps: PolarizationMaps, *, noise_dn: float) -> Picture:
 
     Its deviation is half that of (S1, S2) across their direction over their length, at most `noise_dn` [DN].
     """
-    turn = np.nan_to_num(maps.aolp_rad, nan=0.0) * np.float32(255.0 / np.pi)
-    coloured = cv2.applyColorMap(turn.astype(np.uint8), _COLOURS["aolp"]).astype(np.float32)
-    length = np.nan_to_num(maps.dolp * maps.stokes[0], nan=0.0)
-    std_rad = np.float32(0.5 * noise_dn) / np.maximum(length, np.float32(_LEAST_NOISE_DN))
-    known = np.clip(2.0 - std_rad * np.float32(2.0 / _FAINT_RAD), 0.0, 1.0)[..., None]
-    return Picture(jpeg=_jpeg((_GREY + (coloured - _GREY) * known).astype(np.uint8)))
+    turn = cv2.convertScaleAbs(_numbers(maps.aolp_rad, maps.valid), alpha=255.0 / np.pi)
+    coloured = cv2.applyColorMap(turn, _COLOURS["aolp"])
+    length = np.maximum(cv2.magnitude(maps.stokes[1], maps.stokes[2]), np.float32(_LEAST_NOISE_DN))
+    # Of 255: all where it is known to half of the limit, nothing beyond the limit.
+    known = np.clip(510.0 - np.float32(255.0 * noise_dn / _FAINT_RAD) / length, 0.0, 255.0).astype(np.uint8)
+    known[~maps.valid] = 0
+    grey = cv2.convertScaleAbs(cv2.bitwise_not(known), alpha=_GREY / 255.0)
+    seen = cv2.multiply(coloured, cv2.merge([known] * 3), scale=1.0 / 255.0)
+    return Picture(jpeg=_jpeg(cv2.add(seen, cv2.merge([grey] * 3))))
+
+
+def _numbers(plane: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+    return plane if valid.all() else np.where(valid, plane, np.float32(0.0))
 
 
 def _sampled(picture: NDArray[np.float32], *, columns: int = _STEP) -> NDArray[np.float32]:
@@ -181,15 +222,17 @@ def _noise_dn(frame: NDArray[np.float32]) -> float:
     if frame.shape[1] < _LEAST_WIDTH:
         return 1.0
     rows = _sampled(frame, columns=1)
-    bend = rows[:, :-2] - 2.0 * rows[:, 1:-1] + rows[:, 2:]
+    step = _COLUMN_STEP if len(frame) > _MANY_ROWS else 1
+    bend = rows[:, :-2:step] - 2.0 * rows[:, 1:-1:step] + rows[:, 2::step]
     return max(float(np.median(np.abs(bend))) / _MAD_OF_SECOND_DIFFERENCE, _LEAST_NOISE_DN)
 
 
 def _histogram(counts: NDArray[np.uint16], *, saturation_dn: float) -> tuple[int, ...]:
-    # The last step holds what is saturated.
-    top = max(float(saturation_dn), 1.0) * _BINS / (_BINS - 1)
-    found = cv2.calcHist([np.minimum(counts, np.uint16(top - 1.0))], [0], None, [_BINS], [0.0, top])
-    return tuple(int(n) for n in found.ravel())
+    # The last step holds what is saturated. Eight bits are counted at once; half a step down, rounding is cutting off.
+    scale = (_BINS - 1) / max(float(saturation_dn), 1.0) * (1.0 + _ABOVE_ROUNDING)
+    steps = cv2.convertScaleAbs(counts, alpha=scale, beta=-0.5)
+    found = cv2.calcHist([steps], [0], None, [256], [0.0, 256.0]).ravel()
+    return (*(int(n) for n in found[: _BINS - 1]), int(found[_BINS - 1 :].sum()))
 
 
 def _jpeg(picture: MatLike) -> bytes:

@@ -3,13 +3,10 @@
 import shutil
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
-
-import numpy as np
 
 from rigctl.errors import DataError
 from rigctl.live.live_status import STATUS_FILE, read_status
@@ -22,23 +19,16 @@ from rigctl.runs.run_events import EVENTS_FILE, RunEvent, event_facts, read_even
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.runs.run_lock import writing_process
 from rigctl.web.history_reader import HistoryReader
-from rigctl.web.pictures import CyclePictures, Picture, map_pictures, picture_of, smaller
+from rigctl.web.pictures import Picture
 from rigctl.web.run_look import Curves, Happening, Liveliness, NewestFrame, RunLook, RunRow
+from rigctl.web.run_pictures import RunPictures, last_cycle, newest_by_name
 from rigctl.web.run_tail import RunTail
 
 T = TypeVar("T")
-MAPS = ("s0", "dolp", "aolp")
-THUMB = "thumb"
-MOST_WIDTH = 800
-_THUMB_WIDTH = 160
 _EVENTS = 30
-# A frame of an angle that is not among so many of the last is of an earlier take.
-_RECENT = 64
 _BYTES_PER_MB = 1e6
 _MS_PER_S = 1e3
 _STALE_S = 30.0
-_KEPT = 24
-_LEAST_ANGLES = 3
 _LIVELINESS: dict[State, Liveliness] = {
     "running": "live",
     "holding": "holding",
@@ -65,9 +55,8 @@ class RunReader:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._reading, self._drawing = threading.Lock(), threading.Lock()
-        self._tail, self._history = RunTail(path), HistoryReader()
-        self._made: OrderedDict[tuple[object, ...], dict[str, Picture]] = OrderedDict()
+        self._reading = threading.Lock()
+        self._tail, self._history, self._pictures = RunTail(path), HistoryReader(), RunPictures()
 
     def look(self) -> RunLook:
         """Return how the run stands; what cannot be read of it stands among its problems."""
@@ -111,13 +100,7 @@ class RunReader:
             The run cannot be read.
         """
         run = self._run()
-        if run is None:
-            return None
-        if name in MAPS:
-            cycle = last_cycle(run.frames)
-            return cycle[-1].sequence if cycle else None
-        found = _named(run.frames, name)
-        return None if found is None else found.sequence
+        return None if run is None else self._pictures.newest_sequence(run, name)
 
     def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
         """Return the newest picture of an angle or a map; None where there is none.
@@ -137,18 +120,7 @@ class RunReader:
             A frame is damaged.
         """
         run = self._run()
-        if run is None:
-            return None
-        if name in MAPS:
-            cycle = last_cycle(run.frames)
-            newest = cycle[-1].sequence if cycle else None
-            return self._kept(("maps", newest, dolp_top), lambda: _maps(run, cycle, dolp_top=dolp_top)).get(name)
-        record = _named(run.frames, name)
-        if record is None:
-            return None
-        width = _THUMB_WIDTH if name == THUMB else MOST_WIDTH
-        key = ("frame", record.sequence, zebra, width)
-        return self._kept(key, lambda: {"": _frame(run, record, zebra=zebra, most_width=width)})[""]
+        return None if run is None else self._pictures.picture(run, name, zebra=zebra, dolp_top=dolp_top)
 
     def begun_utc(self) -> str:
         """Return when its folder was made; empty where it does not say."""
@@ -163,15 +135,6 @@ class RunReader:
     def _run(self) -> Run | None:
         with self._reading:
             return self._tail.run(self._tail.read())
-
-    def _kept(self, key: tuple[object, ...], make: Callable[[], dict[str, Picture]]) -> dict[str, Picture]:
-        with self._drawing:
-            if key not in self._made:
-                self._made[key] = make()
-            self._made.move_to_end(key)
-            while len(self._made) > _KEPT:
-                self._made.popitem(last=False)
-            return self._made[key]
 
     def _stale_or(self, state: Liveliness) -> Liveliness:
         return "stale" if state == "live" and time.time() - self._written_s() > _STALE_S else state
@@ -222,26 +185,6 @@ def run_row(path: Path) -> RunRow:
     )
 
 
-def last_cycle(frames: Sequence[FrameRecord]) -> tuple[FrameRecord, ...]:
-    """Return the frames of the newest whole cycle, one for each angle; empty where there is none.
-
-    Notes
-    -----
-    A cycle is whole once the next one has begun, or once it has as many angles as the one before. Where frames are
-    grouped by angle, it is the newest frame of each.
-    """
-    scenes = [frame for frame in frames if frame.kind == "scene" and frame.polarizer_angle_deg is not None]
-    cycles: dict[tuple[int | None, int | None], dict[str, FrameRecord]] = {}
-    for frame in scenes:
-        cycles.setdefault((frame.round, frame.cycle), {})[_angle_name(frame)] = frame
-    most = max(map(len, cycles.values()), default=0)
-    whole = [cycle for cycle in cycles.values() if len(cycle) == most]
-    if most < _LEAST_ANGLES:
-        return ()
-    newest = max(whole, key=lambda cycle: max(frame.sequence for frame in cycle.values()))
-    return tuple(sorted(newest.values(), key=lambda frame: frame.sequence))
-
-
 def _or_problem(read: Callable[[], T], problems: list[str]) -> T | None:
     try:
         return read()
@@ -262,27 +205,9 @@ def _with_frames(look: RunLook, run: Run) -> RunLook:
         sun_zenith_deg=None if last is None or last.sun_elevation_deg is None else 90.0 - last.sun_elevation_deg,
         sun_azimuth_deg=None if last is None else last.sun_azimuth_deg,
         camera_temperature_c=None if last is None else last.camera_temperature_c,
-        newest=tuple(_newest_frame(name, frame) for name, frame in sorted(_newest(frames).items(), key=_place)),
+        newest=tuple(_newest_frame(name, frame) for name, frame in sorted(newest_by_name(frames).items(), key=_place)),
         maps_of=_step(cycle[-1]) if cycle else "",
     )
-
-
-def _newest(frames: Sequence[FrameRecord]) -> dict[str, FrameRecord]:
-    """Return the newest frame of each angle, and the newest dark and flat, by name."""
-    found = {frame.kind: frame for frame in frames if frame.kind != "scene"}
-    scenes = [frame for frame in frames if frame.kind == "scene"][-_RECENT:]
-    return found | {_angle_name(frame): frame for frame in scenes}
-
-
-def _named(frames: Sequence[FrameRecord], name: str) -> FrameRecord | None:
-    newest = _newest(frames)
-    return next(iter(reversed(newest.values())), None) if name == THUMB else newest.get(name)
-
-
-def _angle_name(frame: FrameRecord) -> str:
-    angle_deg = frame.polarizer_angle_target_deg
-    angle_deg = frame.polarizer_angle_deg if angle_deg is None else angle_deg
-    return "scene" if angle_deg is None else f"{angle_deg:g}"
 
 
 def _place(named: tuple[str, FrameRecord]) -> tuple[int, float, str]:
@@ -316,32 +241,3 @@ def _happenings(events: Sequence[RunEvent], noted: Sequence[Annotation]) -> tupl
         told += [Happening(utc=one.utc, event=one.kind, facts=one.facts) for one in noted[-_EVENTS:]]
         told.sort(key=lambda one: one.utc)
     return tuple(reversed(told[-_EVENTS:]))
-
-
-def _frame(run: Run, record: FrameRecord, *, zebra: bool, most_width: int) -> Picture:
-    return picture_of(run.counts(record), saturation_dn=record.saturation_dn, most_width=most_width, zebra=zebra)
-
-
-def _maps(run: Run, cycle: Sequence[FrameRecord], *, dolp_top: float) -> dict[str, Picture]:
-    if not cycle:
-        return {}
-    frames = np.stack([smaller(run.counts(record), most_width=MOST_WIDTH) for record in cycle])
-    ratio = run.session.polarizer.extinction_ratio
-    pictures = CyclePictures(
-        frames=frames,
-        angles_rad=np.deg2rad([record.polarizer_angle_deg or 0.0 for record in cycle]),
-        dark_dn=np.array([_dark_dn(run, record) for record in cycle]),
-        extinction_ratio=np.inf if ratio is None else ratio,
-    )
-    try:
-        return map_pictures(pictures, dolp_top=dolp_top)
-    except ValueError as error:
-        raise DataError(f"{run.path}: no maps: {error}") from error
-
-
-def _dark_dn(run: Run, record: FrameRecord) -> float:
-    """Return the level without light: of the newest dark frame of that exposure, else of the camera's black level."""
-    darks = [frame for frame in run.frames if frame.kind == "dark" and frame.exposure_s == record.exposure_s]
-    if darks:
-        return float(run.counts(darks[-1]).mean())
-    return record.black_level_dn or 0.0
