@@ -6,7 +6,8 @@ Usage: python -m benchmarks.frame_overhead [--frames 200] [--folder DIR] [--watc
 
 Overhead is the time of the session's thread between two frames, without waiting for the disk's queue, plus the time
 of the writer's thread outside of encoding and of the disk: medians over the frames, so that another program's turn on
-the processor is not counted. The target is below 5 ms. The same is measured while pages of `rigctl watch` look on: that must
+the processor is not counted. The target is below 5 ms. The same is measured while pages of `rigctl watch` look on: that
+must
 cost the session nothing beyond the noise of the medians.
 """
 

@@ -70,5 +70,9 @@ def tell(addresses: "Addresses", as_json: bool, open_page: bool) -> None:
         if addresses.act_url is not None:
             results().print(f"act   {addresses.act_url}")
         progress().print("whoever has an address may use it; Ctrl-C ends the page")
+        if addresses.is_for_others and progress().is_terminal:
+            from rigctl.web.qr_code import qr_text
+
+            progress().print(qr_text(addresses.act_url or addresses.look_url), markup=False, highlight=False)
     if open_page:
         webbrowser.open(addresses.act_url or addresses.look_url)

@@ -9,6 +9,7 @@ import numpy as np
 from model.moments import Moments
 from model.processing import dolp
 from model.processing.reconstruction import design, stokes_moments
+from model.processing.stokes_ratios import aolp_moments_rad
 from model.stokes import aolp_rad
 from model.stokes import dolp as degree_of_polarization
 from rigctl.files.session_file import PICTURE
@@ -79,12 +80,18 @@ def polarization(
         dolp=Estimate(value=degree, sigma=_sigma(stokes) if variances.any() else None),
         aolp_deg=float(np.rad2deg(aolp_rad(stokes.mean))) if degree > 0.0 else None,
         light_dn_per_s=float(stokes.mean[0]),
+        aolp_sigma_deg=_angle_sigma_deg(stokes) if degree > 0.0 and variances.any() else None,
     )
 
 
 def _sigma(stokes: Moments) -> float | None:
     """Return the deviation of DoLP; None where it does not exist."""
     sigma = float(dolp.moments(stokes.mean, stokes.cov, tolerance=_TOLERANCE).std)
+    return sigma if math.isfinite(sigma) else None
+
+
+def _angle_sigma_deg(stokes: Moments) -> float | None:
+    sigma = float(np.rad2deg(np.sqrt(aolp_moments_rad(stokes).cov[0, 0])))
     return sigma if math.isfinite(sigma) else None
 
 

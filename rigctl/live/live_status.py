@@ -45,11 +45,14 @@ class RegionPolarization:
         Angle of polarization in [0, 180); None without polarization.
     light_dn_per_s : float
         S0 of the region's mean, in counts a second.
+    aolp_sigma_deg : float or None
+        Deviation of the angle to first order; None where no noise is known, or there is no polarization.
     """
 
     dolp: Estimate
     aolp_deg: float | None
     light_dn_per_s: float
+    aolp_sigma_deg: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

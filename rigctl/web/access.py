@@ -159,10 +159,11 @@ class Guard:
 def names_of_this_machine(listen: str) -> tuple[str, ...]:
     """Return the names by which a page that listens at an address may be asked for."""
     own = socket.gethostname()
-    return ("localhost", listen) if _is_loopback(listen) else ("localhost", listen, own, f"{own}.local")
+    return ("localhost", listen) if is_loopback(listen) else ("localhost", listen, own, f"{own}.local")
 
 
-def _is_loopback(address: str) -> bool:
+def is_loopback(address: str) -> bool:
+    """Return whether this machine alone can reach an address."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:

@@ -105,5 +105,6 @@ def _curve(name: str, looks: Sequence[CycleLook]) -> RegionCurve:
         dolp=tuple(None if one is None else one.dolp.value for one in seen),
         dolp_std=tuple(None if one is None else one.dolp.sigma for one in seen),
         aolp_deg=tuple(None if one is None else one.aolp_deg for one in seen),
+        aolp_std_deg=tuple(None if one is None else one.aolp_sigma_deg for one in seen),
         light_dn_per_s=tuple(None if one is None else one.light_dn_per_s for one in seen),
     )

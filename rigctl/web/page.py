@@ -171,7 +171,7 @@ class _Page:
         reader = self._source.reader(name)
         if reader is None:
             return None
-        content |= asdict(reader.look())
+        content |= asdict(reader.look()) | {"calibrations": [asdict(one) for one in reader.calibrations()]}
         try:
             return content | {"curves": asdict(reader.curves())}
         except (DataError, ConfigError) as error:

@@ -41,8 +41,8 @@ class RegionCurve:
         "picture" is the whole.
     dolp, dolp_std : tuple of float or None
         And its standard deviation by the camera's noise; None without a calibration.
-    aolp_deg : tuple of float or None
-        In [0, 180) [deg].
+    aolp_deg, aolp_std_deg : tuple of float or None
+        In [0, 180), and its standard deviation likewise [deg].
     light_dn_per_s : tuple of float or None
         S0 [DN/s].
     """
@@ -51,6 +51,7 @@ class RegionCurve:
     dolp: tuple[float | None, ...]
     dolp_std: tuple[float | None, ...]
     aolp_deg: tuple[float | None, ...]
+    aolp_std_deg: tuple[float | None, ...]
     light_dn_per_s: tuple[float | None, ...]
 
 
@@ -90,6 +91,32 @@ class Happening:
     utc: str
     event: str
     facts: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationLook:
+    """A calibration that lies beside a run.
+
+    Attributes
+    ----------
+    file, kind : str
+        Its name, and "noise", "flat", "polarizer", "radiometric" or "registration".
+    made_utc : str
+        When its frames were taken; empty where it does not say.
+    valid_days : float or None
+        For how long it holds [days].
+    verdict : str
+        "holds", "doubtful" or "does not hold", for this run.
+    words : str
+        Why; empty where it holds.
+    """
+
+    file: str
+    kind: str
+    made_utc: str = ""
+    valid_days: float | None = None
+    verdict: str
+    words: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

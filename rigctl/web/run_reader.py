@@ -18,9 +18,10 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, event_facts, read_events
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.runs.run_lock import writing_process
+from rigctl.web.calibrations_beside import CalibrationsBeside
 from rigctl.web.history_reader import HistoryReader
 from rigctl.web.pictures import Picture
-from rigctl.web.run_look import Curves, Happening, Liveliness, NewestFrame, RunLook, RunRow
+from rigctl.web.run_look import CalibrationLook, Curves, Happening, Liveliness, NewestFrame, RunLook, RunRow
 from rigctl.web.run_pictures import RunPictures, last_cycle, newest_by_name
 from rigctl.web.run_tail import RunTail
 
@@ -39,8 +40,8 @@ _LIVELINESS: dict[State, Liveliness] = {
 }
 _ADVICE: dict[Liveliness, str] = {
     "stale": "a process holds the run and has written nothing since: look at its terminal",
-    "stopped": "go on with: rigctl resume {run}",
-    "interrupted": "go on with: rigctl resume {run}",
+    "stopped": "stopped: resume with rigctl resume {run}",
+    "interrupted": "interrupted: resume with rigctl resume {run}",
 }
 
 
@@ -57,6 +58,7 @@ class RunReader:
         self._path = path
         self._reading = threading.Lock()
         self._tail, self._history, self._pictures = RunTail(path), HistoryReader(), RunPictures()
+        self._calibrations = CalibrationsBeside(path)
 
     def look(self) -> RunLook:
         """Return how the run stands; what cannot be read of it stands among its problems."""
@@ -90,6 +92,11 @@ class RunReader:
         """
         run = self._run()
         return Curves() if run is None else self._history.curves(run)
+
+    def calibrations(self) -> tuple[CalibrationLook, ...]:
+        """Return the calibrations that lie beside it, and whether they hold for it."""
+        run = _or_problem(self._run, [])
+        return () if run is None else self._calibrations.of(run)
 
     def newest_sequence(self, name: str) -> int | None:
         """Return by which number a picture is told from a later one of that name; None where there is none.

@@ -7,16 +7,19 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
+from urllib.parse import urlsplit
 
 import uvicorn
 from starlette.types import ASGIApp
 
 from rigctl.errors import ConfigError
-from rigctl.web.access import Access, Guard, names_of_this_machine
+from rigctl.web.access import Access, Guard, is_loopback, names_of_this_machine
 from rigctl.web.connections import HEAD_S, connection_class
 
 _BACKLOG = 256
 _SHUTDOWN_S = 2
+# An address kept for documentation: no network has it.
+_ELSEWHERE = "192.0.2.1"
 _QUESTION_BYTES = 4096
 # Below everything that a session does.
 _NICENESS = 10
@@ -48,6 +51,11 @@ class Addresses:
 
     look_url: str
     act_url: str | None
+
+    @property
+    def is_for_others(self) -> bool:
+        """Machines beside this one can open them."""
+        return not is_loopback(urlsplit(self.look_url).hostname or "")
 
 
 class PageServer:
@@ -142,7 +150,17 @@ def _listening(place: Place) -> socket.socket:
 
 
 def _shown(host: str) -> str:
-    """Return how an address stands in a browser; one that means all of this machine's by this machine's name."""
+    """Return how an address stands in a browser; one that means all of this machine's by the one that others see."""
     if host in ("0.0.0.0", "::"):
-        return socket.gethostname()
+        host = _seen_by_others()
     return f"[{host}]" if ":" in host else host
+
+
+def _seen_by_others() -> str:
+    """Return this machine's address on the way to other networks, else its name; nothing is sent to find out."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        try:
+            asked.connect((_ELSEWHERE, 1))
+        except OSError:
+            return socket.gethostname()
+        return str(asked.getsockname()[0])

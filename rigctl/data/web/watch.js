@@ -86,7 +86,7 @@ function show(state) {
   $("state").textContent = state.state + since; $("state").className = `pill ${state.state}`;
   $("simulated").hidden = !state.is_simulated;
   $("advice").textContent = state.advice; $("advice").hidden = !state.advice;
-  facts(state); angles(state.newest); hands(state); curves(state.curves);
+  facts(state); angles(state.newest); hands(state); curves(state.curves); calibrations(state.calibrations);
   $("maps-of").textContent = state.maps_of ? `(${state.maps_of})` : "(none yet)";
   $("events").replaceChildren(); for (const one of state.events) put($("events"), "li", `${utc(one.utc)}  ${one.event}  ${one.facts}`);
   $("problems").replaceChildren(); for (const one of state.problems) put($("problems"), "li", one);
@@ -105,6 +105,24 @@ function facts(state) {
   for (const [name, value] of told) if (value) { const box = put($("facts"), "div"); put(box, "dt", name); put(box, "dd", value); }
 }
 const last = (values, digits, unit) => { const found = (values || []).filter((v) => v !== null); return found.length ? `${found[found.length - 1].toFixed(digits)} ${unit}` : null; };
+
+function calibrations(found) {
+  const told = JSON.stringify(found);
+  if ($("calibration-rows").dataset.told === told) return;
+  $("calibration-rows").dataset.told = told;
+  $("no-calibrations").hidden = found.length > 0; $("calibration-rows").parentNode.hidden = !found.length;
+  $("calibration-rows").replaceChildren();
+  const looks = { holds: "finished", doubtful: "waiting", "does not hold": "interrupted" };
+  for (const one of found) {
+    const line = put($("calibration-rows"), "tr");
+    put(line, "td", one.kind, { "data-of": "kind" }); put(line, "td", one.file, { "data-of": "file" }); put(line, "td", utc(one.made_utc), { "data-of": "made" });
+    put(line, "td", one.valid_days === null ? "" : one.valid_days, { class: "number", "data-of": "holds for [days]" });
+    const verdict = put(line, "td", null, { "data-of": "for this run" });
+    put(verdict, "b", one.verdict, { class: looks[one.verdict] });
+    if (one.words) verdict.append(`: ${one.words}`);
+  }
+  if (location.hash === "#calibrations" && !$("calibrations").dataset.seen) { $("calibrations").dataset.seen = "yes"; $("calibrations").scrollIntoView(); }
+}
 
 function angles(frames) {
   const names = frames.map((one) => one.name);
@@ -144,12 +162,12 @@ function draw(id, title, xLabel, yLabel, series, data, bands = [], isTime = fals
   if (plots[id] && plots[id].key === key) { plots[id].plot.setData(data); return; }
   box.replaceChildren();
   if (!data[0].length) return;
-  const plot = new uPlot({ title, width, height: 240, scales: { x: { time: isTime }, ...scales }, axes: axes(xLabel, yLabel, isTime), series: [{ label: xLabel }, ...series], legend: { live: false }, cursor: { show: false }, bands, tzDate: (ts) => uPlot.tzDate(new Date(ts * 1e3), "Etc/UTC") }, data, box);
+  const plot = new uPlot({ title, width, height: 240, scales: { x: { time: isTime }, ...scales }, axes: axes(xLabel, yLabel, isTime), series: [{ label: xLabel }, ...series], legend: { live: false, show: series.length > 1 || isTime }, cursor: { show: false }, bands, tzDate: (ts) => uPlot.tzDate(new Date(ts * 1e3), "Etc/UTC") }, data, box);
   plots[id] = { key, plot };
 }
 function histogram(head, id = "histogram") {
   const counts = head.histogram.map((n) => Math.log10(n + 1));
-  draw(id, "", "counts [share of the range]", "log10(pixels + 1)", [{ label: "pixels", stroke: style("--ink"), fill: style("--line"), points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) }], [counts.map((_, i) => i / counts.length), counts]);
+  draw(id, "Histogram of the picture", "counts [share of the range]", "log10(pixels + 1)", [{ label: "pixels", stroke: style("--ink"), fill: style("--line"), points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) }], [counts.map((_, i) => i / counts.length), counts]);
 }
 function curves(found) {
   if (!found) return;
@@ -161,17 +179,20 @@ function curves(found) {
   const points = () => ({ show: true, size: 6 }); // the library changes what it is given
   const lines = (pick) => found.regions.map((r, i) => ({ label: r.name, stroke: INKS[i % INKS.length], width: 2, points: points(), data: at(pick(r)) }));
   const plain = (id, title, y, pick, scales) => { const s = lines(pick); draw(id, title, xLabel, y, s, [xs, ...s.map((one) => one.data)], [], !bySun, scales); };
-  const series = [], data = [xs], bands = [];
-  found.regions.forEach((r, i) => {
-    const ink = INKS[i % INKS.length], add = (sign) => at(r.dolp).map((v, k) => { const s = at(r.dolp_std)[k]; return v === null || s === null ? null : v + sign * s; });
-    series.push({ label: r.name, stroke: ink, width: 2, points: points() }); data.push(at(r.dolp));
-    if (r.dolp_std.some((s) => s !== null)) {
-      series.push({ label: "+1 sigma", stroke: ink + "55", width: 1, points: { show: false } }, { label: "-1 sigma", stroke: ink + "55", width: 1, points: { show: false } });
-      data.push(add(1), add(-1)); bands.push({ series: [series.length - 1, series.length], fill: ink + "33" });
-    }
-  });
-  draw("plot-dolp", "DoLP of the regions' means", xLabel, "DoLP", series, data, bands, !bySun);
-  plain("plot-aolp", "AoLP of the regions' means", "AoLP [deg]", (r) => r.aolp_deg, { y: { range: [0, 180] } });
+  const banded = (id, title, y, pick, std, scales) => {
+    const series = [], data = [xs], bands = [];
+    found.regions.forEach((r, i) => {
+      const ink = INKS[i % INKS.length], values = at(pick(r)), errors = at(std(r)), edge = (sign) => values.map((v, k) => (v === null || errors[k] === null ? null : v + sign * errors[k]));
+      series.push({ label: r.name, stroke: ink, width: 2, points: points() }); data.push(values);
+      if (errors.some((s) => s !== null)) {
+        for (const sign of [1, -1]) { series.push({ label: `${r.name} ${sign} sigma`, stroke: ink + "55", width: 1, points: { show: false }, class: "band" }); data.push(edge(sign)); }
+        bands.push({ series: [series.length - 1, series.length], fill: ink + "33" });
+      }
+    });
+    draw(id, bands.length ? `${title}; band: one sigma` : title, xLabel, y, series, data, bands, !bySun, scales);
+  };
+  banded("plot-dolp", "DoLP of the regions' means", "DoLP", (r) => r.dolp, (r) => r.dolp_std);
+  banded("plot-aolp", "AoLP of the regions' means", "AoLP [deg]", (r) => r.aolp_deg, (r) => r.aolp_std_deg, { y: { range: [0, 180] } });
   plain("plot-light", "S0 of the regions' means", "S0 [DN/s]", (r) => r.light_dn_per_s);
   draw("plot-sum", "Sum rule of the picture", xLabel, "(I0 + I90) / (I45 + I135)", [{ label: "sum rule", stroke: style("--ink"), width: 2, points: points() }], [xs, at(found.sum_rule)], [], !bySun);
 }
@@ -202,6 +223,7 @@ function list(rows) {
     put(line, "td", row.verdict, { "data-of": "verdict" });
     const pages = put(line, "td", null, { "data-of": "pages" });
     for (const name of row.pages) { put(pages, "a", name, { href: `/api/document/${encodeURIComponent(row.run)}/${encodeURIComponent(name)}`, target: "_blank", rel: "noopener" }); pages.append(" "); }
+    if (row.frames) put(pages, "a", "calibrations", { href: `?run=${encodeURIComponent(row.run)}#calibrations` });
   }
   $("rows").replaceChildren(body);
 }

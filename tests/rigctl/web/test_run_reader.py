@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from rigctl.calibrations.noise.noise_file import QUANTITIES
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
 from rigctl.web.pictures import picture_of
@@ -140,3 +141,30 @@ def test_a_folder_lists_its_runs_with_what_lies_beside_them(tmp_path: Path) -> N
     assert (rows["other"].verdict, rows["other"].pages, rows["other"].frames) == ("", (), 4)
     assert source.document("run", "compared") == b"<p>report</p>"
     assert source.document("run", "summary") == b"<p>summary</p>"
+
+
+def test_calibrations_beside_a_run_say_whether_they_hold_for_it(tmp_path: Path) -> None:
+    facts = {"camera_serial": "42", "start_utc": "2026-05-04T10:00:00Z"}
+    make_run(tmp_path / "runs" / "run", [(one | facts, counts) for one, counts in frames()])
+    known = {"value": 1.0, "std_error": 0.1, "n": 9}
+    noise = dict.fromkeys(QUANTITIES) | {"schema_version": 2, "gain_dn_per_e": known, "black_level_dn": known}
+    made_for = {
+        "ours": {"camera_serial": "42", "taken_utc": "2026-05-01T10:00:00Z", "valid_days": 30},
+        "old": {"camera_serial": "42", "taken_utc": "2020-05-01T10:00:00Z"},
+        "theirs": {"camera_serial": "<b>7", "taken_utc": "2026-05-01T10:00:00Z"},
+    }
+    for name, made in made_for.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(noise | {"made_for": made}))
+    (tmp_path / "runs" / "axis.json").write_text('{"kind": "polarizer", "half": ')
+    (tmp_path / "runs" / "else.json").write_text('{"kind": "chair"}')
+    found = {one.file: one for one in RunReader(tmp_path / "runs" / "run").calibrations()}
+    assert {name: (one.kind, one.verdict) for name, one in found.items()} == {
+        "ours.json": ("noise", "holds"),
+        "old.json": ("noise", "doubtful"),
+        "theirs.json": ("noise", "does not hold"),
+        "axis.json": ("polarizer", "does not hold"),
+    }
+    assert (found["ours.json"].made_utc, found["ours.json"].valid_days) == ("2026-05-01T10:00:00Z", 30.0)
+    assert found["old.json"].valid_days == 365.0
+    assert "it holds for 365" in found["old.json"].words
+    assert "camera serial number" in found["theirs.json"].words
