@@ -13,6 +13,7 @@ class Stream(IntEnum):
     DRIFT = 2
     COSMIC_HITS = 3
     COLUMN_OFFSET = 4
+    MICRO_POLARIZERS = 5
 
 
 def generator(seed: int, stream: Stream, *key: int) -> np.random.Generator:

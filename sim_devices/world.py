@@ -67,6 +67,8 @@ class World:
         The truth about the polarizer. It stays mounted whatever is presented.
     stage_angle_deg
         Gives the true mechanical angle of the stage at the moment of the call [deg].
+    pixel_axes_deg
+        Axes of polarizers on the camera's pixels, shape (H, W) [deg]: what a stage would turn is not there then.
     flat_radiance
         Unpolarised radiance that "flat" presents in every pixel [W m^-2 sr^-1], > 0.
 
@@ -89,11 +91,13 @@ class World:
         polarizer: Polarizer,
         stage_angle_deg: Callable[[], float],
         flat_radiance: float,
+        pixel_axes_deg: FloatArray | None = None,
     ) -> None:
         if not 0.0 < flat_radiance < np.inf:
             raise ValueError(f"flat_radiance is {flat_radiance} W m^-2 sr^-1; it has to be finite and above 0")
         self._polarizer = polarizer
         self._stage_angle_deg = stage_angle_deg
+        self._pixel_axes_rad = None if pixel_axes_deg is None else np.deg2rad(pixel_axes_deg)
         self._flat_radiance = flat_radiance
         self._subject: Subject = "scene"
         self.show(radiance)
@@ -154,12 +158,14 @@ class World:
             return np.zeros(self.shape)
         if self._subject == "flat":
             return np.full(self.shape, self._share_of_unpolarised() * self._flat_radiance)
-        return self._passed(axis_rad=np.deg2rad(self.axis_deg()))
+        if self._pixel_axes_rad is not None:
+            return self._passed(axis_rad=self._pixel_axes_rad)
+        return self._passed(axis_rad=np.float64(np.deg2rad(self.axis_deg())))
 
     def _share_of_unpolarised(self) -> float:
         return (self._polarizer.transmittance_along + self._polarizer.transmittance_across) / 2.0
 
-    def _passed(self, *, axis_rad: float) -> FloatArray:
+    def _passed(self, *, axis_rad: FloatArray | np.float64) -> FloatArray:
         """Return what the polarizer lets through of the scene."""
         cosine, sine = np.cos(axis_rad), np.sin(axis_rad)
         along = cosine * self._amplitude_x + sine * self._amplitude_y

@@ -100,7 +100,7 @@ def made_for_rig(rig: RigFile, *, now_utc: str) -> MadeFor:
     options = _options(rig.camera.address)
     return MadeFor(
         camera_serial=rig.camera.serial_number,
-        stage_serial=rig.stage.serial_number,
+        stage_serial=None if rig.stage is None else rig.stage.serial_number,
         gain_db=rig.camera.gain_db,
         pixel_format=options.get("pixel_format"),
         binning=_binning(options),

@@ -16,7 +16,7 @@ from rigctl.comparison.checks import Check
 from rigctl.comparison.diagnosis import Diagnosis, diagnose
 from rigctl.comparison.input_attribution import InputAttribution, attribute_residuals
 from rigctl.comparison.remarks import model_warnings, not_tested, overruled
-from rigctl.comparison.rows import Row, decide, measured_with_ratios, pair, scored
+from rigctl.comparison.rows import Row, decide, measured_with_ratios, pair, predictable, scored
 from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.scale import Scale, scale_inputs
 from rigctl.comparison.trends import Trend, trends_of
@@ -222,4 +222,10 @@ def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measuremen
             continue
         if region not in measurement.regions:
             raise ConfigError(f"region {region} of the scene file was not measured")
-        yield from pair(region, prediction.quantities, measured_with_ratios(measurement.regions[region]))
+        taken = measurement.run.session
+        measured = predictable(
+            measured_with_ratios(measurement.regions[region]),
+            is_mosaic=taken.cell_deg is not None,
+            is_interpolated=taken.interpolation != "none",
+        )
+        yield from pair(region, prediction.quantities, measured)

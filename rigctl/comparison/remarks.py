@@ -82,6 +82,11 @@ def not_tested(measurement: Measurement, scene: SceneFile, scale: Scale, uncerta
             "whether the numbers of the scene file are right within what is known of them: none has an uncertainty, "
             "write { value = ..., std = ... } or { range = [..., ...] }"
         )
+    if measurement.run.session.cell_deg is not None:
+        found.append(
+            "deviations of Stokes parameters and DoLP over the pixels: behind polarizers on the pixels each angle has "
+            "pixels of its own, and what their texture has in common is not known"
+        )
     if measurement.grid.cycles < 2:
         found.append("temporal noise: there is one cycle only")
     return tuple(found)

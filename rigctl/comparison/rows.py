@@ -19,6 +19,7 @@ from rigctl.prediction.propagated_inputs import NumberKey
 _POWER = 0.9
 # A difference that is seen only where it is larger than this share of a number tells nothing of it.
 _USELESS_SHARE = 0.5
+_SPATIAL, _OF_PIXELS = ("std", "std_spatial_mean"), ("dolp_pixels", "dolp_snr")
 # The farthest that an AoLP can be off is twice this; numbers that may be nothing by nature have no size of their own.
 _TURN_DEG, _SIGNED = 45.0, ("s1", "s2", "s1n", "s2n")
 
@@ -137,6 +138,25 @@ def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
         return region.quantities
     samples = (Sample(value=float(v), std_error=float(e)) for v, e in zip(*channel_ratios(moments), strict=True))
     return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
+
+
+def predictable(measured: MeasuredQuantities, *, is_mosaic: bool, is_interpolated: bool) -> MeasuredQuantities:
+    """Return what a scene's prediction is set beside: it knows of pixels that see one point behind all angles.
+
+    Behind the polarizers of a mosaic each angle has pixels of its own. What their texture and response have in common
+    is not known, nor what interpolation leaves of them: then deviations over the pixels are no tests.
+    """
+    if not is_mosaic:
+        return measured
+    return {
+        quantity: {
+            statistic: sample
+            for statistic, sample in statistics.items()
+            if statistic not in _SPATIAL or (is_counts(quantity) and not is_interpolated)
+        }
+        for quantity, statistics in measured.items()
+        if quantity not in _OF_PIXELS
+    }
 
 
 def _with_ratios(prediction: RegionPrediction) -> RegionPrediction:

@@ -10,6 +10,7 @@ from calibration.polarimeter.registration import Registration
 from model.prediction.mean_uncertainty import budget, noise_causes, shift_cause
 from model.prediction.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
+from model.processing.mosaic import reach_px
 from model.sensor.channels import ChannelMoments
 from rigctl.comparison.rows import Row
 from rigctl.files.regions import Region, inner_masks, masks
@@ -111,7 +112,8 @@ def with_registration(
     """
     if isinstance(found, str) or measurement.shifts is not None:
         return budgets
-    inside = inner_masks(regions, masks(regions, width=measurement.grid.width, height=measurement.grid.height))
+    outer = masks(regions, width=measurement.grid.width, height=measurement.grid.height)
+    inside = inner_masks(regions, outer, least_px=reach_px(measurement.run.session.interpolation))
     sizes = np.hypot(found.shift_pixels, found.std_error_pixels)
     return tuple(_registered(one, measurement, inside[one.region], sizes, means[one.region]) for one in budgets)
 

@@ -7,18 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from drivers.interfaces import Camera, DeviceIdentity, RotationStage
+from drivers.interfaces import Camera, CameraWithFacts, DeviceIdentity, RotationStage
 from drivers.serial_ports import resolve_port
 from rigctl.console.terminal import warn
 from rigctl.devices.stages import SIMULATED, connect_stage, find_driver, require_serial
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
+from rigctl.numbers.angles import wrapped
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.simulated.camera_address import require_known_camera
 from rigctl.simulated.simulated_clock import SimulatedClock
 from rigctl.simulated.simulation import Simulation, simulate
 
+# A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
+_CELL_TOLERANCE_DEG = 22.5
 REQUESTS: dict[FrameKind, str] = {
     "scene": "Point the camera at the scene, nothing before the lens",
     "dark": "Cover the lens, so that no light comes in",
@@ -42,7 +45,7 @@ class Rig:
     Attributes
     ----------
     stage, camera
-        The devices.
+        The devices; no stage where the camera has polarizers on its pixels.
     stage_identity, camera_identity : DeviceIdentity
         What they are.
     present : callable
@@ -58,9 +61,9 @@ class Rig:
         What lights a simulated roof.
     """
 
-    stage: RotationStage
+    stage: RotationStage | None
     camera: Camera
-    stage_identity: DeviceIdentity
+    stage_identity: DeviceIdentity | None
     camera_identity: DeviceIdentity
     present: Callable[[FrameKind], None]
     ask: Callable[[FrameKind], None] = _ask_nobody
@@ -106,21 +109,23 @@ def open_rig(
 
 def require_drivers(rig: RigFile) -> None:
     """Raise ConfigError where a driver is not installed or a simulated camera is none; no device is touched."""
-    find_driver("rigctl.stages", rig.stage.driver, key="stage.driver")
-    require_known_camera(rig.camera.address)
+    if rig.stage is not None:
+        find_driver("rigctl.stages", rig.stage.driver, key="stage.driver")
+    require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
     if not rig.camera.address.startswith(SIMULATED):
         find_driver("rigctl.cameras", rig.camera.address.partition(":")[0], key="camera.address")
 
 
 @contextmanager
 def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
-    with connect_stage(rig.stage, _stage_port(rig, simulation)) as stage, _camera(rig, simulation) as camera:
-        stage_identity, camera_identity = stage.identify(), camera.identify()
+    with _stage(rig, simulation) as stage, _camera(rig, simulation) as camera:
+        camera_identity = camera.identify()
         require_serial("camera", rig.camera.serial_number, camera_identity)
+        require_cell(rig, camera)
         yield Rig(
             stage=stage,
             camera=camera,
-            stage_identity=stage_identity,
+            stage_identity=None if stage is None else stage.identify(),
             camera_identity=camera_identity,
             present=_ask_nobody if simulation is None else simulation.world.present,
             ask=_ask_operator if simulation is None else _ask_nobody,
@@ -130,10 +135,41 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
         )
 
 
-def _stage_port(rig: RigFile, simulation: Simulation | None) -> str:
-    if simulation is not None and rig.stage.port.startswith(SIMULATED):
-        return simulation.stage_port
-    return resolve_port(rig.stage.port, warn=warn)
+@contextmanager
+def _stage(rig: RigFile, simulation: Simulation | None) -> Iterator[RotationStage | None]:
+    if rig.stage is None:
+        yield None
+        return
+    simulated_port = None if simulation is None else simulation.stage_port
+    is_real = simulated_port is None or not rig.stage.port.startswith(SIMULATED)
+    port = resolve_port(rig.stage.port, warn=warn) if is_real or simulated_port is None else simulated_port
+    with connect_stage(rig.stage, port) as stage:
+        yield stage
+
+
+def require_cell(rig: RigFile, camera: Camera) -> None:
+    """Refuse a mosaic that is not the one of the rig file, as far as the camera tells.
+
+    Raises
+    ------
+    ConfigError
+        It is another one, or the rig file has none.
+    """
+    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
+    stated = rig.camera.mosaic_deg
+    if told is None:
+        return
+    cell = ", ".join(f"{angle:g}" for angle in told)
+    if stated is None:
+        raise ConfigError(
+            "camera.mosaic_deg: the camera says that it has polarizers on its pixels: state "
+            f"mosaic_deg = [{cell}], and leave [stage] out"
+        )
+    if any(
+        abs(wrapped(one - other, turn=180.0)) > _CELL_TOLERANCE_DEG for one, other in zip(stated, told, strict=True)
+    ):
+        found = ", ".join(f"{angle:g}" for angle in stated)
+        raise ConfigError(f"camera.mosaic_deg: is [{found}], and the camera says that its cell is [{cell}]")
 
 
 def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:

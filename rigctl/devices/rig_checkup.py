@@ -6,10 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from drivers.interfaces import Camera, ReportingCamera, RotationStage
+import numpy as np
+
+from drivers.errors import LimitError
+from drivers.interfaces import Camera, CameraWithFacts, Frame, ReportingCamera, RotationStage
 from drivers.network_path import path_mtu
 from drivers.serial_ports import resolve_port
 from rigctl.console.terminal import warn
+from rigctl.devices.cell_check import cell_problem
 from rigctl.devices.host_checkup import Finding
 from rigctl.devices.rig import open_rig
 from rigctl.devices.stages import SIMULATED, find_driver
@@ -17,6 +21,8 @@ from rigctl.files.rig_file import RigFile
 from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE
 
 _EXPOSURE_S = 0.01
+# For a look at the cell of a mosaic: share of saturated pixels that does no harm, and where to end.
+_SATURATED, _SHORTEST_S = 0.1, 1e-5
 _READINGS = 20
 _SLOW_ANSWER_S = 0.05
 _SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
@@ -56,8 +62,10 @@ class RigCheckup:
         """
         yield from self._ways()
         with open_rig(self._rig, session_name="doctor") as rig:
-            yield Finding(what="stage", found=f"{rig.stage_identity.model}, serial {rig.stage_identity.serial_number}")
-            yield stage_latency(rig.stage)
+            if rig.stage is not None and rig.stage_identity is not None:
+                model, serial = rig.stage_identity.model, rig.stage_identity.serial_number
+                yield Finding(what="stage", found=f"{model}, serial {serial}")
+                yield stage_latency(rig.stage)
             identity = rig.camera_identity
             yield Finding(what="camera", found=f"{identity.model}, serial {identity.serial_number}")
             settings = rig.camera.configure(exposure_s=_EXPOSURE_S, gain_db=self._rig.camera.gain_db)
@@ -66,17 +74,43 @@ class RigCheckup:
             times_s = frame_times_s(rig.camera, frames=self._frames, timeout_s=timeout_s)
             self.camera_s = max(0.0, statistics.median(times_s) - settings.exposure_s)
             yield from camera_frames(rig.camera, times_s)
+            if self._rig.camera.mosaic_deg is not None:
+                yield cell_finding(rig.camera, self._rig, timeout_s=timeout_s)
 
     def _ways(self) -> Iterator[Finding]:
         """Give what there is to say of the ways to the devices."""
-        port = self._rig.stage.port
-        if not port.startswith(SIMULATED):
-            adapter = adapter_wait(resolve_port(port, warn=warn))
+        stage = self._rig.stage
+        if stage is not None and not stage.port.startswith(SIMULATED):
+            adapter = adapter_wait(resolve_port(stage.port, warn=warn))
             if adapter is not None:
                 yield adapter
         network_address = _network_address(self._rig.camera.address)
         if network_address is not None:
             yield interface_mtu(network_address)
+
+
+def cell_finding(camera: Camera, rig: RigFile, *, timeout_s: float) -> Finding:
+    """Return what is known of the cell of a camera with polarizers on its pixels: by itself, and by the light."""
+    stated = tuple(rig.camera.mosaic_deg or ())
+    frame = _unsaturated(camera, gain_db=rig.camera.gain_db, timeout_s=timeout_s)
+    text = ", ".join(f"{angle:g}" for angle in stated)
+    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
+    source = "as the camera says" if told is not None else "as the rig file says; the camera does not tell"
+    advice = cell_problem(frame.counts, stated, bit_depth=frame.settings.bit_depth)
+    return Finding(what="cell", found=f"{text} deg row by row, {source}", advice=advice)
+
+
+def _unsaturated(camera: Camera, *, gain_db: float, timeout_s: float) -> Frame:
+    """Return a picture, exposed shorter until little of it is saturated, as far as the camera allows."""
+    frame, exposure_s = camera.take_frame(timeout_s=timeout_s), _EXPOSURE_S
+    while np.mean(frame.counts >= 2**frame.settings.bit_depth - 1) > _SATURATED and exposure_s > _SHORTEST_S:
+        exposure_s /= 4.0
+        try:
+            camera.configure(exposure_s=exposure_s, gain_db=gain_db)
+        except LimitError:
+            break
+        frame = camera.take_frame(timeout_s=timeout_s)
+    return frame
 
 
 def stage_latency(stage: RotationStage) -> Finding:

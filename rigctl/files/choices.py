@@ -7,6 +7,9 @@ from typing import Literal, get_args
 FrameKind = Literal["scene", "dark", "flat"]
 FRAME_KINDS: tuple[FrameKind, ...] = get_args(FrameKind)
 
+# What is made of a picture behind polarizers on the pixels, as `model.processing.mosaic.Interpolation` has it.
+Interpolation = Literal["none", "bilinear"]
+
 # What a run can be exported as.
 ExportFormat = Literal["tiff", "hdf5", "zarr"]
 

@@ -19,6 +19,8 @@ class InterlockSection(Section):
     """A readback beyond the stage's tolerance. Example: `"retry"`."""
     button: Action = "retry"
     """The stage reports something during a move, such as its button. Example: `"retry"`."""
+    cell: Watched = "stop"
+    """The light contradicts the cell of polarizers on the camera's pixels. Example: `"stop"`."""
     fault: Literal["retry", "hold", "stop"] = "stop"
     """The stage reports a fault, such as a stall. Example: `"stop"`."""
     homed: Watched = "stop"

@@ -138,7 +138,9 @@ def load_regions(path: Path) -> list[Region]:
     return load(path, RegionsFile).regions
 
 
-def inner_masks(regions: list[Region], outer: Mapping[str, NDArray[np.bool_]]) -> dict[str, NDArray[np.bool_]]:
+def inner_masks(
+    regions: list[Region], outer: Mapping[str, NDArray[np.bool_]], *, least_px: int = 0
+) -> dict[str, NDArray[np.bool_]]:
     """Return the pixels of each region that are farther than its `edge_px` from any pixel outside of it.
 
     Parameters
@@ -147,8 +149,10 @@ def inner_masks(regions: list[Region], outer: Mapping[str, NDArray[np.bool_]]) -
         What is to be left out along the border.
     outer : mapping
         Name to the whole mask (H, W). The border of the picture is no border of a region.
+    least_px : int
+        So much of the border is left out of each, whatever its `edge_px`.
     """
-    return {region.name: _without_edge(outer[region.name], region.edge_px) for region in regions}
+    return {region.name: _without_edge(outer[region.name], max(region.edge_px, least_px)) for region in regions}
 
 
 def _without_edge(mask: NDArray[np.bool_], edge_px: int) -> NDArray[np.bool_]:

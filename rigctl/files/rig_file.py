@@ -1,11 +1,13 @@
 """The rig file: which stage, which camera, how the polarizer sits, and what a simulated rig is made of."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, PrivateAttr, model_validator
 
-from rigctl.files.choices import RoofChange
+from rigctl.files.choices import Interpolation, RoofChange
 from rigctl.files.config import Section, load, with_std_apart
 from rigctl.files.notify_section import NotifySection
 from rigctl.files.place import GeometrySection, SiteSection
@@ -79,6 +81,22 @@ class CameraSection(Section):
     """Gain setting of the camera. Example: `0.0`."""
     timeout_s: PositiveNumber = 5.0
     """How long to wait for a frame beyond its exposure. Example: `5.0`."""
+    mosaic_deg: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
+    """Polarizers on its pixels: angles of a cell of 2 x 2, row by row. Example: `[90, 45, 135, 0]`."""
+    interpolation: Interpolation = "none"
+    """Of such a mosaic: none, four pictures of half the size; bilinear, of the whole. Example: `"none"`."""
+
+    @model_validator(mode="after")
+    def _cell_is_one(self) -> "CameraSection":
+        if self.mosaic_deg is None:
+            if self.interpolation != "none":
+                raise ValueError("interpolation is for a camera with polarizers on its pixels: state mosaic_deg, too")
+            return self
+        axes = sorted(angle % _HALF_TURN_DEG for angle in self.mosaic_deg)
+        gaps = [after - before for before, after in pairwise([*axes, axes[0] + _HALF_TURN_DEG])]
+        if min(gaps) < _LEAST_GAP_DEG:
+            raise ValueError("mosaic_deg: the four angles of a cell differ from one another, modulo 180 deg")
+        return self
 
 
 class SimulatedPolarizer(Section):
@@ -94,6 +112,8 @@ class SimulatedPolarizer(Section):
     """Transmittance along the axis over that across. Example: `5000.0`."""
 
 
+# Axes of one cell that are closer than this are one.
+_HALF_TURN_DEG, _LEAST_GAP_DEG = 180.0, 5.0
 # Pixels along a side of a picture: beyond any sensor.
 LARGEST_SIDE = 20_000
 # Further off, no lens of this kind shows anything [mm].
@@ -190,10 +210,10 @@ class RigFile(Section):
     """Version of the layout. Example: `1`."""
     name: str
     """Name of the rig, in every run that it takes. Example: `"roof"`."""
-    stage: StageSection
-    """The rotation stage, and how to reach it."""
+    stage: StageSection | None
+    """The rotation stage, and how to reach it; none where the camera has polarizers on its pixels."""
     polarizer: PolarizerSection
-    """Seat of the polarizer in the stage."""
+    """Seat of the polarizer in the stage; of a camera with polarizers on its pixels it may be left out."""
     camera: CameraSection
     """The camera, and how to reach it."""
     site: SiteSection | None = None
@@ -208,18 +228,55 @@ class RigFile(Section):
     @property
     def is_simulated(self) -> bool:
         """True if any device of the rig is simulated: then its frames are called so."""
-        return self.stage.port.startswith("sim:") or self.camera.address.startswith("sim:")
+        ports = () if self.stage is None else (self.stage.port,)
+        return any(address.startswith("sim:") for address in (*ports, self.camera.address))
+
+    @property
+    def cell_deg(self) -> tuple[float, ...] | None:
+        """Axes of the polarizers on the camera's pixels, row by row of a cell, in [0, 180); None where it has none."""
+        return polarizer_axes_deg(
+            self.camera.mosaic_deg, sense=self.polarizer.sense, offset_deg=self.polarizer.offset_deg
+        )
 
     @property
     def has_simulated_clock(self) -> bool:
         """True if its time is simulated: a session does not wait then."""
         return self.simulation is not None and self.simulation.clock is not None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _mosaic_sits_as_stated(cls, given: object) -> object:
+        """Let a mosaic do without a stage, and its angles stand as they are where no polarizer is stated."""
+        camera = given.get("camera") if isinstance(given, dict) else None
+        if isinstance(given, dict) and isinstance(camera, dict) and camera.get("mosaic_deg") is not None:
+            return {"stage": None, "polarizer": {"sense": 1, "offset_deg": 0.0}} | given
+        return given
+
+    @model_validator(mode="after")
+    def _something_turns_or_is_a_mosaic(self) -> "RigFile":
+        if (self.stage is None) == (self.camera.mosaic_deg is None):
+            raise ValueError(
+                "needs a [stage] that turns the polarizer"
+                if self.stage is None
+                else "[stage] and mosaic_deg of [camera]: a camera with polarizers on its pixels has all angles in one "
+                "exposure; leave one of them out"
+            )
+        return self
+
     @model_validator(mode="after")
     def _a_simulated_camera_needs_a_world(self) -> "RigFile":
         if self.is_simulated and self.simulation is None:
             raise ValueError("a simulated device (sim:...) needs a [simulation] table that says what it looks at")
         return self
+
+
+def polarizer_axes_deg(
+    mosaic_deg: Sequence[float] | None, *, sense: int, offset_deg: float
+) -> tuple[float, ...] | None:
+    """Return the axes of a cell as the picture shows them, in [0, 180), by sense and offset; None without a cell."""
+    if mosaic_deg is None:
+        return None
+    return tuple((sense * angle + offset_deg) % _HALF_TURN_DEG for angle in mosaic_deg)
 
 
 def placeholder_doubt(rig: RigFile) -> str | None:
@@ -236,7 +293,7 @@ def load_rig(path: str | Path) -> RigFile:
     """Return the checked rig file; a scene and a characterisation that it names are sought beside it."""
     path = Path(path)
     rig = load(path, RigFile)
-    if rig.stage.characterisation is not None:
+    if rig.stage is not None and rig.stage.characterisation is not None:
         beside = (path.parent / rig.stage.characterisation).resolve()
         rig = rig.model_copy(update={"stage": rig.stage.model_copy(update={"characterisation": beside})})
     if rig.simulation is None:

@@ -89,7 +89,7 @@ class PreparedSession:
     @property
     def steps(self) -> tuple[Step, ...]:
         """The frames of one round, in their order."""
-        return plan_steps(self.session_file)
+        return plan_steps(self.session_file, cell_deg=self.rig_file.cell_deg)
 
     @property
     def need(self) -> Need:
@@ -127,7 +127,9 @@ def prepare_session(request: AcquireRequest) -> PreparedSession:
     session_file, chosen = with_target(
         session_file, noise, scene=request.scene, target_dolp_sigma=request.target_dolp_sigma
     )
-    doubts = (placeholder_doubt(rig_file), grouping_cost(session_file), missing_axes(plan_steps(session_file)))
+    grouping = grouping_cost(session_file) if rig_file.cell_deg is None else None
+    axes = missing_axes(plan_steps(session_file, cell_deg=rig_file.cell_deg))
+    doubts = (placeholder_doubt(rig_file), grouping, axes)
     return PreparedSession(
         request=request,
         rig_file=rig_file,
@@ -178,7 +180,7 @@ def require_takeable(
     require_new_folder(out)
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
-    steps = plan_steps(session, rounds)
+    steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
     require_hands(steps, are_asked=rig_file.is_simulated or prepared.request.asks_by_hold)
     require_drivers(rig_file)
     doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))
@@ -237,7 +239,7 @@ def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: Session
         used = replace(
             made_for_rig(rig_file, now_utc=utc_text(clock.utc_ns())),
             camera_serial=rig.camera_identity.serial_number,
-            stage_serial=rig.stage_identity.serial_number,
+            stage_serial=None if rig.stage_identity is None else rig.stage_identity.serial_number,
         )
         for doubt in _calibration_doubts(prepared, used):
             warn(doubt)

@@ -21,7 +21,7 @@ from rigctl.runs.run_lock import writing_process
 from rigctl.session.control import ask_process
 from rigctl.storage.durable_file import write_durably
 from rigctl.web.hands import Asked, Hands
-from rigctl.web.live_rig import LiveRig, OpenDevices
+from rigctl.web.live_rig import Cell, LiveRig, OpenDevices
 from rigctl.web.page import page_app
 from rigctl.web.server import Addresses, PageServer, Place
 from rigctl.web.sources import RunsOfFolder
@@ -68,7 +68,7 @@ def serve(request: ServeRequest, place: Place, *, told: Callable[[Addresses], No
         if not folder.is_dir():
             raise ConfigError(f"{name} {folder}: there is no such folder")
     sessions = _Sessions(request)
-    rig = LiveRig(lambda: _open_devices(request.rig), _polarizer(request.rig))
+    rig = LiveRig(lambda: open_devices(request.rig), _polarizer(request.rig))
     hands = Hands(
         ask=sessions.ask,
         rig=rig,
@@ -154,14 +154,18 @@ class _Sessions:
 
 
 @contextmanager
-def _open_devices(what: str) -> Iterator[OpenDevices]:
+def open_devices(what: str) -> Iterator[OpenDevices]:
+    """Give the open devices of a rig file or a camera's address until the context is left."""
     if not what.endswith(_RIG_FILE):
         with open_camera(what) as camera:
             yield OpenDevices(camera=camera, stage=None)
         return
-    with open_rig(load_rig(Path(what)), session_name="live") as rig:
+    rig_file = load_rig(Path(what))
+    axes_deg = rig_file.cell_deg
+    cell = None if axes_deg is None else Cell(axes_deg=axes_deg, interpolation=rig_file.camera.interpolation)
+    with open_rig(rig_file, session_name="live") as rig:
         rig.present("scene")
-        yield OpenDevices(camera=rig.camera, stage=rig.stage)
+        yield OpenDevices(camera=rig.camera, stage=rig.stage, cell=cell)
 
 
 def _polarizer(what: str) -> PolarizerSection:

@@ -107,6 +107,8 @@ def _measured(
     progress: Progress,
     warn: Warn,
 ) -> Characterisation:
+    if rig.stage is None:
+        raise ConfigError(f"rig {rig.name}: has no [stage] to characterise")
     section = rig.stage.model_copy(update={"characterisation": None, "tolerance_deg": _TOLERANCE_DEG})
     visits = len(angles_deg) * request.repeats * len(SIDES)
     with open_stage(section, warn=warn) as opened:

@@ -39,7 +39,8 @@ def verify(path: Path, *, watch: Watch = iter) -> Verification:
 
 
 def _planned(description: RunDescription) -> tuple[Step, ...]:
-    return plan_steps(SessionFile.model_validate(description.session["session"]), description.record.rounds_ns)
+    session, record = SessionFile.model_validate(description.session["session"]), description.record
+    return plan_steps(session, record.rounds_ns, cell_deg=record.cell_deg)
 
 
 def _left_some_out(path: Path) -> bool:

@@ -47,8 +47,15 @@ class RegionMeans:
         self._shape: tuple[int, ...] = ()
         self._windows: dict[str, _Window] = {}
 
-    def of(self, counts: NDArray[np.uint16]) -> dict[str, PixelMean]:
+    def of(self, counts: NDArray[np.uint16], *, share: float = 1.0) -> dict[str, PixelMean]:
         """Return the mean of the whole picture, and of each region by its name.
+
+        Parameters
+        ----------
+        counts : (H, W) array of uint16
+            The picture.
+        share : float
+            Of its pixels that have a sample of their own: one where nothing was interpolated.
 
         Raises
         ------
@@ -58,10 +65,10 @@ class RegionMeans:
         if counts.shape != self._shape:
             self._windows = self._fitted(counts.shape)
             self._shape = counts.shape
-        means = {PICTURE: PixelMean(mean_dn=float(counts.mean()), pixels=counts.size)}
+        means = {PICTURE: PixelMean(mean_dn=float(counts.mean()), pixels=max(1, round(share * counts.size)))}
         for name, window in self._windows.items():
             values = counts[window.rows, window.columns][window.inside]
-            means[name] = PixelMean(mean_dn=float(values.mean()), pixels=values.size)
+            means[name] = PixelMean(mean_dn=float(values.mean()), pixels=max(1, round(share * values.size)))
         return means
 
     def _fitted(self, shape: tuple[int, ...]) -> dict[str, _Window]:

@@ -16,11 +16,15 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Corrections:
-    """Corrections of frames; None is not corrected."""
+    """Corrections of frames; None is not corrected.
+
+    `interpolated` is what the interpolation of a mosaic has made of the variance of noise before frames were stored.
+    """
 
     throughput: Throughput | None = None
     flat: FlatDivision | None = None
     shifts: FrameShifts | None = None
+    interpolated: float = 1.0
 
     def corrected(self, signal: FloatArray, record: FrameRecord, channel: int) -> FloatArray:
         """Return the frame of a channel, dark level off, corrected."""
@@ -47,7 +51,7 @@ class Corrections:
         That of light whose mean after the division is known: a frame that got less of it had less noise too, so that
         the throughput enters once and not squared. Read noise is enlarged by another factor of it, some per cent.
         """
-        factor = np.ones(channels)
+        factor = np.full(channels, self.interpolated)
         if self.throughput is not None:
             factor /= self.throughput.value
         if self.flat is not None:
@@ -60,8 +64,8 @@ class Corrections:
 
     @property
     def is_any(self) -> bool:
-        """Any correction is made."""
-        return any(part is not None for part in (self.throughput, self.flat, self.shifts))
+        """Any correction is made, or was."""
+        return self.interpolated != 1.0 or any(part is not None for part in (self.throughput, self.flat, self.shifts))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from model.processing.mosaic import reach_px, variance_factor
 from model.processing.reconstruction import Design, design
 from rigctl.calibrations.flat.flat_file import FlatFields
 from rigctl.calibrations.noise.noise_file import NoiseParameters
@@ -135,7 +136,7 @@ def measure(
     plan = _plan(run, grid, extinction_ratio)
     dark_level = _with_found(find_dark_level(run, grid, noise), grid, found)
     outer = masks(regions, width=grid.width, height=grid.height)
-    inside = inner_masks(regions, outer)
+    inside = inner_masks(regions, outer, least_px=reach_px(run.session.interpolation))
     corrections = Corrections(
         throughput=together(
             None if polarizer is None else throughput_of(grid, polarizer), None if found is None else found.throughput
@@ -143,6 +144,7 @@ def measure(
         flat=None if flats is None else flat_division(grid, flats),
         shifts=(None if found is None else found.shifts)
         or (None if registration is None else frame_shifts(run, grid, registration)),
+        interpolated=variance_factor(run.session.interpolation),
     )
     frames = _Frames(run, grid, dark_level, corrections)
     pixels = frames.pixels(inside)
@@ -196,6 +198,7 @@ def _measured_regions(
                 level_std_error=frames.dark_level.std_error_dn * frames.grid.to_unit,
                 relative_error=frames.corrections.relative_error(frames.grid.angles),
                 own_error=0.0 if found is None else found.level_error(channels, area.inside & usable),
+                interpolation=frames.interpolation,
             )
         except (DataError, ValueError, ArithmeticError) as error:
             unmeasured[area.name] = str(error)
@@ -223,7 +226,7 @@ class _Frames:
 
     def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
         shape = (grid.height, grid.width)
-        self._run = run
+        self._run, self.interpolation = run, run.session.interpolation
         self.grid, self.dark_level, self.corrections = grid, dark_level, corrections
         self.sums = np.zeros((grid.angles, *shape))
         self.saturated = np.zeros(shape, dtype=np.bool_)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from model.moments import Moments, propagate_linear
 from model.processing import dolp
+from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation
 from model.processing.reconstruction import Design
 from model.processing.sample_moments import (
     Sample,
@@ -84,6 +85,7 @@ def measure_region(
     level_std_error: FloatArray,
     relative_error: FloatArray,
     own_error: FloatArray | float = 0.0,
+    interpolation: Interpolation = "none",
 ) -> MeasuredRegion:
     """Return the numbers of a region.
 
@@ -107,6 +109,8 @@ def measure_region(
         Relative standard error of each angle's throughput, independent of the others.
     own_error : (N,) array or float
         Standard error of each angle's own level, independent of the others: of a dark level or a shift of its own.
+    interpolation : {"none", "bilinear"}
+        What the frames were made of a mosaic by: then neighbours share their noise.
 
     Raises
     ------
@@ -121,14 +125,15 @@ def measure_region(
     mean = pixels.mean(axis=0)
     independent = _independent_pixels(mean, inside, plan)
     inflation = pixels.shape[2] / independent
-    repeatability = _repeatability(pixels)
+    repeatability = _repeatability(pixels, mean_inflation(interpolation))
     scattered = region_mean_moments(mean, inside)
     channels_mean = _with_level_errors(scattered, level_std_error, np.hypot(relative_error, repeatability), own_error)
     stokes_pixels = np.asarray(plan.inverse @ pixels[0])
     stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
-    quantities = _linear(channel_names, pixels, channels_mean, inflation)
+    of_noise = deviation_inflation(interpolation)
+    quantities = _linear(channel_names, pixels, channels_mean, inflation, of_noise)
     stokes_mean = propagate_linear(channels_mean, plan.inverse)
-    quantities |= _linear(("s0", "s1", "s2"), stokes_cycles, stokes_mean, inflation)
+    quantities |= _linear(("s0", "s1", "s2"), stokes_cycles, stokes_mean, inflation, of_noise)
     quantities |= _of_mean_stokes(stokes_mean)
     quantities |= _of_pixel_dolp(stokes_pixels, inflation)
     return MeasuredRegion(
@@ -144,12 +149,13 @@ def measure_region(
         stokes_pixels_mean=np.asarray(plan.inverse @ mean),
         inside=inside,
         repeatability=repeatability,
-        first_half=np.sum(np.nonzero(inside), axis=0) % 2 == 0,
+        # Whole cells where neighbours share samples: their pixels are not alike.
+        first_half=np.sum(np.array(np.nonzero(inside)) // (1 if interpolation == "none" else 2), axis=0) % 2 == 0,
         quantities=quantities,
     )
 
 
-def _repeatability(pixels: FloatArray) -> float:
+def _repeatability(pixels: FloatArray, noise_inflation: float) -> float:
     """Return by how much the mean of all cycles does not repeat itself beyond the noise of its pixels, relative.
 
     Angles are taken together: two cycles, such as the two half turns of a polarizer, are as many differences as angles.
@@ -160,7 +166,7 @@ def _repeatability(pixels: FloatArray) -> float:
     if cycles < 2 or not light > 0.0:
         return 0.0
     # The noise of the pixels makes means differ too, and is in their errors already.
-    noise = float(np.sum(pixels.var(axis=0, ddof=1).mean(axis=1))) / pixels.shape[2]
+    noise = float(np.sum(pixels.var(axis=0, ddof=1).mean(axis=1))) / pixels.shape[2] * noise_inflation
     return float(np.sqrt(max(float(np.sum(means.var(axis=0, ddof=1))) - noise, 0.0) / cycles / light))
 
 
@@ -181,8 +187,13 @@ def _with_level_errors(
     return Moments(mean=moments.mean, cov=moments.cov + common)
 
 
-def _linear(names: tuple[str, ...], cycles: FloatArray, mean: Moments, inflation: float) -> MeasuredQuantities:
-    """Return mean and deviations of channels or Stokes parameters, cycles (C, n, P)."""
+def _linear(
+    names: tuple[str, ...], cycles: FloatArray, mean: Moments, inflation: float, of_noise: float
+) -> MeasuredQuantities:
+    """Return mean and deviations of channels or Stokes parameters, cycles (C, n, P).
+
+    `inflation` is of errors of what varies over the pixels, `of_noise` of what varies with time.
+    """
     found: MeasuredQuantities = {}
     for k, name in enumerate(names):
         found[name] = {
@@ -191,7 +202,7 @@ def _linear(names: tuple[str, ...], cycles: FloatArray, mean: Moments, inflation
             "std_spatial_mean": _inflated(deviation(cycles[:, k].mean(axis=0)), inflation),
         }
         if cycles.shape[0] > 1:
-            found[name]["std_temporal"] = temporal_deviation(cycles[:, k])
+            found[name]["std_temporal"] = _inflated(temporal_deviation(cycles[:, k]), of_noise)
     return found
 
 

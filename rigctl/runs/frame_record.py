@@ -6,6 +6,9 @@ from pydantic import ConfigDict, TypeAdapter, with_config
 
 from rigctl.files.choices import FrameKind
 
+# Frames of one exposure of a camera with polarizers on its pixels, a cell of 2 x 2.
+EXPOSURE_PARTS = 4
+
 
 @with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +57,9 @@ class FrameRecord:
         From the command of the move to the readback that was accepted [s].
     camera_frame : int or None
         The camera's own frame counter.
+    exposure_id : int or None
+        Frames that bear the same number are parts of one exposure, of a camera with polarizers on its pixels: the
+        sequence number of the first of them.
     camera_temperature_c : float or None
         What the camera said of its temperature, ten seconds before the exposure at most [deg C].
     round : int or None
@@ -104,6 +110,7 @@ class FrameRecord:
     stage_tries: int | None = None
     settle_s: float | None = None
     camera_frame: int | None = None
+    exposure_id: int | None = None
     camera_temperature_c: float | None = None
     round: int | None = None
     sun_azimuth_deg: float | None = None

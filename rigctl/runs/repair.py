@@ -1,6 +1,7 @@
 """Makes a run folder whole after a kill or a power cut: adopts whole frames, sets damaged ones aside, loses nothing."""
 
 import os
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,7 @@ from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.event_log import json_line
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
-from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.frame_record import EXPOSURE_PARTS, FrameRecord
 from rigctl.runs.run_description import SESSION_FILE, first_link
 from rigctl.runs.run_events import EVENTS_FILE, journal_problems, read_journal, sound_events
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_checksum, read_contents
@@ -93,12 +94,22 @@ class _Repairer:
             self._check(record)
         for file in self._unnamed():
             self._adopt(file)
+        self._set_parts_aside()
         frames = tuple(self._frames[sequence] for sequence in sorted(self._frames))
         if frames != contents.frames or contents.problems or contents.torn_manifest_line:
             lines = sealed_all((json_line(record) for record in frames), self._first_link)
             write_durably(self._path / MANIFEST_FILE, lines)
         self._mend_events()
         return Repair(adopted=tuple(self._adopted), set_aside=tuple(self._set_aside), frames=frames)
+
+    def _set_parts_aside(self) -> None:
+        """Set aside what is there of an exposure that is not whole: it is taken again as a whole."""
+        parts = Counter(record.exposure_id for record in self._frames.values())
+        for record in list(self._frames.values()):
+            if record.exposure_id is not None and parts[record.exposure_id] < EXPOSURE_PARTS:
+                del self._frames[record.sequence]
+                self._adopted = [finding for finding in self._adopted if finding.file != record.file]
+                self._move_aside(record.file, "other frames of the same exposure are missing")
 
     def _mend_events(self) -> None:
         """Keep the events that are sound by themselves; the damaged file is set aside, to be looked at."""

@@ -7,7 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue, TypeAdapter
 
+from rigctl.files.choices import Interpolation
 from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.rig_file import polarizer_axes_deg
 from rigctl.runs.simulated_light import SimulatedLight
 
 
@@ -27,6 +29,8 @@ class CameraAsTaken:
     """The camera by the rig file of a run."""
 
     address: str = ""
+    mosaic_deg: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
+    interpolation: Interpolation = "none"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +120,19 @@ class SessionRecord:
     def camera_address(self) -> str:
         """Address of the camera; empty where nobody says it."""
         return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
+
+    @property
+    def cell_deg(self) -> tuple[float, ...] | None:
+        """Axes of the polarizers on the camera's pixels; None where it has none, or nobody says it."""
+        polarizer = self.polarizer
+        if self.rig is None or self.rig.camera is None or polarizer.sense is None or polarizer.offset_deg is None:
+            return None
+        return polarizer_axes_deg(self.rig.camera.mosaic_deg, sense=polarizer.sense, offset_deg=polarizer.offset_deg)
+
+    @property
+    def interpolation(self) -> Interpolation:
+        """What its frames were made of a mosaic by; "none" too where there is no mosaic."""
+        return "none" if self.rig is None or self.rig.camera is None else self.rig.camera.interpolation
 
     @property
     def simulated_scene(self) -> Path | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from rigctl.errors import DataError
 from rigctl.runs.fits.fits_frame import decode_frame
 from rigctl.runs.fits.frame_header import record_from_header
-from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.frame_record import EXPOSURE_PARTS, FrameRecord
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Contents, file_checksum, read_contents, read_frame
 from rigctl.runs.wholeness import State, wholeness
 from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, read_bounded
@@ -109,8 +109,9 @@ def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Fi
         return []
     if state == "whole" and description.is_sealed:
         return [Finding(file=finding.file, problem="not of this run, which has finished") for finding in whole]
-    if len(whole) > 1 and description.record.is_of_session:
-        text = f"{len(whole)} whole frames have no line, and a kill leaves one at most: lines were taken out"
+    may_be_left = 1 if description.record.cell_deg is None else EXPOSURE_PARTS
+    if len(whole) > may_be_left and description.record.is_of_session:
+        text = f"{len(whole)} whole frames have no line, and a kill leaves {may_be_left} at most: lines were taken out"
         return [Finding(file=MANIFEST_FILE, problem=text)]
     return []
 

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError
 from drivers.interfaces import Camera, ReportingCamera
+from model.processing.mosaic import samples_per_pixel
+from rigctl.devices.cell_check import cell_problem
 from rigctl.devices.rig import REQUESTS, Rig
 from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
@@ -19,11 +21,11 @@ from rigctl.runs.run_writer import RunWriter
 from rigctl.session.captured_frame import CapturedFrame, record_of
 from rigctl.session.cycle_interlocks import SumRule, drift_violation
 from rigctl.session.frame_interlocks import FrameAsTaken, frame_violations
-from rigctl.session.frame_store import FrameStore, WriterThread
+from rigctl.session.frame_store import FrameStore, StoredFrame, WriterThread
 from rigctl.session.guard import Guard
 from rigctl.session.interlocks import InterlockViolation
 from rigctl.session.metering import RoundExposures
-from rigctl.session.planning.session_steps import BYTES_BESIDE_PIXELS, Step
+from rigctl.session.planning.session_steps import BYTES_BESIDE_PIXELS, Step, exposures_of
 from rigctl.session.rig_work import RigWork
 from rigctl.session.session_clock import SteadyUtc
 from rigctl.session.session_context import SessionContext
@@ -128,8 +130,10 @@ class _Acquisition:
             steps, self._work, writer, metering=context.metering, metered_s=context.metered_s
         )
         self._sum_rule = SumRule(context.interlocks, context.noise)
-        self._last_counts: NDArray[np.uint16] | None = None
+        self._last_counts: tuple[NDArray[np.uint16], ...] | None = None
+        self._is_cell_looked_at = False
         self._was_queue_full = False
+        self._own_samples = samples_per_pixel(rig_file.camera.interpolation)
 
     def run(self) -> int:
         """Go through the steps; return how many rounds were missed."""
@@ -139,12 +143,12 @@ class _Acquisition:
         if self._context.sun is not None:
             # The first position loads the libraries that know it, which takes a second: not between two frames.
             self._context.sun.at(self._utc.now_ns())
-        for step in self._steps:
+        for exposure in exposures_of(self._steps):
             self._pause.answer()
             self._surroundings.look()
-            if self._timing.is_time_for(step):
-                self._work.begin_step(step.sequence)
-                self._take(step)
+            if self._timing.is_time_for(exposure[0]):
+                self._work.begin_step(exposure[0].sequence // len(exposure))
+                self._take(exposure)
         return self._timing.missed
 
     def _home(self) -> None:
@@ -156,21 +160,26 @@ class _Acquisition:
         """Hold until somebody has put something before the camera, and says to go on from wherever they are."""
         self._pause.hold(REQUESTS[kind], cleared=lambda: False)
 
-    def _take(self, step: Step) -> None:
-        """Take one frame until its interlocks are satisfied, and hand it on to be stored."""
+    def _take(self, exposure: tuple[Step, ...]) -> None:
+        """Take one exposure until its interlocks are satisfied, and hand its frames on to be stored."""
+        step = exposure[0]
         exposure_s = self._exposures.of(step)
         self._work.present(step.kind)
-        captured, remarks = self._satisfying_frame(step, exposure_s)
-        record = self._record(step, captured, remarks)
-        violations = self._guard.watched(self._cycle_violations(step, record, captured))
-        record = replace(record, remarks=(*record.remarks, *(violation.message for violation in violations)))
+        parts, remarks = self._satisfying_parts(step, exposure_s)
+        frames: list[StoredFrame] = []
+        violations: list[InterlockViolation] = []
+        for part_step, captured in zip(exposure, parts, strict=True):
+            record = self._record(part_step, captured, remarks)
+            found = self._guard.watched(self._cycle_violations(part_step, record, captured))
+            record = replace(record, remarks=(*record.remarks, *(violation.message for violation in found)))
+            frames.append(StoredFrame(record=record, counts=captured.frame.counts))
+            violations += found
         if self._last_counts is None:
-            self._surroundings.look_ahead(
-                len(self._steps), frame_bytes=captured.frame.counts.nbytes + BYTES_BESIDE_PIXELS
-            )
-        self._last_counts = captured.frame.counts
+            frame_bytes = frames[0].counts.nbytes + BYTES_BESIDE_PIXELS
+            self._surroundings.look_ahead(len(self._steps), frame_bytes=frame_bytes)
+        self._last_counts = tuple(frame.counts for frame in frames)
         self._note_full_queue()
-        self._thread.put(record, captured.frame.counts)
+        self._thread.put(*frames)
         for violation in violations:
             # Only now: the frame is as good as its cycle, and is not lost by a stop.
             self._guard.react(violation, cleared=lambda: False)
@@ -192,7 +201,7 @@ class _Acquisition:
         """Tell whoever watches of a frame; return what is wrong with its cycle where it ends one."""
         seen = frame_summary(
             record,
-            self._context.regions.of(captured.frame.counts),
+            self._context.regions.of(captured.frame.counts, share=self._own_samples),
             time_s=captured.frame.start_monotonic_ns / NS_PER_S,
             saturated_fraction=captured.saturated_fraction,
             coarse=coarse_picture(captured.frame.counts, record) if step.kind == "scene" else None,
@@ -201,15 +210,17 @@ class _Acquisition:
         found = (self._sum_rule.add(seen, ends_cycle=step.ends_cycle), drift_violation(drift, self._guard.locks))
         return [violation for violation in found if violation is not None]
 
-    def _satisfying_frame(self, step: Step, exposure_s: float) -> tuple[CapturedFrame, tuple[str, ...]]:
+    def _satisfying_parts(self, step: Step, exposure_s: float) -> tuple[tuple[CapturedFrame, ...], tuple[str, ...]]:
         tries_left = self._guard.locks.retries
         while True:
             captured = self._captured_or_none(step, exposure_s, tries_left)
             if captured is not None:
-                violations = self._frame_violations(step, captured)
+                self._look_at_cell(step, captured)
+                parts = captured.parts(self._rig_file.camera)
+                violations = self._frame_violations(step, parts)
                 again = [self._guard.wants_again(violation, step, tries_left=tries_left) for violation in violations]
                 if not any(again):
-                    return captured, tuple(violation.message for violation in violations)
+                    return parts, tuple(violation.message for violation in violations)
                 self._work.distrust()
             tries_left -= 1
 
@@ -231,14 +242,32 @@ class _Acquisition:
             self._home()
         return None
 
-    def _frame_violations(self, step: Step, captured: CapturedFrame) -> tuple[InterlockViolation, ...]:
-        taken = FrameAsTaken(
-            kind=step.kind,
-            captured=captured,
-            tolerance_deg=self._rig_file.stage.tolerance_deg,
-            last_counts=self._last_counts,
-        )
-        return self._guard.watched(frame_violations(taken, self._guard.locks))
+    def _look_at_cell(self, step: Step, captured: CapturedFrame) -> None:
+        """Hold the cell of polarizers against the light of the first picture of a scene, where it tells."""
+        cell_deg = self._rig_file.camera.mosaic_deg
+        if cell_deg is None or step.kind != "scene" or self._is_cell_looked_at:
+            return
+        self._is_cell_looked_at = True
+        problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
+        found = [] if problem is None else [InterlockViolation(name="cell", message=problem)]
+        for violation in self._guard.watched(found):
+            self._guard.react(violation, cleared=lambda: False)
+
+    def _frame_violations(self, step: Step, parts: tuple[CapturedFrame, ...]) -> tuple[InterlockViolation, ...]:
+        """Return what is wrong with an exposure; of the parts of a cell the first that violates an interlock."""
+        stage = self._rig_file.stage
+        before = self._last_counts
+        found: dict[str, InterlockViolation] = {}
+        for place, captured in enumerate(parts):
+            taken = FrameAsTaken(
+                kind=step.kind,
+                captured=captured,
+                tolerance_deg=0.0 if stage is None else stage.tolerance_deg,
+                last_counts=None if before is None else before[place],
+            )
+            for violation in frame_violations(taken, self._guard.locks):
+                found.setdefault(violation.name if len(parts) > 1 else str(len(found)), violation)
+        return self._guard.watched(found.values())
 
     def _note_full_queue(self) -> None:
         is_full = self._thread.is_full

@@ -1,11 +1,16 @@
 """A frame as it came from the devices, and its record: what was asked for, and what devices, clocks and sun said."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.interfaces import CameraSettings, Frame, Move
+from model.processing.mosaic import planes
 from rigctl.devices.rig import Rig
 from rigctl.files.place import SiteSection
-from rigctl.files.rig_file import RigFile
+from rigctl.files.rig_file import CameraSection, RigFile
 from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.session.interlocks import InterlockViolation
@@ -27,8 +32,6 @@ class CapturedFrame:
         The last move of the stage.
     is_new_move : bool
         It was made for this frame.
-    saturated_fraction : float
-        Share of saturated pixels.
     violations : tuple of InterlockViolation
         What was wrong with settings and frame counter.
     """
@@ -37,8 +40,32 @@ class CapturedFrame:
     settings: CameraSettings
     move: Move | None
     is_new_move: bool
-    saturated_fraction: float
     violations: tuple[InterlockViolation, ...] = ()
+
+    @cached_property
+    def saturated_fraction(self) -> float:
+        """Share of saturated pixels."""
+        counts, full_dn = self.frame.counts, 2**self.frame.settings.bit_depth - 1
+        return np.count_nonzero(counts >= full_dn) / counts.size
+
+    def parts(self, camera: CameraSection) -> tuple["CapturedFrame", ...]:
+        """Return the frame behind each place of the cell of a camera with polarizers on its pixels; else the frame."""
+        if camera.mosaic_deg is None:
+            return (self,)
+        frame = self.frame
+        pictures = planes(
+            frame.counts, interpolation=camera.interpolation, saturation_dn=2**frame.settings.bit_depth - 1
+        )
+        return tuple(self._part(counts) for counts in pictures)
+
+    def _part(self, counts: NDArray[np.uint16]) -> "CapturedFrame":
+        height, width = counts.shape
+        settings = replace(self.frame.settings, width=width, height=height)
+        return replace(
+            self,
+            frame=replace(self.frame, counts=counts, settings=settings),
+            settings=replace(self.settings, width=width, height=height),
+        )
 
 
 def record_of(
@@ -53,16 +80,14 @@ def record_of(
     remarks: tuple[str, ...],
 ) -> FrameRecord:
     """Return all that is known of a frame before it is stored."""
-    frame, move, polarizer = captured.frame, captured.move, rig_file.polarizer
+    frame, move, stage = captured.frame, captured.move, rig.stage_identity
     return FrameRecord(
         kind=step.kind,
         sequence=step.sequence,
         cycle=step.cycle,
         round=None if step.due_ns is None else step.round,
         polarizer_angle_target_deg=step.polarizer_angle_deg,
-        polarizer_angle_deg=None
-        if move is None
-        else (polarizer.sense * move.position.angle_deg + polarizer.offset_deg) % 180.0,
+        polarizer_angle_deg=_polarizer_angle_deg(step, move, rig_file),
         stage_angle_target_deg=None if move is None else move.target_deg,
         stage_angle_deg=None if move is None else move.position.angle_deg,
         stage_counts=None if move is None else move.position.counts,
@@ -76,11 +101,12 @@ def record_of(
         end_utc=utc_text(frame.end_utc_ns),
         start_monotonic_ns=frame.start_monotonic_ns,
         camera_frame=frame.sequence,
+        exposure_id=None if step.part is None else step.sequence - step.part,
         camera_temperature_c=camera_temperature_c,
         camera_model=rig.camera_identity.model,
         camera_serial=rig.camera_identity.serial_number,
-        stage_model=rig.stage_identity.model,
-        stage_serial=rig.stage_identity.serial_number,
+        stage_model=None if stage is None else stage.model,
+        stage_serial=None if stage is None else stage.serial_number,
         sun_azimuth_deg=None if sun is None else sun.azimuth_deg,
         sun_elevation_deg=None if sun is None else sun.elevation_deg,
         site_latitude_deg=None if site is None else site.latitude_deg,
@@ -88,3 +114,13 @@ def record_of(
         site_elevation_m=None if site is None else site.elevation_m,
         remarks=(*(() if move is None else move.remarks), *remarks),
     )
+
+
+def _polarizer_angle_deg(step: Step, move: Move | None, rig_file: RigFile) -> float | None:
+    """Return the axis that a frame was taken behind: that of its place in the cell, or by the stage's readback."""
+    if step.part is not None and rig_file.cell_deg is not None:
+        return rig_file.cell_deg[step.part]
+    if move is None:
+        return None
+    polarizer = rig_file.polarizer
+    return (polarizer.sense * move.position.angle_deg + polarizer.offset_deg) % 180.0

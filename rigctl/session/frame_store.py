@@ -23,13 +23,17 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 # Frames that may wait for the disk: enough to ride over one slow flush, few enough to lose little in a power cut.
 QUEUE_FRAMES = 4
 
-Store = Callable[[FrameRecord, NDArray[np.uint16]], None]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Job:
+class StoredFrame:
+    """A frame and its record, on its way to the disk."""
+
     record: FrameRecord
     counts: NDArray[np.uint16]
+
+
+Frames = tuple[StoredFrame, ...]
+Store = Callable[[Frames], None]
 
 
 class WriterThread:
@@ -38,12 +42,12 @@ class WriterThread:
     Parameters
     ----------
     store : callable
-        Returns once a frame is durable. Called in the other thread, one frame at a time.
+        Returns once the frames of an exposure are durable. Called in the other thread, one exposure at a time.
     """
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._queue: queue.Queue[_Job | None] = queue.Queue(maxsize=QUEUE_FRAMES)
+        self._queue: queue.Queue[Frames | None] = queue.Queue(maxsize=QUEUE_FRAMES)
         self._error: Exception | None = None
         self._dropped: list[int] = []
         self._thread = threading.Thread(target=self._run, name="frame writer")
@@ -70,8 +74,8 @@ class WriterThread:
         """Frames that wait for the disk."""
         return self._queue.qsize()
 
-    def put(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
-        """Return once there is room for a frame; it is durable later.
+    def put(self, *frames: StoredFrame) -> None:
+        """Return once there is room for the frames of an exposure; they are durable later, all or none.
 
         Raises
         ------
@@ -79,7 +83,7 @@ class WriterThread:
             What the store raised at an earlier frame: none is taken any more.
         """
         self._raise_failure()
-        self._queue.put(_Job(record=record, counts=counts))
+        self._queue.put(frames)
 
     def flush(self) -> None:
         """Return once every frame is durable.
@@ -116,16 +120,20 @@ class WriterThread:
             try:
                 # After a failure the rest is taken off the queue, so that nobody waits for ever.
                 if job is not None and self._error is None:
-                    self._store(job.record, job.counts)
-                elif job is not None:
-                    self._dropped.append(job.record.sequence)
+                    self._store(job)
+                else:
+                    self._dropped += _sequences(job)
             except Exception as error:
                 self._error = error
-                self._dropped += [] if job is None else [job.record.sequence]
+                self._dropped += _sequences(job)
             finally:
                 self._queue.task_done()
             if job is None:
                 return
+
+
+def _sequences(frames: Frames | None) -> list[int]:
+    return [frame.record.sequence for frame in frames or ()]
 
 
 class FrameStore:
@@ -145,36 +153,38 @@ class FrameStore:
         self._writer, self._context, self._stored = writer, context, stored
         self.frames = 0
 
-    def store(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
-        """Return once a frame is durable.
+    def store(self, frames: Frames) -> None:
+        """Return once the frames of an exposure are durable.
 
         Raises
         ------
         RunFolderError
-            It cannot be written, and waiting is not wanted.
+            They cannot be written, and waiting is not wanted.
         StopAskedError
-            Somebody asked to stop while the disk was full: this frame is not stored.
+            Somebody asked to stop while the disk was full: these frames are not stored.
         """
+        first = frames[0].record
         waited = 0
         while True:
             try:
-                written = self._writer.write_frame(record, counts)
+                written = self._writer.write_frames((frame.record, frame.counts) for frame in frames)
                 break
             except RunFolderError as error:
                 if not self._waits(error):
                     raise
                 if self._context.control.is_stop_asked():
-                    raise StopAskedError(f"frame {record.sequence} is not stored: {error}") from error
+                    raise StopAskedError(f"frame {first.sequence} is not stored: {error}") from error
                 if not waited:
                     warn(f"holding: {error}: make room, or stop")
-                    self._note("hold", reason="the disk is full", sequence=record.sequence)
+                    self._note("hold", reason="the disk is full", sequence=first.sequence)
                 waited += 1
                 self._context.clock.sleep(_RETRY_S)
         if waited:
-            self._note("disk was full", sequence=record.sequence, tries=waited + 1)
+            self._note("disk was full", sequence=first.sequence, tries=waited + 1)
             self._note("go on")
-        self.frames += 1
-        self._stored(written)
+        self.frames += len(written)
+        for record in written:
+            self._stored(record)
 
     def _note(self, name: str, **facts: str | int) -> None:
         # The disk may be too full for a line, too: the frame goes first.

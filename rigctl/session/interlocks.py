@@ -13,12 +13,13 @@ from rigctl.files.interlock_section import InterlockSection
 # A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
 _EXPOSURE_TOLERANCE = 0.01
 _BYTES_PER_MB = 1_000_000
-_OF_THE_DATA = ("clock", "disk", "drift", "low_signal", "saturated", "sum_rule", "synchronised")
+_OF_THE_DATA = ("cell", "clock", "disk", "drift", "low_signal", "saturated", "sum_rule", "synchronised")
 
 Name = Literal[
     "angle",
     "black",
     "button",
+    "cell",
     "clock",
     "counter",
     "disk",

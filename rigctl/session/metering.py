@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rigctl.files.session_file import MeteringSection
 from rigctl.runs.run_events import METERED_EVENT
 from rigctl.runs.run_writer import RunWriter
+from rigctl.session.captured_frame import CapturedFrame
 from rigctl.session.planning.session_steps import Step
 from rigctl.session.rig_work import RigWork
 
@@ -138,9 +139,7 @@ class RoundExposures:
         angles = {s.polarizer_angle_deg for s in self._steps if s.round == number and s.kind == "scene"}
         ordered = sorted(angles, key=lambda angle: angle or 0.0)
         self._work.present("scene")
-        found = meter(
-            lambda exposure_s: {angle: self._bright_share(exposure_s, angle) for angle in ordered}, self._metering
-        )
+        found = meter(lambda exposure_s: self._bright_shares(exposure_s, ordered), self._metering)
         self._writer.event(
             METERED_EVENT,
             round=number,
@@ -151,8 +150,18 @@ class RoundExposures:
         )
         return found.exposure_s
 
-    def _bright_share(self, exposure_s: float, angle_deg: float | None) -> float:
-        frame = self._work.capture(exposure_s=exposure_s, polarizer_angle_deg=angle_deg).frame
+    def _bright_shares(self, exposure_s: float, angles_deg: Sequence[float | None]) -> Shares:
+        """Return the share of each angle; those of a cell of polarizers are of one exposure."""
+        if any(step.part is not None for step in self._steps):
+            parts = self._work.capture_parts(exposure_s=exposure_s)
+            return {angle_deg: self._share(captured) for angle_deg, captured in parts.items()}
+        return {
+            angle_deg: self._share(self._work.capture(exposure_s=exposure_s, polarizer_angle_deg=angle_deg))
+            for angle_deg in angles_deg
+        }
+
+    def _share(self, captured: CapturedFrame) -> float:
+        frame = captured.frame
         self._next_camera_frame = frame.sequence + 1
         full_dn = float(2**frame.settings.bit_depth - 1)
         return bright_share(frame.counts, quantile=self._metering.quantile, full_dn=full_dn)

@@ -135,8 +135,10 @@ class ReconnectLoop:
 
 def require_same_devices(rig: Rig, run: Run) -> None:
     """Raise NotConnectedError unless the devices are those with which a run began."""
-    found: dict[str, DeviceIdentity] = {"stage": rig.stage_identity, "camera": rig.camera_identity}
+    found: dict[str, DeviceIdentity | None] = {"stage": rig.stage_identity, "camera": rig.camera_identity}
     for what, identity in found.items():
+        if identity is None:
+            continue
         before = run.session.stage if what == "stage" else run.session.camera
         if before.serial_number != identity.serial_number:
             raise NotConnectedError(

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from drivers.errors import DeviceTimeoutError
 from drivers.interfaces import CameraSettings, CameraWithFacts, Frame, Move
 from rigctl.devices.rig import Rig
@@ -12,6 +10,7 @@ from rigctl.files.rig_file import RigFile
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.captured_frame import CapturedFrame
 from rigctl.session.interlocks import InterlockViolation, homed_violation, settings_violation
+from rigctl.session.planning.session_steps import nominal_deg
 
 
 class FrameCounter:
@@ -72,13 +71,16 @@ class RigWork:
 
     def home(self) -> InterlockViolation | None:
         """Find the stage's reference; return a violation where the stage does not say that it has."""
-        home = self._rig.stage.home()
-        self._writer.event("homed", stage_angle_deg=home.angle_deg, stage_counts=home.counts)
         self.distrust()
-        return homed_violation(self._rig.stage.status())
+        stage = self._rig.stage
+        if stage is None:
+            return None
+        home = stage.home()
+        self._writer.event("homed", stage_angle_deg=home.angle_deg, stage_counts=home.counts)
+        return homed_violation(stage.status())
 
     def begin_step(self, sequence: int) -> None:
-        """Tell the rig which step comes next."""
+        """Tell the rig which step comes next; where steps are parts of one exposure, which exposure."""
         if self._rig.begin_step(sequence):
             self._counter.forget()
 
@@ -107,15 +109,25 @@ class RigWork:
         settings = self._configured(exposure_s)
         is_new_move = self._turn(polarizer_angle_deg)
         frame, counter_violation = self._frame(settings.exposure_s)
-        full_dn = 2**frame.settings.bit_depth - 1
         return CapturedFrame(
             frame=frame,
             settings=settings,
             move=self._move,
             is_new_move=is_new_move,
-            saturated_fraction=np.count_nonzero(frame.counts >= full_dn) / frame.counts.size,
             violations=tuple(found for found in (self._settings_violation, counter_violation) if found is not None),
         )
+
+    def capture_parts(self, *, exposure_s: float) -> dict[float, CapturedFrame]:
+        """Return a frame behind each axis of the cell of a camera with polarizers on its pixels, of one exposure.
+
+        Raises
+        ------
+        DeviceError
+            The camera fails.
+        """
+        captured = self.capture(exposure_s=exposure_s, polarizer_angle_deg=None)
+        axes_deg = self._rig_file.cell_deg or ()
+        return dict(zip(map(nominal_deg, axes_deg), captured.parts(self._rig_file.camera), strict=True))
 
     def _frame(self, exposure_s: float) -> tuple[Frame, InterlockViolation | None]:
         try:
@@ -135,10 +147,11 @@ class RigWork:
         return self._settings
 
     def _turn(self, polarizer_angle_deg: float | None) -> bool:
-        if polarizer_angle_deg is None or polarizer_angle_deg == self._angle_asked_deg:
+        stage = self._rig.stage
+        if stage is None or polarizer_angle_deg is None or polarizer_angle_deg == self._angle_asked_deg:
             return False
         polarizer = self._rig_file.polarizer
-        move = self._rig.stage.move_to(polarizer.sense * (polarizer_angle_deg - polarizer.offset_deg))
+        move = stage.move_to(polarizer.sense * (polarizer_angle_deg - polarizer.offset_deg))
         for remark in move.remarks:
             self._writer.event("stage", remark=remark)
         self._move, self._angle_asked_deg = move, polarizer_angle_deg

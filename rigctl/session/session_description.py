@@ -32,6 +32,7 @@ def describe_session(
     """
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     names = {what: path.name for what, path in (files | scene).items()}
+    stage = {} if rig.stage_identity is None else {"stage": vars(rig.stage_identity)}
     light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
     return {
         "origin": rig.origin,
@@ -41,7 +42,7 @@ def describe_session(
             what: {"name": names[what], "sha256": hashlib.sha256(content).hexdigest()}
             for what, content in inputs.items()
         },
-        "stage": vars(rig.stage_identity),
+        **stage,
         "camera": vars(rig.camera_identity),
         "camera_facts": _facts_of(rig.camera),
         "versions": {package: version(package) for package in _PACKAGES},

@@ -73,7 +73,7 @@ def take_session(
     now_ns = clock.utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     rounds = (at_ns,) if rounds == (None,) else rounds
-    steps = plan_steps(session, rounds)
+    steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
     with notices(rig_file.notify, out) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
@@ -131,7 +131,7 @@ def resume_session(
     rig_file, session = files_of(run)
     clock = clock_of(rig_file, after_ns=_last_ns(run)) if clock is None else clock
     until_ns = run.session.until_ns
-    steps = plan_steps(session, run.session.rounds_ns)
+    steps = plan_steps(session, run.session.rounds_ns, cell_deg=rig_file.cell_deg)
     rest = continuation(run, steps)
     if not rest.steps and rest.is_finished:
         _close_again(path, clock)

@@ -6,14 +6,17 @@ from typing import Any
 
 from rigctl.errors import ConfigError
 from sim_devices.cameras.gige_faults import GigeFaults
+from sim_devices.micro_polarizers import MicroPolarizers
 from sim_devices.truth_log import TruthLog
 
 # A camera at this address is on the network, at that of this machine: ``sim:gige?lost=0.001&hang=20``.
 ON_NETWORK = "sim:gige"
 THIS_MACHINE = "127.0.0.1"
+# A camera with polarizers on its pixels: ``sim:mosaic?cell=90,45,135,0&crosstalk=0.02&angle_error_deg=0.5``.
+MOSAIC = "sim:mosaic"
 # The camera behind one that is served to other programs; nobody writes it into a rig file.
 SERVED = "sim:served"
-_SIMULATED = ("sim:gc780", ON_NETWORK)
+_SIMULATED = ("sim:gc780", ON_NETWORK, MOSAIC)
 _TRUTH = "truth="
 
 
@@ -46,14 +49,56 @@ def split_truth(address: str) -> tuple[str, TruthLog | None]:
         raise ConfigError(f"camera.address: truth={files[0]}: cannot be written: {error.strerror}") from error
 
 
-def require_known_camera(address: str) -> None:
-    """Raise ConfigError for the address of a simulated camera that there is not."""
+def require_known_camera(address: str, *, is_mosaic: bool = False) -> None:
+    """Raise ConfigError for the address of a simulated camera that there is not, or that is no mosaic as it should."""
     name, _, options = address.partition("?")
+    if is_mosaic and name.startswith("sim:") and name not in (MOSAIC, ON_NETWORK, SERVED):
+        raise ConfigError(f"camera.address: {name} has no polarizers on its pixels; {MOSAIC} and {ON_NETWORK} may have")
+    if name == MOSAIC and not is_mosaic:
+        raise ConfigError(f"camera.address: {name} has polarizers on its pixels: state mosaic_deg = [90, 45, 135, 0]")
     if name.startswith("sim:") and name not in (*_SIMULATED, SERVED):
         raise ConfigError(f"camera.address: there is no simulated camera {name!r}; there are {', '.join(_SIMULATED)}")
     unknown = [option for option in options.split("&") if option and not option.startswith(_TRUTH)]
     if name == _SIMULATED[0] and unknown:
         raise ConfigError(f"camera.address: {unknown[0]!r} is no key of {name}: allowed is {_TRUTH}FILE")
+    if name == MOSAIC:
+        _, rest = split_polarizers("&".join(unknown))
+        if rest:
+            raise ConfigError(
+                f"camera.address: {rest!r}: of {name} allowed are {_TRUTH}FILE, {', '.join(sorted(_POLARIZERS))}"
+            )
+
+
+def split_polarizers(options: str) -> tuple[MicroPolarizers, str]:
+    """Return the polarizers on the pixels that options of an address ask for, and the options that are none.
+
+    Parameters
+    ----------
+    options : str
+        ``cell`` are the true axes, row by row; ``angle_error_deg`` and ``pixel_error_deg`` the deviations of those of a
+        place and of a pixel; ``crosstalk`` the share of light that leaks into each neighbour.
+
+    Raises
+    ------
+    ConfigError
+        A value is not allowed.
+    """
+    values: dict[str, Any] = {}
+    rest = []
+    for option in filter(None, options.split("&")):
+        key, _, text = option.partition("=")
+        if key not in _POLARIZERS:
+            rest.append(option)
+            continue
+        field, read = _POLARIZERS[key]
+        try:
+            values[field] = read(text)
+        except ValueError as error:
+            raise ConfigError(f"camera.address: {option}: is no number") from error
+    try:
+        return MicroPolarizers(**values), "&".join(rest)
+    except ValueError as error:
+        raise ConfigError(f"camera.address: {error}") from error
 
 
 def split_faults(options: str) -> tuple[GigeFaults, str]:
@@ -104,6 +149,16 @@ def _seconds(text: str) -> float | None:
     return seconds if 0.0 <= seconds <= 3600.0 else None
 
 
+def _angles(text: str) -> tuple[float, ...]:
+    return tuple(map(float, text.split(",")))
+
+
+_POLARIZERS: dict[str, tuple[str, Callable[[str], float | tuple[float, ...]]]] = {
+    "cell": ("cell_deg", _angles),
+    "angle_error_deg": ("place_error_deg", float),
+    "pixel_error_deg": ("pixel_error_deg", float),
+    "crosstalk": ("crosstalk", float),
+}
 _Reader = Callable[[str], float | int | None]
 _PICTURE = "whole number from 2 on: the driver takes the first picture when it opens the camera"
 _FAULTS: dict[str, tuple[str, _Reader, str]] = {

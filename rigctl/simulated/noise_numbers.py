@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.frame_record import EXPOSURE_PARTS, FrameRecord
 from rigctl.runs.run_events import RunEvent, metered_exposures, read_events
 from rigctl.runs.run_folder import read_run
 from sim_devices.camera import SimCamera
@@ -89,8 +89,13 @@ def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequ
         The step.
     """
     used = max((one.next_camera_frame or 0 for one in metered_exposures(events)), default=0)
-    before = [frame for frame in frames if frame.sequence < sequence and frame.camera_frame is not None]
+    before = [frame for frame in frames if _place(frame) < sequence and frame.camera_frame is not None]
     if not before:
         return used
-    last = max(before, key=lambda frame: frame.sequence)
-    return max((last.camera_frame or 0) + sequence - last.sequence, used)
+    last = max(before, key=_place)
+    return max((last.camera_frame or 0) + sequence - _place(last), used)
+
+
+def _place(frame: FrameRecord) -> int:
+    """Return which exposure of the session a frame is of, from 0."""
+    return frame.sequence if frame.exposure_id is None else frame.exposure_id // EXPOSURE_PARTS

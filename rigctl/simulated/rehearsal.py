@@ -6,6 +6,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, masks
 from rigctl.files.rig_file import RigFile
 from rigctl.simulated.simulation import made_camera, seen_scene
+from rigctl.simulated.stated_parts import frame_size
 
 
 def rehearse(
@@ -40,7 +41,8 @@ def rehearse(
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
     for exposure_s in exposures_s:
         camera.configure(exposure_s=exposure_s, gain_db=rig.camera.gain_db)
-    masks(list(regions), width=rig.simulation.camera.width, height=rig.simulation.camera.height)
+    width, height = frame_size(rig, rig.simulation.camera)
+    masks(list(regions), width=width, height=height)
     roof = seen.roof
     if roof is None:
         return ()

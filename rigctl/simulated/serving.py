@@ -117,4 +117,4 @@ def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) 
         with simulate(rig, session_name="served") as simulation:
             serial_number = simulation.camera.identify().serial_number
             with serve_gige_camera(simulation.camera, address=place, serial_number=serial_number, faults=faults):
-                yield simulation.stage_port
+                yield simulation.stage_port or "none: the camera has polarizers on its pixels"

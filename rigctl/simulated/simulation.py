@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,21 +13,36 @@ from numpy.typing import NDArray
 
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RoofChange
-from rigctl.files.regions import masks
-from rigctl.files.rig_file import RigFile, SimulatedCamera
+from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulationSection
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.runs.simulated_light import SimulatedLight
-from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE, require_known_camera, split_faults, split_truth
+from rigctl.simulated.camera_address import (
+    ON_NETWORK,
+    THIS_MACHINE,
+    require_known_camera,
+    split_faults,
+    split_polarizers,
+    split_truth,
+)
 from rigctl.simulated.lit_roof import LitRoof
 from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.simulated_clock import SimulatedClock
-from rigctl.simulated.stated_parts import TEXTURE_STREAM, stage_options, stated_camera, stated_radiance, stated_world
+from rigctl.simulated.stated_parts import (
+    TEXTURE_STREAM,
+    on_sensor,
+    stage_options,
+    stated_camera,
+    stated_radiance,
+    stated_world,
+)
 from sim_devices.camera import SimCamera
 from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
+from sim_devices.micro_polarizers import MicroPolarizers
 from sim_devices.stages.catalogue import make_stage
 from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.simulated_stage import SimulatedStage
 from sim_devices.textured_scene import TexturedScene
 from sim_devices.world import World
 
@@ -51,8 +66,8 @@ class Simulation:
         What stands in front of the camera.
     camera : SimCamera
         Looks at it.
-    stage_port : str
-        Pseudo-terminal on which the simulated stage answers.
+    stage_port : str or None
+        Pseudo-terminal on which the simulated stage answers; None where the camera has polarizers on its pixels.
     network_address : str or None
         Address of the camera for its driver, where it is served as a GigE Vision camera; None where it is not.
     begin_step : callable
@@ -64,7 +79,7 @@ class Simulation:
 
     world: World
     camera: SimCamera
-    stage_port: str
+    stage_port: str | None
     network_address: str | None
     begin_step: Callable[[int], bool]
     light: SimulatedLight | None = None
@@ -105,7 +120,8 @@ def with_simulation(rig: RigFile, *, clock_ns: int | None, perturb: RoofChange |
 
 def _is_within_program(rig: RigFile) -> bool:
     camera = rig.camera.address
-    return rig.stage.port.startswith("sim:") and camera.startswith("sim:") and camera.partition("?")[0] != ON_NETWORK
+    turns = rig.stage is None or rig.stage.port.startswith("sim:")
+    return turns and camera.startswith("sim:") and camera.partition("?")[0] != ON_NETWORK
 
 
 @contextmanager
@@ -133,18 +149,18 @@ def simulate(
     """
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
-    require_known_camera(rig.camera.address)
+    require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
     try:
-        options = stage_options(rig.stage.port, rig.simulation.seed)
-        stage_clock = SimClock(speed=options.speed)
-        stage = make_stage(options, clock=stage_clock)
+        stage, stage_clock = _made_stage(rig, rig.simulation)
         seen = seen_scene(rig, utc_ns=time.time_ns if clock is None else clock.utc_ns)
-        world = stated_world(rig.simulation, seen.radiance, stage)
         address, log = split_truth(rig.camera.address)
-        camera = stated_camera(rig.simulation, world, session_name, log, clock)
+        polarizers, address = _polarizers(rig, address)
+        world = stated_world(rig.simulation, seen.radiance, stage, polarizers)
+        camera = stated_camera(rig.simulation, world, session_name, log, clock, polarizers=polarizers)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
-    with serve_on_pty(stage, clock=stage_clock) as port, camera, _serve_if_gige(address, camera) as network_address:
+    served = nullcontext(None) if stage is None else serve_on_pty(stage, clock=stage_clock)
+    with served as port, camera, _serve_if_gige(address, camera) as network_address:
         noise = NoiseNumbers(camera, run) if network_address is None else FreshNoise(camera, run)
         yield Simulation(
             world=world,
@@ -154,6 +170,24 @@ def simulate(
             begin_step=_begin_step(noise.begin_step, world, camera, seen, clock),
             light=None if seen.roof is None else seen.roof.record,
         )
+
+
+def _made_stage(rig: RigFile, simulation: SimulationSection) -> tuple[SimulatedStage | None, SimClock]:
+    """Return the stage of a simulated rig and its clock; no stage where the camera has polarizers on its pixels."""
+    if rig.stage is None:
+        return None, SimClock(speed=1.0)
+    options = stage_options(rig.stage.port, simulation.seed)
+    clock = SimClock(speed=options.speed)
+    return make_stage(options, clock=clock), clock
+
+
+def _polarizers(rig: RigFile, address: str) -> tuple[MicroPolarizers | None, str]:
+    """Return the polarizers on the pixels of a simulated camera, and its address without what is said of them."""
+    if rig.camera.mosaic_deg is None:
+        return None, address
+    name, _, options = address.partition("?")
+    polarizers, rest = split_polarizers(options)
+    return polarizers, f"{name}?{rest}" if rest else name
 
 
 def _begin_step(
@@ -256,9 +290,9 @@ def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
     if not scene.has_materials:
         if rig.simulation.perturb is not None:
             raise ConfigError("--perturb: is for a simulated roof, a scene whose regions have a material")
-        return SeenScene(radiance=stated_radiance(scene, camera, rig.simulation.seed))
+        return SeenScene(radiance=stated_radiance(scene, rig, camera, rig.simulation.seed))
     roof = LitRoof(scene, rig)
-    inside = masks(list(scene.regions), width=camera.width, height=camera.height)
+    inside = on_sensor(scene.regions, rig, camera)
     textured = TexturedScene(
         masks={region.name: inside[region.name] for region in scene.regions},
         background_radiance=scene.background_radiance,
@@ -286,6 +320,7 @@ def made_camera(rig: RigFile, seen: SeenScene, *, session_name: str) -> SimCamer
     """
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
-    options = stage_options(rig.stage.port, rig.simulation.seed)
-    stage = make_stage(options, clock=SimClock(speed=options.speed))
-    return stated_camera(rig.simulation, stated_world(rig.simulation, seen.radiance, stage), session_name, None, None)
+    stage, _ = _made_stage(rig, rig.simulation)
+    polarizers, _ = _polarizers(rig, rig.camera.address)
+    world = stated_world(rig.simulation, seen.radiance, stage, polarizers)
+    return stated_camera(rig.simulation, world, session_name, None, None, polarizers=polarizers)

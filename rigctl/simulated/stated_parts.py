@@ -2,14 +2,14 @@
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import assert_never
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.files.regions import masks
+from rigctl.files.regions import Region, masks
 from rigctl.files.rendering_sections import (
     BeamWanderSection,
     CosmicHitsSection,
@@ -20,16 +20,19 @@ from rigctl.files.rendering_sections import (
     SmearSection,
     VignettingSection,
 )
-from rigctl.files.rig_file import SimulatedCamera, SimulatedPolarizer, SimulationSection
+from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
 from rigctl.files.scene_file import SceneFile, SceneRegion
 from rigctl.simulated.lens_position import LensPosition
 from rigctl.simulated.simulated_clock import SimulatedClock
 from sim_devices.camera import SimCamera
 from sim_devices.detector import Detector, Lens
+from sim_devices.micro_polarizers import MicroPolarizers, crosstalk
+from sim_devices.random_streams import Stream, generator
 from sim_devices.rendering.effect import RenderingEffect
 from sim_devices.rendering.optics import beam_wander, defocus, drift, point_spread, vignetting
 from sim_devices.rendering.readout import cosmic_hits, fixed_pattern, smear
-from sim_devices.scene_truth import Region, Surface, paint_scene
+from sim_devices.scene_truth import Region as PaintedRegion
+from sim_devices.scene_truth import Surface, paint_scene
 from sim_devices.stages.catalogue import StageOptions, parse_stage_address
 from sim_devices.stages.simulated_stage import SimulatedStage
 from sim_devices.truth_log import TruthLog
@@ -37,6 +40,8 @@ from sim_devices.world import Polarizer, World
 
 FloatArray = NDArray[np.float64]
 
+# Effects that move or blur light before it meets polarizers on the pixels.
+_BEFORE_POLARIZERS = ("point-spread", "beam-wander")
 # Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
 TEXTURE_STREAM = 1
 
@@ -47,14 +52,39 @@ def stage_options(port: str, seed: int) -> StageOptions:
     return options if "seed=" in port else replace(options, seed=seed)
 
 
-def stated_radiance(scene: SceneFile, camera: SimulatedCamera, seed: int) -> FloatArray:
+def on_sensor(regions: Sequence[Region], rig: RigFile, camera: SimulatedCamera) -> dict[str, NDArray[np.bool_]]:
+    """Return where regions lie on the sensor: they are drawn on frames, whose pixels may be whole cells of it."""
+    width, height = frame_size(rig, camera)
+    inside = masks(list(regions), width=width, height=height)
+    if (width, height) == (camera.width, camera.height):
+        return inside
+    return {name: mask.repeat(2, axis=0).repeat(2, axis=1) for name, mask in inside.items()}
+
+
+def frame_size(rig: RigFile, camera: SimulatedCamera) -> tuple[int, int]:
+    """Return width and height of the frames of a simulated rig.
+
+    Raises
+    ------
+    ValueError
+        A sensor of cells has an odd side.
+    """
+    if rig.camera.mosaic_deg is None:
+        return camera.width, camera.height
+    if camera.width % 2 or camera.height % 2:
+        raise ValueError(f"the sensor has {camera.width} x {camera.height} pixels; cells of 2 x 2 need even sides")
+    halved = 2 if rig.camera.interpolation == "none" else 1
+    return camera.width // halved, camera.height // halved
+
+
+def stated_radiance(scene: SceneFile, rig: RigFile, camera: SimulatedCamera, seed: int) -> FloatArray:
     """Return the radiance that a scene file states, with its texture: a (3, H, W) array [W m-2 sr-1]."""
-    inside = masks(list(scene.regions), width=camera.width, height=camera.height)
+    inside = on_sensor(scene.regions, rig, camera)
     return paint_scene(
         width=camera.width,
         height=camera.height,
         background=Surface(mean_stokes=(scene.background_radiance, 0.0, 0.0)),
-        regions=[Region(surface=_surface(region), where=inside[region.name]) for region in scene.regions],
+        regions=[PaintedRegion(surface=_surface(region), where=inside[region.name]) for region in scene.regions],
         generator=np.random.default_rng([seed, TEXTURE_STREAM]),
     )
 
@@ -69,14 +99,29 @@ def _surface(region: SceneRegion) -> Surface:
     )
 
 
-def stated_world(simulation: SimulationSection, radiance: FloatArray, stage: SimulatedStage) -> World:
-    """Return what stands before the camera: a scene behind the polarizer that a stage turns."""
+def stated_world(
+    simulation: SimulationSection,
+    radiance: FloatArray,
+    stage: SimulatedStage | None,
+    polarizers: MicroPolarizers | None = None,
+) -> World:
+    """Return what stands before the camera: a scene behind the polarizer that a stage turns, or those on its pixels."""
+    pixel_axes_deg = None
+    if polarizers is not None:
+        height, width = radiance.shape[1:]
+        made_with = generator(simulation.seed, Stream.MICRO_POLARIZERS)
+        pixel_axes_deg = polarizers.axes_deg((height, width), generator=made_with)
     return World(
         radiance=radiance,
         polarizer=stated_polarizer(simulation.polarizer),
-        stage_angle_deg=stage.true_angle_deg,
+        stage_angle_deg=_nothing_turns if stage is None else stage.true_angle_deg,
         flat_radiance=simulation.flat_radiance,
+        pixel_axes_deg=pixel_axes_deg,
     )
+
+
+def _nothing_turns() -> float:
+    return 0.0
 
 
 def stated_polarizer(truth: SimulatedPolarizer) -> Polarizer:
@@ -101,12 +146,19 @@ def stated_camera(
     clock: SimulatedClock | None,
     *,
     wrapped: Callable[[RenderingEffect], RenderingEffect] = _as_it_is,
+    polarizers: MicroPolarizers | None = None,
 ) -> SimCamera:
     """Return the camera before a world; `log` notes what is true of its frames, `clock` None is the host's.
 
     `wrapped` makes another of each effect of its pictures, such as one that is timed.
     """
     lens, detector = _lens(simulation.camera), _detector(simulation.camera)
+    # A lens blurs light before it meets polarizers on the pixels, which is not simulated.
+    lens_blur = [defocus(lens, detector, defocus_m=LensPosition(simulation).defocus_m)] if polarizers is None else []
+    leaks = [crosstalk(polarizers.crosstalk)] if polarizers is not None and polarizers.crosstalk else []
+    blurred = [section.effect for section in simulation.effects if section.effect in _BEFORE_POLARIZERS]
+    if polarizers is not None and blurred:
+        raise ValueError(f"{', '.join(blurred)}: acts before the polarizers on the pixels, which is not simulated")
     return SimCamera(
         world=world,
         lens=lens,
@@ -117,11 +169,12 @@ def stated_camera(
         utc_ns=time.time_ns if clock is None else clock.utc_ns,
         monotonic_ns=time.monotonic_ns if clock is None else clock.monotonic_ns,
         rendering=[
-            defocus(lens, detector, defocus_m=LensPosition(simulation).defocus_m),
+            *lens_blur,
             *(
                 wrapped(rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed))
                 for section in simulation.effects
             ),
+            *leaks,
         ],
     )
 

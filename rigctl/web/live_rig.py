@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Camera, Frame, RotationStage
+from model.processing.mosaic import planes
 from rigctl.devices.focus import focus_of
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.choices import Interpolation
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.web.pictures import (
     MAP_WIDTH,
@@ -39,12 +41,21 @@ _TIMEOUT_S = 10.0
 _MS_PER_S = 1e3
 
 
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """Axes of a cell of polarizers, row by row [deg], and what is made of its pictures."""
+
+    axes_deg: tuple[float, ...]
+    interpolation: Interpolation
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenDevices:
-    """Devices that are open; no stage where there is none."""
+    """Devices that are open; no stage where there is none, a cell where the camera has polarizers on its pixels."""
 
     camera: Camera
     stage: RotationStage | None
+    cell: Cell | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,6 +239,10 @@ class LiveRig:
     def _do(self, devices: OpenDevices, task: Task) -> None:
         """Do one task until another is wanted."""
         devices.camera.configure(exposure_s=task.exposure_s, gain_db=task.gain_db)
+        if devices.cell is not None:
+            while self._wanted() is task:
+                self._look_through(devices.cell, devices.camera, task)
+            return
         if task.kind == "preview":
             while self._wanted() is task:
                 angle_deg = self._turned(devices.stage)
@@ -238,6 +253,20 @@ class LiveRig:
         devices.stage.home()
         while self._wanted() is task:
             self._go_round(devices.camera, devices.stage, task)
+
+    def _look_through(self, cell: Cell, camera: Camera, task: Task) -> None:
+        """Take a picture behind a cell of polarizers: all angles at once, so that each has its maps."""
+        began_s = time.monotonic()
+        frame = self._frame(camera, task)
+        saturation_dn = 2.0**frame.settings.bit_depth - 1.0
+        parts = planes(frame.counts, interpolation=cell.interpolation, saturation_dn=saturation_dn)
+        # What is drawn upon and focused by is the mean of all angles: the cell itself is no texture of the scene.
+        stacked = np.stack(parts)
+        full = (stacked >= saturation_dn).any(axis=0)
+        mean = np.where(full, saturation_dn, stacked.mean(axis=0, dtype=np.float32)).astype(np.uint16)
+        self._seen(replace(frame, counts=mean), None)
+        small = [smaller(part, most_width=MOST_WIDTH) for part in parts]
+        self._went_round(small, cell.axes_deg, time.monotonic() - began_s)
 
     def _go_round(self, camera: Camera, stage: RotationStage, task: Task) -> None:
         began_s = time.monotonic()

@@ -11,7 +11,7 @@ from drivers.cameras.gige import open_gige
 from drivers.interfaces import Camera
 from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.drivers.cameras.other_program import other_program
-from tests.sim_devices.camera_builders import small_camera
+from tests.sim_devices.camera_builders import mosaic_camera, small_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import KnownPictures
 
@@ -48,5 +48,7 @@ CAMERAS: dict[str, Callable[[], AbstractContextManager[Camera]]] = {
     "gige-mono8": gige("pixel_format=Mono8"),
     "gige-mono12": gige("pixel_format=Mono12"),
     "gige-mono12packed": gige("pixel_format=Mono12Packed"),
+    "gige-polarizemono12p": gige("pixel_format=PolarizeMono12p"),
+    "mosaic": mosaic_camera,
     "gige-running": gige("pixel_format=Mono12&trigger=free&frame_rate_hz=30"),
 }

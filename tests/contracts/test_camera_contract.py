@@ -119,7 +119,8 @@ def test_how_its_counts_come_about_is_json(camera):
     if not isinstance(camera, ReportingCamera):
         pytest.skip("does not tell, as a plug-in's camera may not; our own are all held to it below")
     told = asdict(camera.facts()) | {"features": camera.features()}
-    assert json.loads(json.dumps(told)) == told
+    as_json = {name: list(value) if isinstance(value, tuple) else value for name, value in told.items()}
+    assert json.loads(json.dumps(told)) == as_json
     assert told["sample_format"]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from sim_devices.camera import SimCamera
 from sim_devices.detector import Detector, Lens
+from sim_devices.micro_polarizers import MicroPolarizers, crosstalk
 from sim_devices.world import Polarizer, World
 
 ELECTRONS_OF_FLAT_IN_1_MS = 1976.893
@@ -86,3 +87,16 @@ def camera_on(world: World, detector: Detector, **options) -> SimCamera:
 
 def small_camera(**options) -> SimCamera:
     return camera_on(uniform_world(width=20, height=10), SMALL, **options)
+
+
+def mosaic_camera(**options) -> SimCamera:
+    """Return a small camera with polarizers on its pixels."""
+    polarizers = MicroPolarizers(place_error_deg=0.5, pixel_error_deg=0.2, crosstalk=0.01)
+    world = World(
+        radiance=np.ones((3, 10, 20)) * np.array([0.04, 0.01, 0.0])[:, np.newaxis, np.newaxis],
+        polarizer=PERFECT_POLARIZER,
+        stage_angle_deg=Turntable(),
+        flat_radiance=0.04,
+        pixel_axes_deg=polarizers.axes_deg((10, 20), generator=np.random.default_rng(3)),
+    )
+    return camera_on(world, SMALL, rendering=[crosstalk(polarizers.crosstalk)], **options)

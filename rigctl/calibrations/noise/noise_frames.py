@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelKind
+from model.processing.mosaic import mosaic
 from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.calibrations.noise.emva_descriptor import read_emva_descriptor
 from rigctl.calibrations.noise.run_checks import record_flags
@@ -21,10 +22,11 @@ from rigctl.errors import DataError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.images.image_file import read_image
 from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import MANIFEST_FILE
+from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.runs.wholeness import used_run
 from rigctl.storage.bounded_file import MOST_FRAME_BYTES, sha256_of
 
+Shot = tuple[FrameRecord, ...]
 Loader = Callable[[], NDArray[np.uint16]]
 
 
@@ -109,16 +111,17 @@ def run_frames(path: Path) -> FrameSet:
         It has no dark and flat frames, or they were not all taken with one setting of one camera.
     """
     run = used_run(path)
-    groups: dict[tuple[LevelKind, float | None, float | None], list[FrameRecord]] = defaultdict(list)
-    for record in run.frames:
-        if record.kind != "scene":
-            groups[record.kind, _alike(record.exposure_s), _light(record)].append(record)
-    records = [record for group in groups.values() for record in group]
+    _refuse_interpolated(run)
+    groups: dict[tuple[LevelKind, float | None, float | None], list[Shot]] = defaultdict(list)
+    for shot in _shots(run.frames):
+        if shot[0].kind != "scene":
+            groups[shot[0].kind, _alike(shot[0].exposure_s), _light(shot[0])].append(shot)
+    records = [record for group in groups.values() for shot in group for record in shot]
     if not records:
         raise DataError(f"{path}: has no dark and no flat frames; `rigctl acquire` and `rigctl import` make them")
     return FrameSet(
         groups=tuple(
-            FrameGroup(kind=kind, exposure_s=exposure_s, loaders=tuple(partial(run.counts, r) for r in group))
+            FrameGroup(kind=kind, exposure_s=exposure_s, loaders=tuple(partial(_picture, run, shot) for shot in group))
             for (kind, exposure_s, _), group in groups.items()
         ),
         camera=_common_setting(path, records),
@@ -131,6 +134,30 @@ def run_frames(path: Path) -> FrameSet:
         ),
         flags=record_flags(sorted(records, key=lambda record: record.sequence)),
     )
+
+
+def _shots(frames: Sequence[FrameRecord]) -> list[Shot]:
+    """Return frames by exposure: each by itself, or the parts behind a cell of polarizers together."""
+    shots: dict[tuple[str, int], list[FrameRecord]] = defaultdict(list)
+    for record in frames:
+        key = ("frame", record.sequence) if record.exposure_id is None else ("cell", record.exposure_id)
+        shots[key].append(record)
+    return [tuple(shot) for shot in shots.values()]
+
+
+def _picture(run: Run, shot: Shot) -> NDArray[np.uint16]:
+    """Return the picture of an exposure, its parts back in their places: each pixel is one of the sensor."""
+    if len(shot) == 1:
+        return run.counts(shot[0])
+    return mosaic([run.counts(record) for record in shot])
+
+
+def _refuse_interpolated(run: Run) -> None:
+    if run.session.interpolation != "none":
+        raise DataError(
+            f"{run.path}: its frames were interpolated ({run.session.interpolation}), so that neighbours share their "
+            'noise: take frames for a calibration with interpolation = "none"'
+        )
 
 
 def _light(record: FrameRecord) -> float | None:

@@ -48,6 +48,7 @@ _KEYWORDS = tuple(
         ("stage_tries", "POLTRY", "commands of the move until within tolerance"),
         ("settle_s", "SETTLE", "[s] command of the move to accepted readback"),
         ("camera_frame", "CAMFRAME", "the camera's own frame counter"),
+        ("exposure_id", "EXPOID", "frames of one exposure have the same"),
         ("camera_temperature_c", "CCD-TEMP", "[deg C] camera, as it says"),
         ("round", "ROUND", "round of the schedule, from 0"),
         ("sun_azimuth_deg", "SUNAZ", "[deg] sun, clockwise from north"),

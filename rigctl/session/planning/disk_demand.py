@@ -68,6 +68,8 @@ def demand_of(
 def _fastest_period_s(steps: Sequence[Step], camera_s: float) -> float:
     periods_s = [
         camera_s + planned_exposure_s(step) + (_SHORTEST_MOVE_S if _turns(before, step) else 0.0)
+        if step.begins_exposure
+        else 0.0
         for before, step in zip((None, *steps), steps, strict=False)
     ]
     length = min(_STRETCH, len(periods_s))
@@ -76,4 +78,5 @@ def _fastest_period_s(steps: Sequence[Step], camera_s: float) -> float:
 
 
 def _turns(before: Step | None, step: Step) -> bool:
-    return before is not None and step.polarizer_angle_deg not in (None, before.polarizer_angle_deg)
+    is_other = before is not None and step.polarizer_angle_deg not in (None, before.polarizer_angle_deg)
+    return is_other and step.part is None

@@ -169,7 +169,8 @@ def plan_session(
     ConfigError
         The schedule has no round.
     """
-    steps = plan_steps(session, round_times_ns(session, rig.site, now_ns=now_ns, until_ns=until_ns))
+    rounds = round_times_ns(session, rig.site, now_ns=now_ns, until_ns=until_ns)
+    steps = plan_steps(session, rounds, cell_deg=rig.cell_deg)
     times = step_times_ns(steps, start_ns=now_ns)
     if until_ns is not None:
         steps = tuple(step for step, time in zip(steps, times, strict=True) if time < until_ns) or steps[:1]
@@ -193,7 +194,8 @@ def _remarks(rig: RigFile, session: SessionFile, steps: tuple[Step, ...], times:
         found.append("the rig file has no [site]: no sun angles")
     elif rig.geometry is None or rig.geometry.camera_azimuth_deg is None:
         found.append("the rig file has no camera_azimuth_deg in [geometry]: no azimuth of the sun against the camera")
-    found += [doubt for doubt in (grouping_cost(session), missing_axes(steps)) if doubt is not None]
+    grouping = grouping_cost(session) if rig.cell_deg is None else None
+    found += [doubt for doubt in (grouping, missing_axes(steps)) if doubt is not None]
     if any(step.exposure_s is None for step in steps):
         found.append("metered exposures are taken for 10 ms here")
     late = [

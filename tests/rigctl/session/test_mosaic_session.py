@@ -1,0 +1,244 @@
+"""Sessions of a simulated camera with polarizers on its pixels: one exposure, four frames, no stage."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.calibrations.noise.noise_frames import run_frames
+from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.devices.rig import open_rig, require_cell
+from rigctl.devices.rig_checkup import RigCheckup
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.scene_file import load_scene
+from rigctl.files.session_file import SessionFile
+from rigctl.jobs.serve import open_devices
+from rigctl.jobs.verify import verify
+from rigctl.measurement.measurement import measure
+from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.repair import repair_run
+from rigctl.runs.run_folder import Run, read_run
+from rigctl.session.take_session import resume_session, take_session
+from rigctl.web.live_rig import LiveRig, Task
+from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
+from tests.rigctl.session.made_rig import events_of
+
+TAKES = [
+    {"kind": "dark", "exposure_ms": 0.03, "cycles": 2},
+    {"kind": "flat", "exposure_ms": 0.03, "cycles": 2},
+    {"kind": "scene", "exposure_ms": 0.03, "cycles": 3},
+]
+
+
+def mosaic_rig(folder: Path, *, options: str = "", interpolation: str = "none", cell=(90, 45, 135, 0)) -> RigFile:
+    """Return the example rig with frames of 96 x 48 pixels."""
+    (folder / "scene.toml").write_text(SMALL_SCENE)
+    text = (EXAMPLES / "rig-mosaic.toml").read_text()
+    width, height = (192, 96) if interpolation == "none" else (96, 48)
+    for before, after in (
+        ('"scene-panels.toml"', f'"{folder / "scene.toml"}"'),
+        ('"sim:mosaic"', f'"sim:mosaic{options}"'),
+        ("[90, 45, 135, 0]", str(list(cell))),
+        ('interpolation = "none"', f'interpolation = "{interpolation}"'),
+        ("width = 1564", f"width = {width}"),
+        ("height = 1164", f"height = {height}"),
+    ):
+        assert before in text
+        text = text.replace(before, after, 1)
+    (folder / "rig.toml").write_text(text)
+    return load_rig(folder / "rig.toml")
+
+
+def mosaic_session(**changes) -> SessionFile:
+    return SessionFile.model_validate({"name": "mosaic", "take": TAKES, **changes})
+
+
+def taken(folder: Path, rig: RigFile, session: SessionFile | None = None) -> Run:
+    take_session(rig, session or mosaic_session(), folder / "run", files={})
+    return read_run(folder / "run")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("mosaic")
+    return taken(folder, mosaic_rig(folder))
+
+
+def exposures(run: Run) -> list[list[FrameRecord]]:
+    by_id: dict[int, list[FrameRecord]] = {}
+    for record in run.frames:
+        assert record.exposure_id is not None
+        by_id.setdefault(record.exposure_id, []).append(record)
+    return list(by_id.values())
+
+
+def test_four_frames_are_one_exposure(run: Run) -> None:
+    found = exposures(run)
+    assert [len(parts) for parts in found] == [4] * 7
+    for parts in found:
+        assert len({(one.start_utc, one.start_monotonic_ns, one.camera_frame, one.cycle) for one in parts}) == 1
+        assert [one.polarizer_angle_deg for one in parts] == [90.0, 45.0, 135.0, 0.0]
+        assert {(one.width, one.height, one.stage_angle_deg, one.stage_model) for one in parts} == {
+            (96, 48, None, None)
+        }
+    assert len({parts[0].start_utc for parts in found}) == 7
+    assert verify(run.path).state == "whole"
+    assert "homed" not in [event["event"] for event in events_of(run.path)]
+
+
+def compared(run: Run) -> Comparison:
+    scene = load_scene(run.path.parent / "scene.toml")
+    measurement = measure(run, regions=list(scene.regions))
+    return compare_with_scene(measurement, scene=scene, noise=None, alpha=0.001)
+
+
+def test_model_and_samples_agree(run: Run) -> None:
+    found = compared(run)
+    assert found.agrees
+    assert {row.quantity for row in found.rows if row.statistic == "std"} == {"dn_0", "dn_45", "dn_90", "dn_135"}
+    assert any("pixels of its own" in text for text in found.not_tested)
+
+
+def test_model_and_interpolated_pictures_agree_in_noise_too(tmp_path: Path) -> None:
+    run = taken(tmp_path, mosaic_rig(tmp_path, interpolation="bilinear"))
+    assert {(one.width, one.height) for one in run.frames} == {(96, 48)}
+    found = compared(run)
+    assert found.agrees
+    temporal = [row for row in found.rows if row.statistic == "std_temporal"]
+    assert len(temporal) == 14
+    assert np.sqrt(np.mean([(row.z or 0.0) ** 2 for row in temporal])) < 2.0
+    assert np.mean([row.measured / row.predicted for row in temporal]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_frames_for_a_calibration_are_pictures_of_the_whole_sensor(run: Run) -> None:
+    groups = {group.kind: group for group in run_frames(run.path).groups}
+    assert {kind: len(group.loaders) for kind, group in groups.items()} == {"dark": 2, "flat": 2}
+    picture = groups["flat"].loaders[0]()
+    first = next(record for record in run.frames if record.kind == "flat")
+    assert picture.shape == (96, 192)
+    np.testing.assert_array_equal(picture[::2, ::2], run.counts(first))
+
+
+def test_interpolated_frames_make_no_calibration(tmp_path: Path) -> None:
+    run = taken(tmp_path, mosaic_rig(tmp_path, interpolation="bilinear"), mosaic_session(take=TAKES[:1]))
+    with pytest.raises(DataError, match="share their noise"):
+        run_frames(run.path)
+
+
+def test_an_exposure_that_is_not_whole_is_taken_again(run: Run, tmp_path: Path) -> None:
+    rig = mosaic_rig(tmp_path)
+    again = taken(tmp_path, rig)
+    lost = again.frames[-2]
+    (again.path / lost.file).unlink()
+    repair = repair_run(again.path)
+    assert [len(parts) for parts in exposures(read_run(again.path))] == [4] * 6
+    assert len(repair.set_aside) == 4
+    assert resume_session(again.path).frames == 28
+    resumed = read_run(again.path)
+    assert [len(parts) for parts in exposures(resumed)] == [4] * 7
+    assert verify(again.path).state == "whole"
+    for before, after in zip(run.frames, resumed.frames, strict=True):
+        np.testing.assert_array_equal(run.counts(before), resumed.counts(after))
+
+
+def test_light_that_contradicts_the_cell_stops_the_session(tmp_path: Path) -> None:
+    rig = mosaic_rig(tmp_path, options="?cell=45,90,135,0")
+    session = mosaic_session(take=TAKES[2:])
+    with pytest.raises(DataError, match=r"does not fit the light.*lower left"):
+        take_session(rig, session, tmp_path / "run", files={})
+    noted = session.model_copy(update={"interlocks": session.interlocks.model_copy(update={"cell": "note"})})
+    take_session(rig, noted, tmp_path / "noted", files={})
+    assert "cell" in [event.get("facts", {}).get("interlock") for event in events_of(tmp_path / "noted")]
+    found = {finding.what: finding for finding in RigCheckup(rig, frames=1).findings()}
+    assert "does not fit the light" in (found["cell"].advice or "")
+
+
+def test_a_camera_that_tells_its_cell_is_asked(tmp_path: Path) -> None:
+    rig = mosaic_rig(tmp_path)
+    with open_rig(rig, session_name="facts") as opened:
+        told = replace(opened.camera.facts(), mosaic_deg=(0.0, 45.0, 135.0, 90.0))
+
+    class _Telling:
+        def facts(self):
+            return told
+
+    with pytest.raises(ConfigError, match=r"says that its cell is \[0, 45, 135, 90\]"):
+        require_cell(rig, _Telling())
+    stageless = rig.model_copy(update={"camera": rig.camera.model_copy(update={"mosaic_deg": None})})
+    with pytest.raises(ConfigError, match=r"state mosaic_deg = \[0, 45, 135, 90\]"):
+        require_cell(stageless, _Telling())
+
+
+def dolp_of(run: Run) -> float:
+    scene = load_scene(run.path.parent / "scene.toml")
+    return measure(run, regions=list(scene.regions)).regions["left"].quantities["dolp"]["mean"].value
+
+
+def test_crosstalk_takes_polarization_away_and_turned_polarizers_turn_it(run: Run, tmp_path: Path) -> None:
+    session = mosaic_session(take=[TAKES[0], TAKES[2]])
+    (tmp_path / "leaks").mkdir()
+    leaks = taken(tmp_path / "leaks", mosaic_rig(tmp_path / "leaks", options="?crosstalk=0.02"), session)
+    # Of each pixel 0.92 is its own; in light of S1 and S2 its neighbours have the other angles, 4 * 0.02 of it.
+    assert dolp_of(leaks) == pytest.approx(0.92 * dolp_of(run), rel=0.01)
+    (tmp_path / "turned").mkdir()
+    rig = mosaic_rig(tmp_path / "turned", options="?cell=93,48,138,3", cell=(93, 48, 138, 3))
+    turned = taken(tmp_path / "turned", rig, session)
+    assert [record.polarizer_angle_target_deg for record in turned.frames[:4]] == [90.0, 45.0, 135.0, 0.0]
+    assert [record.polarizer_angle_deg for record in turned.frames[:4]] == [93.0, 48.0, 138.0, 3.0]
+    assert dolp_of(turned) == pytest.approx(dolp_of(run), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"angles_deg": [0, 60, 120]}, "leave angles_deg out"),
+        ({"closing_repeat": True}, "one exposure"),
+    ],
+)
+def test_takes_that_a_cell_cannot_give_are_refused(tmp_path: Path, change: dict, words: str) -> None:
+    session = mosaic_session(take=[{**TAKES[2], **change}])
+    with pytest.raises(ConfigError, match=words):
+        take_session(mosaic_rig(tmp_path), session, tmp_path / "run", files={})
+
+
+def test_exposures_are_metered_once_for_all_angles(tmp_path: Path) -> None:
+    session = mosaic_session(take=[{"kind": "scene", "exposure_ms": "auto", "cycles": 1, "bracket": [1.0, 2.0]}])
+    run = taken(tmp_path, mosaic_rig(tmp_path), session)
+    metered = next(event for event in events_of(run.path) if event["event"] == "metered")
+    assert list(metered["facts"]["shares"]) == ["90.0", "45.0", "135.0", "0.0"]
+    exposed = [parts[0].exposure_s for parts in exposures(run)]
+    assert exposed[1] == pytest.approx(2.0 * exposed[0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("mosaic_deg = [90, 45, 135, 0]", "mosaic_deg = [90, 45, 135, 92]", "differ from one another"),
+        ("mosaic_deg = [90, 45, 135, 0]\n", "", "interpolation|stage: is missing"),
+        ('"sim:mosaic"', '"sim:gc780"', "no polarizers on its pixels"),
+        ("[simulation]\n", '[stage]\ndriver = "ellx"\nport = "sim:ellx"\n[simulation]\n', "leave one of them out"),
+    ],
+)
+def test_a_rig_that_cannot_be_is_refused(tmp_path: Path, before: str, after: str, words: str) -> None:
+    mosaic_rig(tmp_path)
+    file = tmp_path / "rig.toml"
+    file.write_text(file.read_text().replace(before, after).replace('interpolation = "none"', ""))
+    with pytest.raises(ConfigError, match=words):
+        take_session(load_rig(file), mosaic_session(), tmp_path / "run", files={})
+
+
+def test_each_picture_has_its_maps_in_the_browser(tmp_path: Path) -> None:
+    mosaic_rig(tmp_path)
+    rig = LiveRig(lambda: open_devices(str(tmp_path / "rig.toml")), load_rig(tmp_path / "rig.toml").polarizer)
+    rig.begin(Task(kind="polarimetry", exposure_s=3e-5))
+    while rig.look().maps_sequence < 2 and not rig.look().problem:
+        pass
+    look = rig.look()
+    rig.begin(Task())
+    assert look.problem == ""
+    assert (look.width, look.height) == (96, 48)
+    assert abs(look.maps_sequence - look.sequence) <= 1
+    assert rig.picture("dolp") is not None
+    assert rig.picture("aolp") is not None
