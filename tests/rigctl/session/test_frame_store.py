@@ -7,7 +7,7 @@ import pytest
 
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_status import read_status
-from rigctl.session.frame_store import QUEUE_FRAMES, WriterThread
+from rigctl.session.frame_store import QUEUE_FRAMES, StoredFrame, WriterThread
 from rigctl.session.planning.session_steps import plan_steps
 from rigctl.session.session_clock import SessionClock
 from rigctl.session.watch import Watch
@@ -18,24 +18,28 @@ _COUNTS = np.zeros((2, 2), dtype=np.uint16)
 _PATIENCE_S = 30
 
 
+def made_frame(sequence):
+    return StoredFrame(record=make_record(sequence), counts=_COUNTS)
+
+
 def test_frames_are_stored_in_their_order_and_all_are_there_at_the_end():
     stored = []
-    with WriterThread(lambda record, _: stored.append(record.sequence)) as thread:
+    with WriterThread(lambda frames: stored.append(frames[0].record.sequence)) as thread:
         for k in range(50):
-            thread.put(make_record(k), _COUNTS)
+            thread.put(made_frame(k))
     assert stored == list(range(50))
 
 
 def test_a_slow_disk_makes_the_session_wait_and_drops_nothing():
     stored, gate, put = [], threading.Event(), []
 
-    def slow(record, _):
+    def slow(frames):
         gate.wait(_PATIENCE_S)
-        stored.append(record.sequence)
+        stored.append(frames[0].record.sequence)
 
     with WriterThread(slow) as thread:
         # One is with the disk and the queue holds its frames; the next has to wait.
-        waiter = threading.Thread(target=lambda: [put.append(thread.put(make_record(k), _COUNTS)) for k in range(10)])
+        waiter = threading.Thread(target=lambda: [put.append(thread.put(made_frame(k))) for k in range(10)])
         waiter.start()
         while not thread.is_full:
             pass
@@ -48,36 +52,36 @@ def test_a_slow_disk_makes_the_session_wait_and_drops_nothing():
 def test_a_failure_reaches_the_session_and_nothing_is_stored_after_it():
     stored = []
 
-    def failing(record, _):
-        if record.sequence == 1:
+    def failing(frames):
+        if frames[0].record.sequence == 1:
             raise OSError("no")
-        stored.append(record.sequence)
+        stored.append(frames[0].record.sequence)
 
     thread = WriterThread(failing)
     with pytest.raises(OSError, match="no"):
         _put_and_flush(thread, 2)
     with pytest.raises(OSError, match="no"):
-        thread.put(make_record(2), _COUNTS)
+        thread.put(made_frame(2))
     assert stored == [0]
 
 
 def _put_and_flush(thread, frames):
     with thread:
         for k in range(frames):
-            thread.put(make_record(k), _COUNTS)
+            thread.put(made_frame(k))
         thread.flush()
 
 
 def test_an_error_of_the_session_still_stores_what_was_taken():
     stored = []
     with pytest.raises(KeyError):
-        _put_and_fail(WriterThread(lambda record, _: stored.append(record.sequence)))
+        _put_and_fail(WriterThread(lambda frames: stored.append(frames[0].record.sequence)))
     assert stored == [0]
 
 
 def _put_and_fail(thread):
     with thread:
-        thread.put(make_record(0), _COUNTS)
+        thread.put(made_frame(0))
         raise KeyError
 
 
