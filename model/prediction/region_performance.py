@@ -47,8 +47,8 @@ class PairDetection:
     ----------
     target, background
         Names.
-    p_false_alarm, p_detection
-        Shape (K,).
+    p_false_alarm, p_detection, p_miss
+        Shape (K,); the last, 1 less the second, has its own digits where next to nothing is missed.
     auc
         Area under the whole curve.
     p_detection_error, auc_error
@@ -61,6 +61,7 @@ class PairDetection:
     background: str
     p_false_alarm: FloatArray
     p_detection: FloatArray
+    p_miss: FloatArray
     auc: float
     p_detection_error: FloatArray
     auc_error: float
@@ -197,6 +198,7 @@ def pair_detection(
             background=background,
             p_false_alarm=rates,
             p_detection=nothing,
+            p_miss=nothing,
             auc=np.nan,
             p_detection_error=nothing,
             auc_error=np.nan,
@@ -312,6 +314,7 @@ def detections_of_pair(
             background=background,
             p_false_alarm=rates,
             p_detection=curves.p_detection[:, k],
+            p_miss=curves.p_miss[:, k],
             auc=float(curves.auc[k]),
             p_detection_error=p_detection_error[:, k],
             auc_error=float(auc_error[k]),

@@ -17,6 +17,10 @@ MOST_COMBINATIONS = 30_000_000
 _CHUNK = 2_000_000
 
 
+class TooManyCountsError(ValueError):
+    """A sum over counts would be too long."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PoissonDolp:
     """DoLP of Poisson counts, given that S0 > 0.
@@ -50,8 +54,10 @@ def poisson_dolp(plan: Design, stokes_e: ArrayLike) -> PoissonDolp:
     Raises
     ------
     ValueError
-        A channel has a mean below 0, or so many electrons arrive that the sum has more than 3e7 terms; there the
-        distribution of Gaussian counts (`model.processing.dolp`) is exact to some 1e-4.
+        A channel has a mean below 0.
+    TooManyCountsError
+        So many electrons arrive, or angles are so many, that the sum has more than 3e7 terms. The deviation of Gaussian
+        counts (`model.processing.dolp`) is about 1 % too large there, and less by as much as there is more light.
 
     References
     ----------
@@ -64,9 +70,9 @@ def poisson_dolp(plan: Design, stokes_e: ArrayLike) -> PoissonDolp:
     counts = [_likely_counts(mean) for mean in np.maximum(means_e, 0.0)]
     combinations = float(np.prod([found.size for found, _ in counts], dtype=np.float64))
     if combinations > MOST_COMBINATIONS:
-        raise ValueError(
+        raise TooManyCountsError(
             f"stokes_e = {light_e} allows {combinations:.1e} combinations of counts; summed are {MOST_COMBINATIONS:g} "
-            "at most: Gaussian counts are exact enough there"
+            "at most"
         )
     half = len(counts) // 2
     return _summed(_halves(plan.inverse[:, :half], counts[:half]), _halves(plan.inverse[:, half:], counts[half:]))

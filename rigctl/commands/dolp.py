@@ -31,7 +31,8 @@ def fig5(
     """[MK14] Fig. 5: DoLP of light with S = (1, 0.5, 0.5) against the SNR of S0, shot noise, four angles.
 
     Beside the paper's first-order mean and deviation and its 1e4 draws stands the exact law: of Poisson counts up to
-    16 dB (given S0 > 0), of Gaussian ones elsewhere. 20 dB is a ratio of 10.
+    20 dB (given S0 > 0); above, of Gaussian ones, less what those are off at 20 dB, which falls with more light.
+    20 dB is a ratio of 10.
 
     Example: rigctl dolp fig5 --out fig5
     """

@@ -1,6 +1,6 @@
 """The airborne scene of [MK14] section V: DoLP SNR and detection at any geometry, each with its numerical error."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -135,7 +135,8 @@ class Airborne:
 
     def quantity(self, at: Geometry, region: str, quantity: str, statistic: str = "mean") -> float:
         """Return one number of the prediction of target and background."""
-        return float(self._pair(at).predictions[region].quantities[quantity][statistic])
+        found = self._target(at, "total") if region == TARGET else self._pair(at)
+        return float(found.predictions[region].quantities[quantity][statistic])
 
     def p_detection(self, at: Geometry, *, label: str) -> Number:
         """Return the probability of detection at `P_FALSE_ALARM`."""
@@ -144,6 +145,17 @@ class Airborne:
         value = float(curve.p_detection[place])
         error = self._pair(at).errors.get(Reading(f"{TARGET} on {BACKGROUND}", "p_detection", "0.001"), 0.0)
         return Number(label=f"P_D {label}", value=value, error=error, kind="p_detection")
+
+    def p_detection_on_unpolarized(self, at: Geometry, *, label: str) -> Number:
+        """Return the probability of detection at `P_FALSE_ALARM` if the background's mean were unpolarized."""
+        found = self._pair(at).predictions
+        stokes = found[BACKGROUND].stokes_dn
+        plain = replace(stokes, mean=stokes.mean * np.array([1.0, 0.0, 0.0]))
+        changed = {**found, BACKGROUND: replace(found[BACKGROUND], stokes_dn=plain)}
+        curve = pair_detection(TARGET, BACKGROUND, changed, [P_FALSE_ALARM], tolerance=1e-8)
+        error = self.p_detection(at, label=label).error
+        name = f"P_D {label} were the background unpolarized"
+        return Number(label=name, value=float(curve.p_detection[0]), error=error, kind="p_detection")
 
     def roc(self, at: Geometry) -> PairDetection:
         """Return the whole ROC of target on background."""
@@ -157,15 +169,12 @@ class Airborne:
             )
         return self._curves[at]
 
-    def least_s0_snr(self) -> float:
-        """Return the least ratio of S0 to its noise among all that was computed of the whole light."""
-        ratios = [
-            one.quantities["s0"]["mean"] / one.quantities["s0"]["std_temporal"]
-            for key, found in self._found.items()
-            for one in found.predictions.values()
-            if isinstance(key, tuple) and key[1] in ("total", "pair")
-        ]
-        return min(ratios)
+    def s0_snrs(self) -> Iterable[Number]:
+        """Yield the ratio of S0 to its noise of all that was computed of the whole light."""
+        for key, found in self._found.items():
+            if isinstance(key, tuple) and key[1] in ("total", "pair"):
+                for name, one in found.predictions.items():
+                    yield s0_snr(name, one, found.errors)
 
     def _target(self, at: Geometry, source: Source) -> Evaluated:
         return self._kept((at, source), lambda: self._evaluated(at, (TARGET,), source))
@@ -212,6 +221,13 @@ class Airborne:
         return Evaluated(scenario=scenario, predictions=predict(scenario), errors=errors)
 
 
+def s0_snr(region: str, prediction: RegionPrediction, errors: Mapping[Reading, float]) -> Number:
+    """Return the ratio of S0 of a region to its noise from frame to frame."""
+    mean, noise = (prediction.quantities["s0"][statistic] for statistic in ("mean", "std_temporal"))
+    relative = sum(errors.get(Reading(region, "s0", statistic), 0.0) for statistic in ("mean", "std_temporal"))
+    return Number(label=f"SNR of S0 {region}", value=mean / noise, error=relative * mean / noise)
+
+
 def _paper_settings(settings: Settings) -> Settings:
     return replace(
         settings,
@@ -246,6 +262,7 @@ def _drawn(found: Mapping[str, RegionPrediction], rates: list[float]) -> PairDet
         background=BACKGROUND,
         p_false_alarm=every,
         p_detection=detected,
+        p_miss=1.0 - detected,
         auc=float(np.trapezoid(np.nan_to_num(detected), every)),
         p_detection_error=error,
         auc_error=float("nan"),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rigctl.paper.airborne import Geometry
-from rigctl.paper.numbers import Number, Reading, Test, above, falls
+from rigctl.paper.numbers import Number, Reading, Test, above, differ, falls
 from rigctl.paper.statement import AS_STATED, AZIMUTHS_DEG, MUCH, PATH_TURNED, PaperScenes, both_azimuths, one_reading
 
 
@@ -12,7 +12,7 @@ def fig9_total_differs(scenes: PaperScenes) -> tuple[Reading, ...]:
 
     def tests(turned: bool) -> tuple[Test, ...]:
         found = (
-            _differ(
+            differ(
                 scenes.airborne.snr(at, label=f"total {_place(at)}", turned=turned),
                 scenes.airborne.snr(at, source="reflected", label=f"reflected {_place(at)}"),
             )
@@ -158,10 +158,6 @@ def _fig9(scenes: PaperScenes, views: tuple[float, ...]) -> list[Geometry]:
 
 def _place(at: Geometry) -> str:
     return f"view {at.view:g} phi {at.phi:g}"
-
-
-def _differ(one: Number, other: Number) -> Test:
-    return Test(numbers=(one, other), margin=abs(one.value - other.value), error=one.error + other.error)
 
 
 def _polarized(name: str, stokes: np.ndarray) -> Number:

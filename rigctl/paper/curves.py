@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.paper.airborne import Geometry, Source
+from rigctl.paper.airborne import P_FALSE_ALARM, Geometry, Source
+from rigctl.paper.numbers import ALL_DETECTED, UNPOLARIZED_SNR
 from rigctl.paper.rooftop import ANGLES, PANELS
 from rigctl.paper.statement import (
     HEIGHTS_M,
@@ -21,8 +22,7 @@ FloatArray = NDArray[np.float64]
 
 FIGURES = (2, *range(5, 16))
 _AZIMUTHS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
-_SNR = "DoLP SNR of black paint"
-_P_FA, _P_D = "probability of false alarm", "probability of detection"
+_P_FA, _P_D, _P_MISS = "probability of false alarm", "probability of detection", "probability of a miss"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,13 +38,15 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """Curves over one pair of axes."""
+    """Curves over one pair of axes; the letter is the paper's."""
 
+    letter: str
     title: str
     x_label: str
     y_label: str
     curves: tuple[Curve, ...]
     log_x: bool = False
+    log_y: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,13 +67,14 @@ def _fig5(scenes: PaperScenes) -> PaperFigure:
     decibel = 20.0 * np.log10(found.snr)
     panels = tuple(
         Panel(
+            letter=letter,
             title=f"({letter}) {name} of DoLP",
             x_label="SNR of S0 [dB, amplitude]",
             y_label=f"{name} of DoLP",
             curves=(
                 _curve("1e4 Poisson draws", decibel, drawn, marker="o", line=""),
                 _curve("first order, [MK14]", decibel, first, marker="", line="--"),
-                _curve("exact: Poisson to 16 dB, Gaussian above", decibel, exact, marker=""),
+                _curve("exact: Poisson counts", decibel, exact, marker=""),
             ),
         )
         for letter, name, drawn, first, exact in (
@@ -86,6 +89,7 @@ def _fig7(scenes: PaperScenes) -> PaperFigure:
     angles = [float(angle) for angle in ANGLES]
     panels = tuple(
         Panel(
+            letter=letter,
             title=f"({letter}) {name}",
             x_label="angle of the polarizer [deg]",
             y_label=f"{name} of the counts [DN]",
@@ -110,12 +114,18 @@ def _fig9(scenes: PaperScenes) -> PaperFigure:
         ]
         turned = [snr(one, turned=True).value for one in at]
         curves.append(_curve("total, azimuth of path turned by 180 deg", _AZIMUTHS_DEG, turned, line=":"))
-        panels.append(_snr_panel(f"({letter}) sun 25, view {view:g}", "relative azimuth phi [deg]", curves))
+        if scenes.airborne.snr_form == "exact":
+            floor, label = [UNPOLARIZED_SNR] * len(at), f"of unpolarised light, {UNPOLARIZED_SNR:.3f}"
+            curves.append(_curve(label, _AZIMUTHS_DEG, floor, marker="", line="-."))
+        title = f"({letter}) sun 25, view {view:g}"
+        panels.append(_snr_panel(scenes, letter, title, "relative azimuth phi [deg]", curves))
     return PaperFigure(number=9, title="parts of the light", panels=tuple(panels))
 
 
-def _snr_panel(title: str, x_label: str, curves: Sequence[Curve]) -> Panel:
-    return Panel(title=title, x_label=x_label, y_label=_SNR, curves=tuple(curves))
+def _snr_panel(scenes: PaperScenes, letter: str, title: str, x_label: str, curves: Sequence[Curve]) -> Panel:
+    form = {"exact": "exact law", "first-order": "first order"}[scenes.airborne.snr_form]
+    y_label = f"DoLP SNR of black paint, {form}"
+    return Panel(letter=letter, title=title, x_label=x_label, y_label=y_label, curves=tuple(curves))
 
 
 def _fig10(scenes: PaperScenes) -> PaperFigure:
@@ -129,21 +139,31 @@ def _fig10(scenes: PaperScenes) -> PaperFigure:
         if source == "total":
             turned = [snr(one, turned=True).value for one in at]
             curves.append(_curve("total, azimuth of path turned by 180 deg", km, turned, line=":"))
-        panels.append(_snr_panel(f"({letter}) {name} radiance", "height of the camera [km]", curves))
+        panels.append(_snr_panel(scenes, letter, f"({letter}) {name} radiance", "height of the camera [km]", curves))
     return PaperFigure(number=10, title="sun 50, view 50, phi 180", panels=tuple(panels))
 
 
-def _roc(scenes: PaperScenes, title: str, points: Sequence[tuple[str, Geometry]]) -> Panel:
-    curves = []
-    for label, at in points:
-        found = scenes.airborne.roc(at)
-        curves.append(_curve(label, found.p_false_alarm, found.p_detection, marker=""))
-    return Panel(title=title, x_label=_P_FA, y_label=_P_D, curves=tuple(curves), log_x=True)
+def _roc(scenes: PaperScenes, letter: str, title: str, points: Sequence[tuple[str, Geometry]]) -> tuple[Panel, ...]:
+    """Return the curves; where all of them lie at 1 from the rate of the statements on, what is missed beside them."""
+    found = [(label, scenes.airborne.roc(at)) for label, at in points]
+    curves = [_curve(label, one.p_false_alarm, one.p_detection, marker="") for label, one in found]
+    shown = Panel(letter=letter, title=title, x_label=_P_FA, y_label=_P_D, curves=tuple(curves), log_x=True)
+    place = int(np.argmin(np.abs(found[0][1].p_false_alarm - P_FALSE_ALARM)))
+    if any(one.p_detection[place] <= ALL_DETECTED for _, one in found):
+        return (shown,)
+    missed = [
+        _curve(label, one.p_false_alarm[one.p_miss > 0.0], one.p_miss[one.p_miss > 0.0], marker="")
+        for label, one in found
+    ]
+    title = f"{title}: the same, 1 - P_D"
+    return shown, replace(
+        shown, letter=f"{letter} missed", title=title, y_label=_P_MISS, curves=tuple(missed), log_y=True
+    )
 
 
 def _fig11(scenes: PaperScenes) -> PaperFigure:
     points = [(f"{h / 1000:g} km", Geometry(sun=50.0, view=50.0, height_m=h)) for h in HEIGHTS_M]
-    return PaperFigure(number=11, title="ROC by height", panels=(_roc(scenes, "sun 50, view 50, phi 180", points),))
+    return PaperFigure(number=11, title="ROC by height", panels=_roc(scenes, "a", "sun 50, view 50, phi 180", points))
 
 
 def _fig12(scenes: PaperScenes) -> PaperFigure:
@@ -152,13 +172,13 @@ def _fig12(scenes: PaperScenes) -> PaperFigure:
         _curve(f"view {view:g} deg", SUNS_DEG, [snr(scenes.at(sun, view)).value for sun in SUNS_DEG])
         for view in VIEWS_DEG
     ]
-    panel = _snr_panel("phi 180", "solar zenith angle [deg]", curves)
+    panel = _snr_panel(scenes, "a", "phi 180", "solar zenith angle [deg]", curves)
     return PaperFigure(number=12, title="DoLP SNR by sun and view", panels=(panel,))
 
 
 def _fig13(scenes: PaperScenes) -> PaperFigure:
     points = [(f"sun {sun:g}, view {view:g}", scenes.at(sun, view)) for sun in (10.0, 50.0) for view in VIEWS_DEG]
-    return PaperFigure(number=13, title="ROC by geometry", panels=(_roc(scenes, "phi 180", points),))
+    return PaperFigure(number=13, title="ROC by geometry", panels=_roc(scenes, "a", "phi 180", points))
 
 
 def _fig14(scenes: PaperScenes) -> PaperFigure:
@@ -167,18 +187,20 @@ def _fig14(scenes: PaperScenes) -> PaperFigure:
         _curve(f"sun {sun:g} deg", NOISE_FACTORS, [snr(scenes.at(sun, 40.0, kn=kn)).value for kn in NOISE_FACTORS])
         for sun in SUNS_DEG
     ]
-    panel = _snr_panel("view 40, phi 180", "noise factor Kn", curves)
+    panel = _snr_panel(scenes, "a", "view 40, phi 180", "noise factor Kn", curves)
     return PaperFigure(number=14, title="DoLP SNR by noise factor", panels=(panel,))
 
 
 def _fig15(scenes: PaperScenes) -> PaperFigure:
     panels = tuple(
-        _roc(
+        panel
+        for letter, view in zip("ab", VIEWS_DEG, strict=True)
+        for panel in _roc(
             scenes,
+            letter,
             f"sun 50, view {view:g} (not stated), phi 180",
             [(f"Kn {kn:g}", scenes.at(50.0, view, kn=kn)) for kn in ROC_NOISE_FACTORS],
         )
-        for view in VIEWS_DEG
     )
     return PaperFigure(number=15, title="ROC by noise factor", panels=panels)
 
@@ -206,11 +228,13 @@ def curves_of(number: int, scenes: PaperScenes, *, as_paper: PaperScenes | None 
     figure = made(scenes)
     if as_paper is None or number < 9:
         return figure
-    other = made(as_paper)
+    theirs = {panel.letter: panel.curves for panel in made(as_paper).panels}
     panels = tuple(
-        replace(
-            one, curves=(*one.curves, *(replace(c, label=f"{c.label}, as the paper", line="--") for c in two.curves))
-        )
-        for one, two in zip(figure.panels, other.panels, strict=True)
+        replace(one, curves=(*one.curves, *(_as_paper(curve) for curve in theirs.get(one.letter, ()))))
+        for one in figure.panels
     )
     return replace(figure, panels=panels)
+
+
+def _as_paper(curve: Curve) -> Curve:
+    return replace(curve, label=f"{curve.label}, as the paper", line="--")

@@ -1,5 +1,7 @@
 """[MK14] Fig. 5: DoLP at few electrons, first order against the exact law of Poisson counts."""
 
+from typing import Literal
+
 import numpy as np
 
 from model.processing.dolp_against_snr import DolpAgainstSnr, dolp_against_snr
@@ -18,13 +20,13 @@ class LowLight:
             STOKES, 10.0 ** (DECIBEL / 20.0), draws=_DRAWS, generator=np.random.default_rng(_SEED)
         )
 
-    def relative_error(self, decibel: float, moment: str) -> Number:
+    def relative_error(self, decibel: float, moment: Literal["mean", "std"]) -> Number:
         """Return what the first-order mean or deviation is off, as a share of the exact one."""
         place = int(np.argmin(np.abs(DECIBEL - decibel)))
         first = float(getattr(self.found, f"first_{moment}")[place])
-        exact = float(getattr(self.found, f"true_{moment}")[place])
+        exact, error = (float(values[place]) for values in self.found.truth(moment))
         return Number(
             label=f"first-order {moment} at {decibel:g} dB off by",
             value=abs(first / exact - 1.0),
-            error=1e-4 / exact if np.isnan(self.found.poisson_mean[place]) else 1e-9,
+            error=error * first / exact**2,
         )

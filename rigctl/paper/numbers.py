@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import pi, sqrt
 from typing import Literal
 
 Verdict = Literal["holds", "opposite", "cannot_be_seen", "noise_floor", "ambiguous"]
-# Ratios of exact mean and deviation of DoLP below this are of light whose polarization is noise: 1.913 without any.
-NOISE_FLOOR = 2.1
+# Ratio of exact mean and deviation of DoLP of light without any, sqrt(pi / (4 - pi)); below the other one it is noise.
+UNPOLARIZED_SNR, NOISE_FLOOR = sqrt(pi / (4.0 - pi)), 2.1
 # Above this everything is detected, and which of two is more cannot be seen.
 ALL_DETECTED = 0.999
 # How many numerical errors a margin has to have.
@@ -83,6 +84,11 @@ class Reading:
 def above(more: Number, less: Number, *, factor: float = 1.0) -> Test:
     """Return the test of one number above so many times another."""
     return Test(numbers=(more, less), margin=more.value - factor * less.value, error=more.error + factor * less.error)
+
+
+def differ(one: Number, other: Number) -> Test:
+    """Return the test of two numbers that are not the same: it holds, or their distance is within the error."""
+    return Test(numbers=(one, other), margin=abs(one.value - other.value), error=one.error + other.error)
 
 
 def falls(numbers: Sequence[Number]) -> tuple[Test, ...]:

@@ -1,11 +1,12 @@
 """The rooftop of [MK14] section III: black and white paint at sun 22, view 53, phi 180 deg."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.predict_to_tolerance import predict as predict_to
 from model.prediction.prediction import RegionPrediction
-from rigctl.paper.airborne import TARGET, TOLERANCE, WHITE, Airborne
+from rigctl.paper.airborne import TARGET, TOLERANCE, WHITE, Airborne, s0_snr
 from rigctl.paper.numbers import Number
 from rigctl.scene.parameters import with_values
 
@@ -43,3 +44,8 @@ class Rooftop:
             value=value,
             error=error * abs(value) if relative else error,
         )
+
+    def s0_snrs(self) -> Iterable[Number]:
+        """Yield the ratio of S0 of each panel to its noise from frame to frame."""
+        for name, label in PANELS.items():
+            yield replace(s0_snr(name, self.predictions[name], self._errors), label=f"SNR of S0 {label}")

@@ -34,6 +34,7 @@ from rigctl.paper.trends import (
     fig11_much_higher_low,
     fig12_oblique_is_higher,
     fig12_peaks,
+    fig13_background_counts,
     fig13_background_is_polarized,
     fig13_not_as_snr,
     fig13_sun_50_is_better,
@@ -68,7 +69,8 @@ def _statement(
 STATEMENTS: tuple[Statement, ...] = (
     _statement(
         "5a", "5",
-        "It is shown that the analytical-model-predicted statistics of DoLP diverge at low SNR.",
+        "It is shown that the analytical-model-predicted statistics of DoLP diverge at low SNR, which is accordance "
+        "with the observation presented in [57].",
         "S = (1, 0.5, 0.5), four angles, shot noise",
         "relative error of the first-order mean and deviation against the exact law grows from 20 to 10 to 0 dB",
         fig5_diverges,
@@ -97,7 +99,8 @@ STATEMENTS: tuple[Statement, ...] = (
         "8b", "8",
         "The white paint shows smaller variance than the black paint in both Stokes parameters and DoLP since the "
         "signal, as measured from the white paint, has a higher SNR.",
-        ROOFTOP_GEOMETRY, "deviation of s1, s2, DoLP of pixels: black above white", fig8_white_is_narrower,
+        ROOFTOP_GEOMETRY, "deviation of s1, s2, DoLP of pixels: black above white; SNR of S0: white above black",
+        fig8_white_is_narrower,
     ),
     _statement(
         "8c", "8",
@@ -202,26 +205,25 @@ STATEMENTS: tuple[Statement, ...] = (
         _HEIGHTS, f"{_AT_RATE} falls with height", fig11_falls,
     ),
     _statement(
-        "11c", "11",
+        "11c", "10, 11",
         "The observation is in accordance with the results shown in Fig. 10.",
         _HEIGHTS, f"{_AT_RATE} and DoLP SNR of reflected fall with height", fig11_as_fig10,
     ),
     _statement(
-        "11b", "11",
+        "11b", "10, 11",
         "At a lower platform altitude, the DoLP SNR of reflected radiance from target is much higher; therefore, "
         "stronger polarimetric signature is present.",
         _HEIGHTS, f"DoLP SNR of reflected: 3 km above 9 km; much taken as {MUCH:g} times", fig11_much_higher_low,
     ),
     _statement(
         "12a", "12",
-        "It is shown that, at an oblique viewing angle 40 deg, the black paint shows higher DoLP SNR ... (section V-C "
-        "later: is always higher than the DoLP SNR at 20 deg)",
+        "It is shown that, at an oblique viewing angle 40 deg, the black paint shows higher DoLP SNR ...",
         _SUNS, "DoLP SNR: view 40 above view 20 at every sun", fig12_oblique_is_higher,
     ),
     _statement(
         "12b", "12",
         "... and stronger polarization can be found around 40-60 deg incident angles.",
-        "sun 10 to 80; view 40; phi 180", "largest DoLP SNR at a sun of 40 to 60", fig12_peaks,
+        _SUNS, "largest DoLP SNR, or DoLP, at a sun of 40 to 60", fig12_peaks,
     ),
     _statement(
         "13a", "13",
@@ -243,21 +245,22 @@ STATEMENTS: tuple[Statement, ...] = (
         "13d", "13",
         "This result however does not follow the observation that we have in Fig. 12, where the DoLP SNR of black "
         "paint at 40 deg is always higher than the DoLP SNR at 20 deg.",
-        "sun 50, view 20 and 40, phi 180", f"DoLP SNR: view 40 above view 20, and {_AT_RATE} the other way",
-        fig13_not_as_snr,
+        "sun 10 to 80, view 20 and 40, phi 180",
+        f"DoLP SNR: view 40 above view 20 at every sun, and {_AT_RATE} at a sun of 50 the other way", fig13_not_as_snr,
     ),
     _statement(
         "13f", "13",
         "This is mainly due to the fact that the DoLP SNR is calculated solely based on the target object, but the "
         "detection performance is determined by the combined factors of both the target and background.",
         "sun 50, view 20 and 40, phi 180", f"the target's own DoLP SNR is higher where {_AT_RATE} is lower",
-        fig13_not_as_snr,
+        fig13_background_counts,
     ),
     _statement(
         "13e", "13",
         "In this simulation, the background object asphalt is not randomly polarized, and its polarization properties "
         "also determine the target detection performance.",
-        _FOUR, "DoLP of asphalt above 0", fig13_background_is_polarized,
+        _FOUR, f"DoLP of asphalt above 0; {_AT_RATE} differs from that on asphalt whose mean S1 and S2 are 0",
+        fig13_background_is_polarized,
     ),
     _statement(
         "14a", "14",
@@ -268,7 +271,7 @@ STATEMENTS: tuple[Statement, ...] = (
         "14b", "14",
         "The black paint presents higher DoLP SNR at an incident zenith angle of around 40 and 60 deg, showing good "
         "agreement with the results presented earlier.",
-        "sun 10 to 80; view 40; phi 180; Kn 1 to 3.5", "largest DoLP SNR at a sun of 40 to 60, for every Kn",
+        "sun 10 to 80; view 40; phi 180; Kn 1 to 3.5", "DoLP SNR by the sun, for every Kn: largest around 40 and 60",
         fig14_peaks,
     ),
     _statement(
@@ -283,9 +286,9 @@ STATEMENTS: tuple[Statement, ...] = (
         f"{_AT_RATE}: at Kn 1 {SIGNIFICANT:g} times that at Kn 3", fig15_significantly,
     ),
     _statement(
-        "V-a", "9 to 15",
+        "V-a", "7 to 15",
         "In this paper, all the experiments are performed with the S0 SNR larger than 20 dB ...",
-        "all geometries of Figs 9 to 15", "least SNR of S0 above 20 dB", all_above_20,
+        "all geometries of Figs 7 to 15", "least SNR of S0 above 20 dB", all_above_20,
     ),
     _statement(
         "VI-a", "7, 8",

@@ -1,9 +1,13 @@
 """Checks of sections II-C, III and V-B to V-D: low light, the rooftop, height, geometry of the scene, noise."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 
-from rigctl.paper.airborne import BACKGROUND, TARGET, WHITE, Geometry
-from rigctl.paper.numbers import Number, Reading, Test, above, falls, peak_within, some_step_rises
+from rigctl.paper.airborne import BACKGROUND, TARGET, TOLERANCE, WHITE, Geometry
+from rigctl.paper.numbers import Number, Reading, Test, above, differ, falls, peak_within, some_step_rises
 from rigctl.paper.statement import (
     HEIGHTS_M,
     MUCH,
@@ -17,14 +21,15 @@ from rigctl.paper.statement import (
     one_reading,
 )
 
+_MOMENTS: tuple[Literal["mean", "std"], ...] = ("mean", "std")
+
 
 def fig5_diverges(scenes: PaperScenes) -> tuple[Reading, ...]:
     """Test that the first order gets worse towards low light."""
-    low = scenes.low_light
-    return one_reading(
-        *(
-            above(low.relative_error(first, moment), low.relative_error(second, moment))
-            for moment in ("mean", "std")
+    return _both_decibels(
+        lambda scale: tuple(
+            above(_off(scenes, first, moment, scale), _off(scenes, second, moment, scale))
+            for moment in _MOMENTS
             for first, second in ((0.0, 10.0), (10.0, 20.0))
         )
     )
@@ -32,21 +37,44 @@ def fig5_diverges(scenes: PaperScenes) -> tuple[Reading, ...]:
 
 def fig5_agrees_above_20(scenes: PaperScenes) -> tuple[Reading, ...]:
     """Test that at 20 dB first order is better than below."""
-    low = scenes.low_light
-    return one_reading(
-        *(
-            above(low.relative_error(decibel, moment), low.relative_error(20.0, moment))
-            for moment in ("mean", "std")
+    return _both_decibels(
+        lambda scale: tuple(
+            above(_off(scenes, decibel, moment, scale), _off(scenes, 20.0, moment, scale))
+            for moment in _MOMENTS
             for decibel in (0.0, 4.0, 8.0, 12.0, 16.0)
         )
     )
 
 
+def _both_decibels(tests: Callable[[float], tuple[Test, ...]]) -> tuple[Reading, ...]:
+    """Return the readings of decibels, which the paper does not define: of an amplitude, and of a power."""
+    return (
+        Reading(name="20 dB is an SNR of 10", tests=tests(1.0)),
+        Reading(name="20 dB is an SNR of 100", tests=tests(2.0)),
+    )
+
+
+def _off(scenes: PaperScenes, decibel: float, moment: Literal["mean", "std"], scale: float) -> Number:
+    return replace(
+        scenes.low_light.relative_error(scale * decibel, moment), label=f"first-order {moment} at {decibel:g} dB off by"
+    )
+
+
 def all_above_20(scenes: PaperScenes) -> tuple[Reading, ...]:
     """Test that all scenes are brighter than 20 dB."""
-    ratio = scenes.airborne.least_s0_snr()
-    least = Number(label="least SNR of S0 [dB]", value=float(20.0 * np.log10(ratio)))
-    return one_reading(above(least, Number(label="20 dB", value=20.0)))
+    least = min((*scenes.airborne.s0_snrs(), *scenes.rooftop.s0_snrs()), key=lambda one: one.value)
+    return _both_decibels(
+        lambda scale: (
+            above(
+                Number(
+                    label=f"least {least.label} [dB]",
+                    value=20.0 / scale * float(np.log10(least.value)),
+                    error=20.0 / scale / float(np.log(10.0)) * least.error / least.value,
+                ),
+                Number(label="20 dB", value=20.0),
+            ),
+        )
+    )
 
 
 def fig8_black_is_higher(scenes: PaperScenes) -> tuple[Reading, ...]:
@@ -57,10 +85,12 @@ def fig8_black_is_higher(scenes: PaperScenes) -> tuple[Reading, ...]:
 
 
 def fig8_white_is_narrower(scenes: PaperScenes) -> tuple[Reading, ...]:
-    """Test that the white panel scatters less."""
+    """Test that the white panel scatters less, and has the higher ratio of S0 to its noise."""
     number = scenes.rooftop.number
+    black, white = scenes.rooftop.s0_snrs()
     return one_reading(
-        *(above(number(TARGET, quantity, "std"), number(WHITE, quantity, "std")) for quantity in _NORMALIZED)
+        *(above(number(TARGET, quantity, "std"), number(WHITE, quantity, "std")) for quantity in _NORMALIZED),
+        above(white, black),
     )
 
 
@@ -156,8 +186,27 @@ def fig12_oblique_is_higher(scenes: PaperScenes) -> tuple[Reading, ...]:
 
 
 def fig12_peaks(scenes: PaperScenes) -> tuple[Reading, ...]:
-    """Test that the ratio is largest at a sun of 40 to 60 deg."""
-    return one_reading(peak_within(_fig12(scenes, 40.0), SUNS_DEG, 40.0, 60.0))
+    """Test that the ratio, and the polarization itself, are largest at a sun of 40 to 60 deg."""
+    ratios = {view: peak_within(_fig12(scenes, view), SUNS_DEG, *_PEAK_DEG) for view in VIEWS_DEG}
+    degrees = (peak_within(_fig12_dolp(scenes, view), SUNS_DEG, *_PEAK_DEG) for view in VIEWS_DEG)
+    return (
+        Reading(name="DoLP SNR at view 40", tests=(ratios[40.0],)),
+        Reading(name="DoLP SNR at view 20", tests=(ratios[20.0],)),
+        Reading(name="DoLP itself at both views", tests=tuple(degrees)),
+    )
+
+
+_PEAK_DEG = (40.0, 60.0)
+
+
+def _fig12_dolp(scenes: PaperScenes, view: float) -> list[Number]:
+    return [_dolp(scenes, TARGET, sun, view) for sun in SUNS_DEG]
+
+
+def _dolp(scenes: PaperScenes, region: str, sun: float, view: float) -> Number:
+    value = scenes.airborne.quantity(scenes.at(sun, view), region, "dolp")
+    # What the light is computed to, in parts of S0.
+    return Number(label=f"DoLP {region} sun {sun:g} view {view:g}", value=value, error=TOLERANCE)
 
 
 def _fig13(scenes: PaperScenes, sun: float, view: float) -> Number:
@@ -181,27 +230,31 @@ def fig13_view_20_at_50(scenes: PaperScenes) -> tuple[Reading, ...]:
 
 
 def fig13_not_as_snr(scenes: PaperScenes) -> tuple[Reading, ...]:
-    """Test that ratio and detection go different ways."""
+    """Test that the ratio is higher at the oblique view with every sun, and detection worse there at a sun of 50."""
+    steep, oblique = (_fig12(scenes, view) for view in VIEWS_DEG)
+    return one_reading(
+        *(above(more, less) for more, less in zip(oblique, steep, strict=True)),
+        above(_fig13(scenes, 50.0, 20.0), _fig13(scenes, 50.0, 40.0)),
+    )
+
+
+def fig13_background_counts(scenes: PaperScenes) -> tuple[Reading, ...]:
+    """Test that the ratio of the target and detection on the background go different ways at a sun of 50."""
     steep, oblique = (scenes.airborne.snr(scenes.at(50.0, view), label=f"sun 50 view {view:g}") for view in VIEWS_DEG)
     return one_reading(above(oblique, steep), above(_fig13(scenes, 50.0, 20.0), _fig13(scenes, 50.0, 40.0)))
 
 
 def fig13_background_is_polarized(scenes: PaperScenes) -> tuple[Reading, ...]:
-    """Test that the asphalt is polarized."""
+    """Test that the asphalt is polarized, and that detection would not be the same were it not."""
     nothing = Number(label="none", value=0.0)
+    unpolarized = scenes.airborne.p_detection_on_unpolarized
+    places = [(sun, view) for sun in (10.0, 50.0) for view in VIEWS_DEG]
     return one_reading(
+        *(above(_dolp(scenes, BACKGROUND, sun, view), nothing) for sun, view in places),
         *(
-            above(
-                Number(
-                    label=f"DoLP {BACKGROUND} sun {sun:g} view {view:g}",
-                    value=scenes.airborne.quantity(scenes.at(sun, view), BACKGROUND, "dolp"),
-                    error=3e-3,
-                ),
-                nothing,
-            )
-            for sun in (10.0, 50.0)
-            for view in VIEWS_DEG
-        )
+            differ(_fig13(scenes, sun, view), unpolarized(scenes.at(sun, view), label=f"sun {sun:g} view {view:g}"))
+            for sun, view in places
+        ),
     )
 
 
@@ -213,7 +266,19 @@ def fig14_falls(scenes: PaperScenes) -> tuple[Reading, ...]:
 
 def fig14_peaks(scenes: PaperScenes) -> tuple[Reading, ...]:
     """Test that the peak stays with every noise."""
-    return one_reading(*(peak_within(_fig12(scenes, 40.0, kn), SUNS_DEG, 40.0, 60.0) for kn in NOISE_FACTORS))
+    by_noise = [_fig12(scenes, 40.0, kn) for kn in NOISE_FACTORS]
+    both = tuple(
+        above(found[SUNS_DEG.index(high)], found[SUNS_DEG.index(low)])
+        for found in by_noise
+        for high in (40.0, 60.0)
+        for low in (10.0, 20.0, 30.0, 70.0, 80.0)
+    )
+    return (
+        Reading(
+            name="largest at a sun of 40 to 60", tests=tuple(peak_within(n, SUNS_DEG, *_PEAK_DEG) for n in by_noise)
+        ),
+        Reading(name="at 40 and at 60 above 10 to 30, 70 and 80", tests=both),
+    )
 
 
 def _fig15(scenes: PaperScenes, view: float) -> list[Number]:

@@ -1,5 +1,7 @@
 """Look of the figures: colours, sizes, and their way into PNG bytes."""
 
+from collections.abc import Sequence
+from textwrap import fill
 from typing import Any, Literal
 
 import cv2
@@ -25,6 +27,8 @@ _PICTURE_WIDTH_INCH = 5.4
 # Left, right (with the bar), below and above.
 _PICTURE_MARGINS = (0.75, 1.15, 0.55, 0.35)
 _KNOWN, _ROOM = 10.0, 1.3
+# Of words beneath a figure of 14 inch [characters].
+_LINE_LENGTH = 150
 
 
 def subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
@@ -115,6 +119,13 @@ def finish_picture(figure: Any, ax: Axes, shown: Any, *, title: str, label: str)
     box = ax.get_position()
     bar = figure.add_axes((box.x1 + 0.12 / figure.get_figwidth(), box.y0, 0.14 / figure.get_figwidth(), box.height))
     figure.colorbar(shown, cax=bar, label=label)
+
+
+def say_beneath(figure: Figure, lines: Sequence[str]) -> None:
+    """Put words under a figure."""
+    if lines:
+        width = int(_LINE_LENGTH * figure.get_figwidth() / 14.0)
+        figure.supxlabel("\n".join(fill(line, width) for line in lines), fontsize=7.5, x=0.01, ha="left")
 
 
 def png(figure: Figure, *, dpi: float = _DPI) -> bytes:

@@ -11,10 +11,20 @@ from model.processing.dolp_against_snr import DolpAgainstSnr
 from model.processing.estimators import EstimatorError
 from rigctl.paper.curves import Panel, PaperFigure
 from rigctl.paper.digitised import DigitisedPoint
-from rigctl.reports.figures.figure_style import COLOURS, MEASURED, PREDICTED, legend_below, legend_of_all, png, subplots
-from rigctl.reports.figures.prediction_figures import laws_of, say_beneath
+from rigctl.reports.figures.figure_style import (
+    COLOURS,
+    MEASURED,
+    PREDICTED,
+    legend_below,
+    legend_of_all,
+    png,
+    say_beneath,
+    subplots,
+)
+from rigctl.reports.figures.prediction_figures import laws_of
 
 _PANEL_PIXELS = 120
+_MOST_FALSE_ALARMS = 0.03
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
 
@@ -22,9 +32,10 @@ def curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[Dig
     """Return a figure of curves; points of the paper's own figure, where somebody has them, lie over them."""
     columns = len(figure.panels)
     drawn, axes = subplots(1, columns, size=(max(6.4 * columns, 8.5), 4.8 + 0.16 * len(beneath)))
-    for letter, ax, panel in zip("abcd", axes, figure.panels, strict=False):
+    for ax, panel in zip(axes, figure.panels, strict=True):
         _draw(ax, panel)
-        _overlay(ax, [one for one in points if one.panel in ("", letter)])
+        if not panel.log_y:
+            _overlay(ax, [one for one in points if one.panel in ("", panel.letter)])
         legend_below(ax)
     drawn.suptitle(f"[MK14] Fig. {figure.number}: {figure.title}", fontsize=11)
     say_beneath(drawn, beneath)
@@ -39,9 +50,15 @@ def _draw(ax: Axes, panel: Panel) -> None:
         ax.plot(curve.x, curve.y, linestyle=line or "none", marker=curve.marker or None, label=curve.label)
     if panel.log_x:
         ax.set_xscale("log")
+    if panel.log_y:
+        ax.set_yscale("log")
+        # Toward false alarms everywhere next to nothing is missed, by so many decades that they would hide the others.
+        shown = np.concatenate([curve.y[curve.x <= _MOST_FALSE_ALARMS] for curve in panel.curves])
+        ax.set_ylim(0.1 * float(np.min(shown)), 10.0 * float(np.max(shown)))
+    elif panel.log_x:
         ax.set_ylim(0.0, 1.03)
     else:
-        ax.set_ylim(bottom=0.0)
+        ax.set_ylim(0.0, 1.05 * max(float(np.nanmax(curve.y)) for curve in panel.curves))
     ax.set_title(panel.title, fontsize=9)
     ax.set_xlabel(panel.x_label)
     ax.set_ylabel(panel.y_label)
@@ -87,10 +104,11 @@ def laws_figure_png(
     for name, label in names.items():
         one = predictions[name]
         for ax, quantity, (x, density) in zip(axes, quantities, laws_of(one), strict=True):
-            (line,) = ax.plot(x, density, label=f"{label}, exact")
+            # Where both are the same the thin line lies on the broad one.
+            (line,) = ax.plot(x, density, linewidth=4.0, alpha=0.35, label=f"{label}, exact")
             mean, std = one.quantities[quantity]["mean"], one.quantities[quantity]["std"]
             gauss = np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
-            ax.plot(x, gauss, "--", color=line.get_color(), linewidth=1.0, label=f"{label}, first order")
+            ax.plot(x, gauss, "--", color=line.get_color(), linewidth=1.4, label=f"{label}, first order")
     for letter, ax, label in zip("abc", axes, ("s1 = S1/S0", "s2 = S2/S0", "DoLP"), strict=True):
         _overlay(ax, [one for one in points if one.panel in ("", letter)])
         ax.set_xlabel(f"{label} of a pixel")
@@ -114,7 +132,7 @@ def fig5_plot(found: DolpAgainstSnr) -> bytes:
     for ax, label, drawn, error, first, exact in rows:
         ax.errorbar(decibel, drawn, yerr=error, fmt="o", markersize=4, color=MEASURED, label="Poisson draws")
         ax.plot(decibel, first, color="0.45", linestyle="--", label="first order, [MK14]")
-        ax.plot(decibel, exact, color=PREDICTED, label="exact law: Poisson to 16 dB, Gaussian above")
+        ax.plot(decibel, exact, color=PREDICTED, label="exact law of Poisson counts")
         ax.axvline(20.0, color="0.8", linewidth=1.0)
         ax.set_xlabel("SNR of S0 [dB, amplitude]")
         ax.set_ylabel(label)

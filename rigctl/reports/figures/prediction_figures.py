@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
-from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,13 +14,12 @@ from model.processing import normalized_stokes
 from model.processing.dolp import pdf
 from rigctl.files.choices import SnrKind
 from rigctl.prediction.sweep import Sweep
-from rigctl.reports.figures.figure_style import LINE_STYLES, legend_below, legend_of_all, png, subplots
+from rigctl.reports.figures.figure_style import LINE_STYLES, legend_below, legend_of_all, png, say_beneath, subplots
 from rigctl.reports.tables.sweep_tables import SHOWN_RATE, shown_snr, warning_lines
 
 FloatArray = NDArray[np.float64]
 
 _POINTS, _SPAN = 400, 5.0
-_LINE_LENGTH = 150
 # Words under a plot: more of them stand in table, CSV and JSON.
 _MOST_LINES = 4
 _MAP_KEY = "red cross: there is a warning of this point; white: the number does not exist"
@@ -85,13 +83,6 @@ def _around(mean: float, std: float) -> FloatArray:
 def _dolp_limits(one: RegionPrediction) -> tuple[float, float]:
     mean, std = one.quantities["dolp"]["mean"], max(one.quantities["s1n"]["std"], one.quantities["s2n"]["std"])
     return max(mean - _SPAN * std, 0.0), mean + _SPAN * std
-
-
-def say_beneath(figure: Figure, lines: Sequence[str]) -> None:
-    """Put words under a figure."""
-    if lines:
-        width = int(_LINE_LENGTH * figure.get_figwidth() / 14.0)
-        figure.supxlabel("\n".join(fill(line, width) for line in lines), fontsize=7.5, x=0.01, ha="left")
 
 
 def sweep_png(found: Sweep, *, snr: SnrKind = "exact", remarks: Sequence[str] = ()) -> bytes:

@@ -1,6 +1,6 @@
 """Figures of a scene: its sky, what its materials reflect, and what the light of its regions is made of."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,15 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from model.scene.field_light import FieldLight, Source
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_beside, legend_of_all, png, subplots
+from rigctl.reports.figures.figure_style import (
+    MEASURED,
+    PREDICTED,
+    legend_beside,
+    legend_of_all,
+    png,
+    say_beneath,
+    subplots,
+)
 from rigctl.reports.tables.light_tables import PARTS, title_lines
 from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
 from rigctl.scene.sky_map import SkyMap, SkyOfKind
@@ -30,7 +38,7 @@ _SUMMANDS: dict[Source, str] = {"reflected_sun": "#e69f00", "reflected_sky": "#5
 _COMPONENTS = ("S0", "S1", "S2")
 
 
-def sky_picture(sky: SkyMap) -> bytes:
+def sky_picture(sky: SkyMap, *, title: Sequence[str] = (), beneath: Sequence[str] = ()) -> bytes:
     """Return S0, S1, S2 and DoLP over the sky as a map: north at the top, east at the right, the horizon outside."""
     figure = Figure(figsize=(11.0, 9.6), layout="constrained")
     axes = figure.subplots(2, 2, subplot_kw={"projection": "polar"}).ravel()
@@ -46,7 +54,8 @@ def sky_picture(sky: SkyMap) -> bytes:
         shown = ax.pcolormesh(azimuth_rad, sky.zenith_deg, values, norm=norm, cmap=cmap, shading="gouraud")
         _finish(ax, sky)
         figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
-    figure.suptitle("\n".join(title_lines(sky)), fontsize=10)
+    figure.suptitle("\n".join([*title, *title_lines(sky)]), fontsize=10)
+    say_beneath(figure, beneath)
     return png(figure)
 
 

@@ -12,13 +12,16 @@ from rigctl.paper.results import figures_of
 from rigctl.paper.rooftop import PANELS
 from rigctl.reports.figures.paper_figures import curves_png, laws_figure_png, panels_png
 from rigctl.reports.figures.scene_figures import sky_picture
-from rigctl.reports.pages.paper_page import paper_report
+from rigctl.reports.pages.paper_page import NOTHING_STATED, paper_report
 from rigctl.reports.tables.paper_tables import statement_csv, statement_json, verdict_lines
 from rigctl.reports.writers.html_page import html
 from rigctl.reports.writers.output_folder import write_folder
 from rigctl.scene.sky_map import sky_map
 
 _SAME_FOR_ALL = (2, 5)
+_FIG2 = (
+    "[MK14] Fig. 2: Stokes parameters and DoLP of the sky, with the sun and air of section V: Table I is not at hand"
+)
 
 
 def write_paper(found: PaperResult, out: Path) -> tuple[str, ...]:
@@ -50,12 +53,13 @@ def _pictures(found: PaperResult, curves: dict[tuple[str, int], PaperFigure | No
 
 def _picture(found: PaperResult, one: MaterialSet, number: int, curves: PaperFigure | None) -> bytes:
     rows = [row for row in one.results if number in figures_of(row.statement)]
-    beneath = (f"materials: {one.name}", *verdict_lines(rows))
+    of_what = "the same for all materials" if number in _SAME_FOR_ALL else f"materials: {one.name}"
+    beneath = (of_what, *(verdict_lines(rows) or (NOTHING_STATED,)))
     points = [point for point in found.points if point.figure == number]
     if curves is not None:
         return curves_png(curves, beneath, points)
     if number == 2:
-        return sky_picture(sky_map(one.scene))
+        return sky_picture(sky_map(one.scene), title=(_FIG2,), beneath=beneath)
     panels = one.scenes.rooftop.predictions
     return panels_png(panels, PANELS, beneath) if number == 6 else laws_figure_png(panels, PANELS, beneath, points)
 
@@ -68,9 +72,9 @@ def _curves_csv(curves: dict[tuple[str, int], PaperFigure | None]) -> bytes:
     for (name, number), figure in curves.items():
         if figure is None:
             continue
-        for letter, panel in zip("abcd", figure.panels, strict=False):
+        for panel in figure.panels:
             for curve in panel.curves:
                 writer.writerows(
-                    (name, number, letter, curve.label, x, y) for x, y in zip(curve.x, curve.y, strict=True)
+                    (name, number, panel.letter, curve.label, x, y) for x, y in zip(curve.x, curve.y, strict=True)
                 )
     return text.getvalue().encode()

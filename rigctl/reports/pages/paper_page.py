@@ -5,8 +5,9 @@ from collections.abc import Iterable, Mapping
 from rigctl.paper.paper_result import PaperResult
 from rigctl.paper.results import figures_of
 from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section
-from rigctl.reports.tables.paper_tables import search_lines, statement_table, tally
+from rigctl.reports.tables.paper_tables import description_table, search_lines, statement_table, tally
 
+NOTHING_STATED = "The text says what is drawn, and nothing of it that could be held or not."
 _MEANING = (
     "holds, opposite: margins above three numerical errors. Cannot be seen: every P_D compared above .999, or the "
     "authors' measured points are needed. Noise floor: exact DoLP SNRs below 2.1, that of unpolarised light is 1.913. "
@@ -41,7 +42,8 @@ def _figures(found: PaperResult, pictures: Mapping[str, bytes]) -> Iterable[Sect
     for number in found.figures:
         shown = [Picture(png=png, caption=name) for name, png in pictures.items() if name.startswith(f"fig{number}-")]
         rows = [one for one in found.results if number in figures_of(one.statement)]
-        blocks = (*shown, *([statement_table(rows)] if rows else [Paragraph(text="The text states nothing of it.")]))
+        judged = [statement_table(rows)] if rows else [Paragraph(text=NOTHING_STATED)]
+        blocks = (*shown, *judged, description_table(number))
         yield Section(title=f"Fig. {number}", blocks=blocks)
 
 

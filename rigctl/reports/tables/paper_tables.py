@@ -10,6 +10,7 @@ import numpy as np
 from model.processing.dolp_against_snr import DolpAgainstSnr
 from model.processing.estimators import EstimatorError
 from rigctl.console.json_text import Json
+from rigctl.paper.descriptions import DESCRIPTIONS, Description
 from rigctl.paper.numbers import Number
 from rigctl.paper.results import IN_WORDS, Result
 from rigctl.paper.search import Search
@@ -47,6 +48,15 @@ darker there, and the path's own polarization, which grows with altitude, makes 
 slopes the paint is 1.5 times as bright as the asphalt at a view of 40 deg (S0 2408 to 1642 DN) and is found by its
 brightness; with those of the rough set the two are alike there (1346 to 1409 DN). How model and data agree cannot be
 judged without the authors' points.
+"""
+_SAID = """
+## Sentences that say what is drawn
+
+The other sentences of the text about these figures claim nothing that could hold or not. (Figs 1, 3 and 4 are drawings
+of the model.)
+
+| figure | sentence | here |
+|---|---|---|
 """
 # Heading, and what stands under it.
 _FIG5 = (
@@ -133,6 +143,15 @@ def statement_table(found: Sequence[Result], *, title: str = "") -> Table[Result
     return Table(title=title, columns=columns, rows=tuple(found), is_off=lambda one: one.verdict == "opposite")
 
 
+def description_table(figure: int) -> Table[Description]:
+    """Return the sentences that say what a figure shows, and how the figure here follows them."""
+    columns: tuple[Column[Description], ...] = (
+        Column(title="what the text says is drawn", text=lambda one: one.sentence, left=True, wide=True),
+        Column(title="here", text=lambda one: one.here, left=True),
+    )
+    return Table(columns=columns, rows=tuple(one for one in DESCRIPTIONS if one.figure == figure))
+
+
 def terminal_statements(found: Sequence[Result]) -> Table[Result]:
     """Return what fits a terminal: id, check, margin, verdict."""
     whole = statement_table(found)
@@ -187,7 +206,8 @@ def statements_page(found: Sequence[Result], materials: Sequence[str]) -> str:
         rows.append(
             f"| {one.figure} | {one.id} | {one.sentence} | {one.geometry} | {one.check} | {' | '.join(cells)} |\n"
         )
-    return _HEAD + head + rule + "".join(rows) + _NOTES
+    said = "".join(f"| {one.figure} | {one.sentence} | {one.here} |\n" for one in DESCRIPTIONS)
+    return _HEAD + head + rule + "".join(rows) + _NOTES + _SAID + said
 
 
 def verdict_cell(one: Result) -> str:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,15 @@ def test_where_moments_do_not_exist_there_is_none_and_the_draws_are_counted():
 def test_arguments_out_of_range_are_refused(snr, draws):
     with pytest.raises(ValueError, match="allowed are"):
         _study(snr, draws=draws)
+
+
+@pytest.mark.parametrize("moment", ["mean", "std"])
+def test_above_the_last_sum_the_law_of_poisson_counts_is_carried_on(moment):
+    decibel = np.array([14.0, 16.0, 18.0, 20.0])
+    found = dolp_against_snr((1.0, 0.5, 0.5), 10.0 ** (decibel / 20.0), draws=10, generator=np.random.default_rng(1))
+    summed = getattr(found, f"poisson_{moment}")
+    shorter = replace(found, **{f"poisson_{moment}": np.where(decibel > 18.0, np.nan, summed)})
+    value, error = shorter.truth(moment)
+    # Steps of 2 dB fall regularly: what the last one missed is no more than the one before missed.
+    assert abs(value[-1] - summed[-1]) < error[-1] / 1.5
+    assert abs(getattr(found, moment)[-1] - summed[-1]) > 3.0 * error[-1]
