@@ -8,15 +8,19 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from rigctl.devices.rig import open_rig
 from rigctl.errors import ConfigError, DataError, RunFolderError
+from rigctl.files.choices import Dictionary
 from rigctl.files.config import describe
-from rigctl.files.regions import RegionsFile, regions_text
+from rigctl.files.regions import Markers, RegionsFile, regions_text
 from rigctl.files.rig_file import PolarizerSection, load_rig
 from rigctl.jobs.acquire import AcquireRequest, prepare_session, require_takeable
 from rigctl.jobs.preview import open_camera
+from rigctl.outlines.markers import search_markers, stretched
 from rigctl.runs.run_lock import writing_process
 from rigctl.session.control import ask_process
 from rigctl.storage.durable_file import write_durably
@@ -75,7 +79,7 @@ def serve(request: ServeRequest, place: Place, *, told: Callable[[Addresses], No
         sessions=sessions.names,
         plan=sessions.plan,
         start=sessions.start,
-        write_regions=lambda body: _write_regions(request.runs / _REGIONS_FILE, body),
+        write_regions=lambda body: write_regions(request.runs / _REGIONS_FILE, body, rig.newest_counts()),
     )
     server = PageServer(page_app(RunsOfFolder(request.runs), hands), place, can_act=True)
     told(server.addresses)
@@ -172,12 +176,23 @@ def _polarizer(what: str) -> PolarizerSection:
     return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else PolarizerSection(sense=1, offset_deg=0.0)
 
 
-def _write_regions(file: Path, body: bytes) -> str:
-    """Write regions; those that were there stay beside them as ``.bak``."""
+def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -> str:
+    """Write regions that a page sent, with the markers that the picture shows; return the name of the file.
+
+    Regions that were there stay beside them as ``.bak``.
+
+    Raises
+    ------
+    DataError
+        They are no regions.
+    """
     try:
         regions = RegionsFile.model_validate_json(body)
     except ValidationError as error:
         raise DataError(describe(Path("regions"), error)) from error
+    seen = [] if picture is None else search_markers(stretched(picture), Dictionary.FOUR_50)
+    if seen and regions.markers is None:
+        regions = regions.model_copy(update={"markers": Markers(seen=seen)})
     if file.exists():
         file.replace(file.with_suffix(".toml.bak"))
     write_durably(file, regions_text(regions).encode())

@@ -52,8 +52,12 @@ def grey_picture(run: Run) -> NDArray[np.uint8]:
     DataError
         The frames cannot give Stokes parameters.
     """
-    mean = measure(run, regions=[]).channels.mean(axis=0)
-    low, high = np.percentile(mean, (_DARKEST, _LIGHTEST))
+    return stretched(measure(run, regions=[]).channels.mean(axis=0))
+
+
+def stretched(picture: NDArray[np.float64] | NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Return a picture in greys from black to white, shape (H, W)."""
+    low, high = np.percentile(picture, (_DARKEST, _LIGHTEST))
     if not high > low:
-        return np.zeros(mean.shape, dtype=np.uint8)
-    return np.asarray(255.0 * np.clip((mean - low) / (high - low), 0.0, 1.0)).astype(np.uint8)
+        return np.zeros(picture.shape, dtype=np.uint8)
+    return np.asarray(255.0 * np.clip((picture - low) / (high - low), 0.0, 1.0)).astype(np.uint8)

@@ -195,6 +195,11 @@ class LiveRig:
             self._dark = (self._look.exposure_ms, float(self._counts.mean()))
             self._look = replace(self._look, dark_dn=self._dark[1])
 
+    def newest_counts(self) -> NDArray[np.uint16] | None:
+        """Return the newest picture [DN]; None where there is none."""
+        with self._changed:
+            return self._counts
+
     def newest_sequence(self, name: str) -> int | None:
         """Return the number of the newest picture of a name; None where there is none."""
         look = self.look()

@@ -64,13 +64,25 @@ async function rigPictures(state) {
   return isNew;
 }
 
-// Corners are in pixels of the camera: (0, 0) is the centre of the top left one.
+// Corners are in pixels of the camera: (0, 0) is the centre of the top left one. By keyboard: arrows move, Enter sets.
+let cursor = null;
+const size = () => [Number($("outlines").dataset.width), Number($("outlines").dataset.height)];
 $("view").onclick = (event) => {
-  const box = $("view").getBoundingClientRect(), width = Number($("outlines").dataset.width), height = Number($("outlines").dataset.height);
-  if (!width) return;
-  corners.push([((event.clientX - box.left) / box.width) * width - 0.5, ((event.clientY - box.top) / box.height) * height - 0.5].map((v) => Math.round(v * 10) / 10));
+  const box = $("view").getBoundingClientRect(), [width, height] = size();
+  if (width) corners.push([((event.clientX - box.left) / box.width) * width - 0.5, ((event.clientY - box.top) / box.height) * height - 0.5].map((v) => Math.round(v * 10) / 10));
   outline();
 };
+$("view").onkeydown = (event) => {
+  const [width, height] = size(), step = event.shiftKey ? 1 : Math.max(1, Math.round(width / 40));
+  const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] }, move = moves[event.key];
+  if (!width || (!move && event.key !== "Enter")) return;
+  event.preventDefault();
+  const at = cursor || [Math.round(width / 2), Math.round(height / 2)];
+  if (move) cursor = [Math.min(width - 1, Math.max(0, at[0] + move[0])), Math.min(height - 1, Math.max(0, at[1] + move[1]))];
+  else corners.push([...at]);
+  outline();
+};
+$("view").onblur = () => { cursor = null; outline(); };
 function outline() {
   const svg = $("outlines"), width = Number(svg.dataset.width), height = Number(svg.dataset.height), space = "http://www.w3.org/2000/svg";
   if (!width) return;
@@ -80,6 +92,7 @@ function outline() {
   for (const region of drawn) { add("polygon", { points: region.polygon.map((p) => p.join()).join(" ") }); add("text", { x: region.polygon[0][0], y: region.polygon[0][1], "font-size": height / 24 }, region.name); }
   if (corners.length) add("polyline", { points: corners.map((p) => p.join()).join(" ") });
   for (const [cx, cy] of corners) add("circle", { cx, cy, r: height / 120 });
+  if (cursor) add("path", { d: `M${cursor[0] - width / 30} ${cursor[1]}h${width / 15}M${cursor[0]} ${cursor[1] - width / 30}v${width / 15}` });
 }
 $("region-add").onclick = () => {
   const name = $("region-name").value.trim();

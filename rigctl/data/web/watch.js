@@ -4,7 +4,7 @@ const $ = (id) => document.getElementById(id);
 const STATE_MS = 1000, IDLE_MS = 250, STALL_MS = 10000, LIST_MS = 5000;
 const MAPS = ["s0", "dolp", "aolp"];
 const INKS = ["#0b6fd6", "#d1495b", "#2e933c", "#8d5fd3", "#d98200", "#00838f", "#7a5200", "#5f6b73"];
-let socket = null, run = new URLSearchParams(location.search).get("run") || "", selected = null, known = {}, lastHeard = 0, newest = null, plots = {}, waiting = null, tries = 0;
+let socket = null, run = new URLSearchParams(location.search).get("run") || "", selected = null, isChosen = false, known = {}, lastHeard = 0, newest = null, plots = {}, waiting = null, tries = 0;
 
 // The look: as the device wants it, until a person chooses.
 const wanted = () => localStorage.getItem("look") || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
@@ -40,6 +40,15 @@ const ask = (question) => new Promise((resolve, reject) => {
 });
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
+// Curves are long: they are sent again where they have grown.
+let curvesKey = "", lastCurves = null;
+function withCurves(state) {
+  if (state.curves_key === undefined) return state;
+  if (state.curves_key === curvesKey && !state.curves) return { ...state, curves: lastCurves };
+  curvesKey = state.curves_key; lastCurves = state.curves;
+  return state;
+}
+
 async function work(own) {
   document.body.dataset.link = "up";
   let told = 0;
@@ -47,7 +56,7 @@ async function work(own) {
     while (own === socket && own.readyState === WebSocket.OPEN) {
       if (document.hidden) { await pause(IDLE_MS); continue; }
       const each = newest && newest.runs && !newest.hands ? LIST_MS : STATE_MS;
-      if (Date.now() - told > each) { told = Date.now(); newest = JSON.parse(await ask({ want: "state" })); show(newest); }
+      if (Date.now() - told > each) { told = Date.now(); newest = withCurves(JSON.parse(await ask({ want: "state", curves: curvesKey }))); show(newest); }
       const isNew = newest.runs ? await rigPictures(newest) : await pictures();
       if (!isNew) await pause(IDLE_MS);
     }
@@ -85,7 +94,8 @@ function show(state) {
   const since = ["stale", "interrupted", "finished", "stopped", "holding", "waiting"].includes(state.state) && state.since_utc ? ` since ${utc(state.since_utc)}` : "";
   $("state").textContent = state.state + since; $("state").className = `pill ${state.state}`;
   $("simulated").hidden = !state.is_simulated;
-  $("advice").textContent = state.advice; $("advice").hidden = !state.advice;
+  const canAct = state.right === "act" && state.hands;
+  $("advice").textContent = canAct ? state.advice.replace(/; then go on: .*/, "; then press go on") : state.advice; $("advice").hidden = !state.advice;
   facts(state); angles(state.newest); hands(state); curves(state.curves); calibrations(state.calibrations);
   $("maps-of").textContent = state.maps_of ? `(${state.maps_of})` : "(none yet)";
   $("events").replaceChildren(); for (const one of state.events) put($("events"), "li", `${utc(one.utc)}  ${one.event}  ${one.facts}`);
@@ -98,7 +108,7 @@ function facts(state) {
     ["frames", state.frames_planned ? `${state.frames} of ${state.frames_planned}` : `${state.frames}`], ["last frame", state.step],
     ["time left", state.remaining_s === null ? null : span(Math.max(0, state.remaining_s))], ["ends", state.end_utc && utc(state.end_utc)],
     ["sun zenith", number(state.sun_zenith_deg, 1, "deg")], ["sun azimuth", number(state.sun_azimuth_deg, 1, "deg")],
-    ["camera", number(state.camera_temperature_c, 1, "\u00b0C")], ["free disk", number(state.disk_free_mb / 1000, 1, "GB")],
+    ["camera", number(state.camera_temperature_c, 1, "\u00b0C")], ["free disk", state.disk_free_mb ? number(state.disk_free_mb / 1000, 1, "GB") : null],
     ["sum rule", last(state.curves && state.curves.sum_rule, 4, "")], ["drift", last(state.curves && state.curves.drift_percent_per_min, 2, "%/min")],
   ];
   $("facts").replaceChildren();
@@ -126,11 +136,11 @@ function calibrations(found) {
 
 function angles(frames) {
   const names = frames.map((one) => one.name);
-  if (!names.includes(selected)) selected = names[0] || null;
+  if (!names.includes(selected) || !isChosen) selected = names[0] || null; // a scene, as soon as there is one
   if ($("angles").dataset.names !== names.join()) {
     $("angles").dataset.names = names.join();
     $("angles").replaceChildren();
-    for (const name of names) put($("angles"), "button", /^-?[\d.]+$/.test(name) ? `${name}\u00b0` : name, { type: "button", role: "tab", "data-name": name }).onclick = () => { selected = name; angles(frames); };
+    for (const name of names) put($("angles"), "button", /^-?[\d.]+$/.test(name) ? `${name}\u00b0` : name, { type: "button", role: "tab", "data-name": name }).onclick = () => { selected = name; isChosen = true; angles(frames); };
   }
   for (const button of $("angles").children) button.setAttribute("aria-selected", button.dataset.name === selected);
   const one = frames.find((frame) => frame.name === selected);
@@ -145,7 +155,7 @@ function hands(state) {
 }
 for (const [name, question] of [["hold", "Hold the session after this frame?"], ["resume", "Go on with the session?"], ["stop", "Stop the session after this frame?"]]) {
   $(name).onclick = async () => {
-    $("question").textContent = question; $("ask").showModal();
+    $("question").textContent = question; $("ask").showModal(); $("ask").querySelector("[value=no]").focus();
     await new Promise((resolve) => $("ask").addEventListener("close", resolve, { once: true }));
     if ($("ask").returnValue !== "yes") return;
     const response = await fetch(`/api/${name}?run=${encodeURIComponent(run)}`, { method: "POST" });

@@ -1,0 +1,34 @@
+"""Regions that a page sends, written with the markers of the live picture."""
+
+from pathlib import Path
+
+import pytest
+
+from rigctl.errors import DataError
+from rigctl.files.config import load
+from rigctl.files.regions import RegionsFile
+from rigctl.jobs.serve import write_regions
+from tests.rigctl.outlines.marked_pictures import panels
+
+BODY = b'{"regions": [{"name": "panel", "polygon": [[1, 1], [9, 1], [9, 9]]}]}'
+
+
+def test_markers_of_the_live_picture_are_written_down_with_the_regions(tmp_path: Path) -> None:
+    assert (
+        write_regions(tmp_path / "regions.toml", BODY, panels(markers={3: (60, 50), 7: (360, 260)})) == "regions.toml"
+    )
+    written = load(tmp_path / "regions.toml", RegionsFile)
+    assert [marker.id for marker in written.markers.seen] == [3, 7]
+
+
+def test_without_a_picture_or_markers_there_are_regions_alone(tmp_path: Path) -> None:
+    for picture in (None, panels(markers={})):
+        write_regions(tmp_path / "regions.toml", BODY, picture)
+        assert load(tmp_path / "regions.toml", RegionsFile).markers is None
+
+
+def test_what_is_no_region_is_refused_and_the_old_ones_stay(tmp_path: Path) -> None:
+    write_regions(tmp_path / "regions.toml", BODY, None)
+    with pytest.raises(DataError):
+        write_regions(tmp_path / "regions.toml", b'{"regions": [{"name": "<b>"}]}', None)
+    assert "panel" in (tmp_path / "regions.toml").read_text()
