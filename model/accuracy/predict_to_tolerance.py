@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from model.accuracy.estimates.error_budget import Budget, error_budget
-from model.accuracy.estimates.light_error import light_errors
+from model.accuracy.estimates.light_error import LightError, light_errors
 from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.planning.budget_allocation import allocate
+from model.accuracy.planning.budget_allocation import allocate, expected_s
 from model.accuracy.planning.forecast import Forecast, forecast, seen, unused
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, Plan, settings_at
 from model.atmosphere.transfer.phase import AerosolKind
@@ -46,12 +46,16 @@ class AccuratePrediction:
         Level of each setting.
     budget
         Estimated errors by setting and in sum, in the units of the tolerance.
+    light
+        Setting to region to the estimated error of its light.
     not_guaranteed
         Reading to the reason why its error may exceed the tolerance; all others keep it.
     stage_s
         Time of each stage over all rounds, that of the error estimates beside them [s].
     rounds
         How often the chain was evaluated.
+    expected_s
+        Time that an evaluation of the plan is likely to take [s].
     estimated_only
         Whether no error is promised of light of which no convergence is known: they are estimates.
     """
@@ -60,9 +64,11 @@ class AccuratePrediction:
     tolerance: float
     plan: Plan
     budget: Budget
+    light: Mapping[str, Mapping[str, LightError]]
     not_guaranteed: Mapping[Reading, str]
     stage_s: Mapping[str, float]
     rounds: int
+    expected_s: float
     estimated_only: bool = False
 
 
@@ -72,6 +78,7 @@ def predict(
     tolerance: float,
     effects: frozenset[Effect] = ALL,
     estimated_only: bool = False,
+    start: Plan | None = None,
     store: LightStore | None = None,
     clock: Clock = time.perf_counter,
 ) -> AccuratePrediction:
@@ -88,6 +95,8 @@ def predict(
         That act; what leaving one out costs is not counted here.
     estimated_only
         Take the errors of aerosol of spheres as they are estimated, though nothing is promised of them.
+    start
+        Plan to begin with, as `plan_beside` or a neighbouring scene gives it; None for the scene's own.
     store
         Keeps skies and lights between calls; None for a new one.
     clock
@@ -110,7 +119,7 @@ def predict(
     ahead = forecast(scene, effects)
     left_out = unused(effects)
     scales = {name: 0.0 if name in left_out else 1.0 for name in NUMERICAL_SETTINGS}
-    plan = allocate(scene, ahead, scales, _first_aim(tolerance))
+    plan = allocate(scene, ahead, scales, _first_aim(tolerance)) if start is None else dict(start)
     for rounds in range(1, _ROUNDS + 1):
         settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
         result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)
@@ -129,9 +138,11 @@ def predict(
         tolerance=tolerance,
         plan=plan,
         budget=budget,
+        light=errors,
         not_guaranteed=_not_guaranteed(scene, budget, tolerance, estimated_only=estimated_only),
         stage_s=taken,
         rounds=rounds,
+        expected_s=expected_s(scene, plan, ahead),
         estimated_only=estimated_only and _has_spheres(scene),
     )
 
@@ -139,6 +150,36 @@ def predict(
 def _first_aim(tolerance: float) -> float:
     aim = _FIRST_AIM * tolerance
     return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, _FIRST_COARSEST)
+
+
+def plan_beside(
+    scene: LitScene, neighbour: AccuratePrediction, *, tolerance: float, effects: frozenset[Effect] = ALL
+) -> dict[str, int]:
+    """Return the plan for a scene much like one that was predicted, were the errors of both as large.
+
+    Parameters
+    ----------
+    scene, tolerance, effects
+        As `predict` takes them.
+    neighbour
+        What was predicted, and the errors that were estimated.
+
+    References
+    ----------
+    Definition: the likely errors of the scene, scaled as those of its neighbour were, for those readings that a
+    setting, or all together, act on most.
+    """
+    ahead, left_out = forecast(scene, effects), unused(effects)
+    plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)
+    kept = [key for key in neighbour.budget.total if key not in neighbour.not_guaranteed]
+    if not kept:
+        return allocate(scene, ahead, dict.fromkeys(plan, 1.0), _first_aim(tolerance))
+    several = (*(neighbour.budget.by_setting[name] for name in plan), neighbour.budget.total)
+    for key in dict.fromkeys(max(kept, key=lambda one: errors.get(one, 0.0)) for errors in several):
+        found = _scales(ahead, neighbour.plan, neighbour.budget, key)
+        scales = {name: 0.0 if name in left_out else scale for name, scale in found.items()}
+        plan = allocate(scene, ahead, scales, _AIM * tolerance, start=plan)
+    return plan
 
 
 def _finer(scene: LitScene, ahead: Forecast, plan: dict[str, int], budget: Budget, tolerance: float) -> dict[str, int]:

@@ -1,26 +1,43 @@
-"""Predictions of neighbouring scenes to a tolerance: plans and error estimates are shared along the series."""
+"""Predictions of neighbouring scenes to a tolerance: plans, rules and error estimates are shared between them."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil
+from enum import Enum, auto
+from itertools import product
+from math import exp
 
+from scipy.special import ndtri
+
+from model.accuracy.estimates.companions import Companions, carried_errors, companions, from_glint_rad, is_harder
+from model.accuracy.estimates.error_budget import error_budget
 from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Reading, readings
-from model.accuracy.planning.numerical_settings import Plan, settings_at
-from model.accuracy.predict_to_tolerance import ESTIMATES, SMALLEST, SPHERES, AccuratePrediction, predict
+from model.accuracy.evaluation.quantities import Reading, Readings, Value, readings
+from model.accuracy.planning.lattice import Cell, Index, lattice
+from model.accuracy.planning.numerical_settings import ROC, TILES, Plan, settings_at
+from model.accuracy.predict_to_tolerance import ESTIMATES, SMALLEST, SPHERES, AccuratePrediction, plan_beside, predict
+from model.accuracy.series_effects import SeriesEffects, TakenEffects
 from model.effects.names import ALL, Effect
+from model.scene.field_light import known_rules
 from model.scene.lit_scene import LitScene
 
-# An estimate costs twice an evaluation: of one case in so many it is a fifth of the time.
-_SPACING = 12
-# What a case between two that were judged is taken to be off by, over the larger of their errors.
+# What a case between judged ones is taken to be off by, over the largest of their errors.
 _MARGIN = 1.5
 # Cases that stand for others are predicted to this share of the tolerance, so that the margin has room below it.
-_OF_TOLERANCE = 0.5
-# Errors below this share of the tolerance need not have a smooth course.
-_SMALL = 0.2
+_OF_TOLERANCE = 0.65
+# Errors below this share of the tolerance need not have a smooth course, nor companions of an error.
+_SMALL, _NEGLIGIBLE = 0.2, 0.05
+# Of so many cells the middle of one is judged, to see whether its errors are what its corners tell.
+_SPOT_CHECKED = 4
+# Judging a case costs as much as evaluating so many; of what a division could save so much is certain.
+_JUDGING, _DEAR = 5.0, 4.0
+# Nearer to a glint than its corners by this, a case of a cell is judged, and divides it [rad].
+_NEARER_RAD = 0.02
+# Numbers between 0 and 1. Where one changes by less than this share of how fast it changes elsewhere, it tells nothing.
+_PROBABILITIES, _TELLING = frozenset({"p_detection", "auc"}), 0.03
+# Below this density a probability does not change by more, whatever the deviate does.
+_SATURATED = 1e-5
 _BY_NEIGHBOUR = "is not promised of a neighbouring case, and its own error was not estimated"
 
 
@@ -40,6 +57,8 @@ class SeriesCase:
         Whether the errors were estimated of this case itself.
     not_guaranteed
         Reading to the reason why its error may exceed the tolerance.
+    effects
+        Effects that were left out, and what that may change.
     """
 
     result: ChainResult
@@ -47,6 +66,7 @@ class SeriesCase:
     errors: Mapping[Reading, float]
     is_judged: bool
     not_guaranteed: Mapping[Reading, str]
+    effects: TakenEffects
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,11 +81,15 @@ class SeriesPrediction:
         That was asked for.
     stage_s
         Time of each stage, and of the error estimates [s].
+    spot_checks, spot_checks_held
+        Cases that were judged to see whether their errors are what their neighbours tell, and of how many that held.
     """
 
     cases: tuple[SeriesCase, ...]
     tolerance: float
     stage_s: Mapping[str, float]
+    spot_checks: int = 0
+    spot_checks_held: int = 0
 
     @property
     def judged(self) -> int:
@@ -83,7 +107,8 @@ def predict_series(
     scenes: Sequence[LitScene],
     *,
     tolerance: float,
-    effects: frozenset[Effect] = ALL,
+    shape: Index | None = None,
+    effects: frozenset[Effect] | SeriesEffects = ALL,
     estimated_only: bool = False,
     store: LightStore | None = None,
     clock: Clock = time.perf_counter,
@@ -93,8 +118,12 @@ def predict_series(
     Parameters
     ----------
     scenes
-        One or more; in an order in which they change smoothly, as along a sweep.
-    tolerance, effects, estimated_only, store, clock
+        One or more; in an order in which they change smoothly, as along a sweep; of a grid the last axis fastest.
+    shape
+        Cases along each axis of a grid; None for one axis.
+    effects
+        That act, or how that is decided for each scene.
+    tolerance, estimated_only, store, clock
         As `model.accuracy.predict_to_tolerance.predict` takes them.
 
     Raises
@@ -104,15 +133,37 @@ def predict_series(
 
     Notes
     -----
-    The ends and one case of twelve are judged: predicted with error estimates of their own, to half of the tolerance. A
-    case between two of them
-    takes the finer of their plans in each setting; its errors are taken to be 1.5 times the larger of theirs. Where
-    that is above the tolerance, or it has numbers that they have not, it is judged itself. The course is checked:
-    where two neighbours that were judged differ by more than that factor, the case in their middle is judged too.
+    The corners of a coarse lattice are judged: predicted with error estimates of their own, to half of the tolerance. A
+    case between them takes the finer of their plans in each setting; its errors are taken to be 1.5 times the largest
+    of theirs. Where that is above the tolerance, where it has numbers that they have not, or where what its own
+    evaluation tells of the sky's grid and of the tiles is worse than with all of them, it is judged itself.
+
+    The course is checked: a cell is divided where the errors of its corners differ by more than that factor, and at a
+    case that is nearer to the sun's mirror direction than they are. Of every fourth cell the middle is judged, and
+    where its errors are larger than its corners tell, that cell is divided and the middles of all others are judged.
     """
-    return _Series(
-        scenes, tolerance, effects, estimated_only, LightStore() if store is None else store, clock
-    ).predicted()
+    sizes = (len(scenes),) if shape is None else shape
+    store = LightStore() if store is None else store
+    taken = effects if isinstance(effects, SeriesEffects) else SeriesEffects(acting=effects)
+    return _Series(scenes, sizes, tolerance, taken, estimated_only, store, clock).predicted()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Judged:
+    """A case with error estimates of its own."""
+
+    found: AccuratePrediction
+    effects: TakenEffects
+    companions: Companions
+
+
+class _Refused(Enum):
+    """Why a case cannot be had by its neighbours: it is harder than they are, or too little is known of its errors."""
+
+    HARDER, UNSURE = auto(), auto()
+
+
+_HARDER, _UNSURE = _Refused.HARDER, _Refused.UNSURE
 
 
 class _Series:
@@ -121,107 +172,276 @@ class _Series:
     def __init__(
         self,
         scenes: Sequence[LitScene],
+        shape: Index,
         tolerance: float,
-        effects: frozenset[Effect],
+        effects: SeriesEffects,
         estimated_only: bool,
         store: LightStore,
         clock: Clock,
     ) -> None:
-        self._scenes, self._tolerance, self._effects = scenes, tolerance, effects
+        self._places = list(product(*(range(size) for size in shape)))
+        self._scenes = dict(zip(self._places, scenes, strict=True))
+        self._shape, self._tolerance, self._effects = shape, tolerance, effects
         self._estimated_only, self._store, self._clock = estimated_only, store, clock
-        self._judged: dict[int, AccuratePrediction] = {}
+        self._judged: dict[Index, _Judged] = {}
+        self._found: dict[Index, SeriesCase] = {}
+        self._spots: list[bool] = []
         self._taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
 
     def predicted(self) -> SeriesPrediction:
         """Judge some, then take the others by their neighbours."""
-        last = len(self._scenes) - 1
-        places = [round(k * last / pieces) for pieces in [max(1, ceil(last / _SPACING))] for k in range(pieces + 1)]
-        for left, right in zip(places, places[1:] or places, strict=False):
-            self._check(left, right)
-        cases = tuple(self._case(place) for place in range(last + 1))
-        return SeriesPrediction(cases=cases, tolerance=self._tolerance, stage_s=self._taken)
+        cells = [leaf for cell in lattice(self._shape) for leaf in self._checked(cell)]
+        cells = list(self._spot_checked(cells))
+        for cell in cells:
+            self._fill(cell)
+        return SeriesPrediction(
+            cases=tuple(self._found[place] for place in self._places),
+            tolerance=self._tolerance,
+            stage_s=self._taken,
+            spot_checks=len(self._spots),
+            spot_checks_held=sum(self._spots),
+        )
 
-    def _judge(self, place: int, *, share: float = _OF_TOLERANCE) -> AccuratePrediction:
+    def _by_sky(self, places: Iterable[Index]) -> list[Index]:
+        """Return cases so ordered that those under one sky follow one another, and none is made twice."""
+        skies: dict[object, list[Index]] = {}
+        for place in places:
+            air = self._scenes[place].air
+            skies.setdefault(None if air is None else air.key, []).append(place)
+        return [place for under_one in skies.values() for place in under_one]
+
+    def _judge(self, place: Index, plan: Plan | None = None, *, share: float = _OF_TOLERANCE) -> _Judged:
         """Predict a case with its errors, to a share of the tolerance; what is above it is held against the whole."""
-        if place not in self._judged:
-            found = predict(
-                self._scenes[place],
-                tolerance=max(share * self._tolerance, SMALLEST),
-                effects=self._effects,
-                estimated_only=self._estimated_only,
-                store=self._store,
-                clock=self._clock,
-            )
-            errors = found.budget.total
-            missing = {
-                key: why
-                for key, why in found.not_guaranteed.items()
-                if why == SPHERES or not errors[key] <= self._tolerance
-            }
-            self._judged[place] = replace(found, not_guaranteed=missing)
-            self._count(found.stage_s)
-        return self._judged[place]
-
-    def _check(self, left: int, right: int) -> None:
-        """Judge both ends, and middles until the errors have a smooth course."""
-        one, other = self._judge(left), self._judge(right)
-        if right - left < 2 or self._is_smooth(one, other):
-            return
-        middle = (left + right) // 2
-        self._check(left, middle)
-        self._check(middle, right)
-
-    def _is_smooth(self, one: AccuratePrediction, other: AccuratePrediction) -> bool:
-        if one.budget.total.keys() != other.budget.total.keys():
-            return False
-        small = _SMALL * self._tolerance
-        pairs = ((one.budget.total[key], other.budget.total[key]) for key in one.budget.total)
-        # Of other plans there are other errors; then what counts is that both are far enough below the tolerance.
-        same = dict(one.plan) == dict(other.plan)
-        return all(not same or max(pair) <= _MARGIN * max(min(pair), small) for pair in pairs)
-
-    def _case(self, place: int) -> SeriesCase:
         if place in self._judged:
-            return _as_judged(self._judged[place])
-        left = max(judged for judged in self._judged if judged < place)
-        right = min(judged for judged in self._judged if judged > place)
-        between = self._between(place, self._judged[left], self._judged[right])
-        return _as_judged(self._judge(place, share=1.0)) if between is None else between
-
-    def _between(self, place: int, one: AccuratePrediction, other: AccuratePrediction) -> SeriesCase | None:
-        """Return a case by the plans and errors of its neighbours; None where these do not do."""
-        unknown = {**other.not_guaranteed, **one.not_guaranteed}
-        errors = {
-            key: _MARGIN * max(error, other.budget.total.get(key, 0.0)) for key, error in one.budget.total.items()
-        }
-        if any(error > self._tolerance for key, error in errors.items() if key not in unknown):
-            return None
-        plan = {name: max(level, other.plan[name]) for name, level in one.plan.items()}
+            return self._judged[place]
         scene = self._scenes[place]
-        settings = settings_at(plan, self._tolerance, face_m=scene.sensor_height_m)
-        result = evaluate(scene, settings, effects=self._effects, store=self._store, clock=self._clock)
-        self._count(result.stage_s)
-        found = readings(result.scenario, result.predictions, result.detections)
-        if not found.keys() <= errors.keys():
+        start = self._clock()
+        effects = self._effects.of(scene)
+        self._taken[ESTIMATES] += self._clock() - start
+        allowed = self._tolerance - effects.spent
+        aim, near = max(share * allowed, SMALLEST), self._nearest(place)
+        if plan is None and near is not None:
+            plan = plan_beside(scene, near, tolerance=aim, effects=effects.acting)
+        found = predict(
+            scene,
+            tolerance=aim,
+            effects=effects.acting,
+            estimated_only=self._estimated_only,
+            start=plan,
+            store=self._store,
+            clock=self._clock,
+        )
+        errors = found.budget.total
+        missing = {k: why for k, why in found.not_guaranteed.items() if why == SPHERES or not errors[k] <= allowed}
+        self._count(found.stage_s)
+        judged = _Judged(
+            found=replace(found, not_guaranteed=missing),
+            effects=effects,
+            companions=companions(scene, found.result),
+        )
+        self._judged[place] = judged
+        return judged
+
+    def _nearest(self, place: Index) -> AccuratePrediction | None:
+        """Return the judged case that is nearest to a place."""
+        if not self._judged:
             return None
+        steps = {one: sum(abs(a - b) for a, b in zip(one, place, strict=True)) for one in self._judged}
+        return self._judged[min(steps, key=lambda one: steps[one])].found
+
+    def _checked(self, cell: Cell) -> Iterator[Cell]:
+        """Judge the corners of a cell; divide it at a glint, and where one corner makes all that is inside dear."""
+        corners = [self._judge(place) for place in cell.corners]
+        if not cell.is_divisible:
+            yield cell
+        elif (glint := self._glint(cell)) is not None:
+            yield from self._divided(cell, glint)
+        elif self._is_dear(cell, corners):
+            yield from self._divided(cell, cell.middle)
+        else:
+            yield cell
+
+    def _divided(self, cell: Cell, place: Index) -> Iterator[Cell]:
+        self._judge(place)
+        for part in cell.divided(place):
+            yield from self._checked(part)
+
+    def _glint(self, cell: Cell) -> Index | None:
+        """Return the case of a cell that is nearest to a glint; None where a corner is."""
+        nearest = min(from_glint_rad(self._scenes[place]) for place in cell.corners)
+        inside = min(cell.places, key=lambda place: from_glint_rad(self._scenes[place]))
+        return inside if from_glint_rad(self._scenes[inside]) < nearest - _NEARER_RAD else None
+
+    def _is_dear(self, cell: Cell, corners: Sequence[_Judged]) -> bool:
+        """Return whether so many cases would take the plan of one dear corner that judging one more costs less."""
+        times = [corner.found.expected_s for corner in corners]
+        inside = len(list(cell.places)) - len(corners)
+        return inside * (max(times) - min(times)) > _DEAR * _JUDGING * max(times)
+
+    def _spot_checked(self, cells: Sequence[Cell]) -> Iterator[Cell]:
+        """Judge the middle of some cells; where one is not as its corners tell divide it, and look at all others."""
+        open_cells = [cell for cell in cells if cell.is_divisible]
+        looked_at = {cell: self._is_as_told(cell) for cell in open_cells[::_SPOT_CHECKED]}
+        if not all(looked_at.values()):
+            looked_at |= {cell: self._is_as_told(cell) for cell in open_cells if cell not in looked_at}
+        for cell in cells:
+            if looked_at.get(cell, True):
+                yield cell
+            else:
+                yield from self._divided(cell, cell.middle)
+
+    def _is_as_told(self, cell: Cell) -> bool:
+        """Return whether the errors in the middle of a cell are within what its corners tell."""
+        place = cell.middle
+        if place in cell.corners:
+            return True
+        corners = [self._judge(corner) for corner in cell.corners]
+        judged = self._judge(place, _finest_plan(corners)).found
+        told = self._told(corners, _numbers(judged.result))
+        small, errors = _SMALL * self._tolerance, judged.budget.total
+        held = all(errors[key] <= max(error, small) for key, error in told.items())
+        self._spots.append(held)
+        return held
+
+    def _told(self, corners: Sequence[_Judged], numbers: Readings) -> dict[Reading, float]:
+        """Return the errors of a case between some that were judged: of readings of which these can tell."""
+        told = {}
+        for key, number in numbers.items():
+            errors = [error for corner in corners for error in _carried(key, number, corner)]
+            if errors and all(key in corner.found.budget.total for corner in corners):
+                told[key] = _MARGIN * max(errors)
+        return told
+
+    def _fill(self, cell: Cell) -> None:
+        """Predict all cases of a cell; where its corners do not do, judge one of them, and fill the parts."""
+        for place in cell.corners:
+            self._found[place] = _as_judged(self._judge(place))
+        corners = [self._judged[place] for place in cell.corners]
+        for place in self._by_sky(cell.places):
+            if place in self._found:
+                continue
+            if place in self._judged:
+                self._found[place] = _as_judged(self._judged[place])
+                continue
+            between = self._between(place, corners)
+            if isinstance(between, SeriesCase):
+                self._found[place] = between
+                continue
+            if between is _HARDER or len([size for size in self._shape if size > 1]) > 1:
+                self._found[place] = _as_judged(self._judge(place, share=1.0))
+                continue
+            for part in cell.divided(_inside(cell, place)):
+                self._fill(part)
+            return
+
+    def _between(self, place: Index, corners: Sequence[_Judged]) -> "SeriesCase | _Refused":
+        """Return a case by the plans and errors of its neighbours, or why these do not do."""
+        scene, unknown = self._scenes[place], {key for corner in corners for key in corner.found.not_guaranteed}
+        effects = self._effects.between(scene, [corner.effects for corner in corners])
+        plan = _finest_plan(corners)
+        result = self._evaluated(scene, plan, effects, corners)
+        found = _numbers(result)
+        errors, allowed = self._told(corners, found), self._tolerance - effects.spent
+        others, negligible = [corner.companions for corner in corners], _NEGLIGIBLE * self._tolerance
+        if is_harder(companions(scene, result), others, margin=_MARGIN, negligible=negligible):
+            return _HARDER
+        if not _keeps(errors, found, unknown, allowed):
+            errors = self._propagated(scene, result, corners)
+        if not _keeps(errors, found, unknown, allowed):
+            return _UNSURE
         return SeriesCase(
             result=result,
             plan=plan,
-            errors={key: errors[key] for key in found},
+            errors=errors,
             is_judged=False,
             not_guaranteed={key: _BY_NEIGHBOUR for key in found if key in unknown},
+            effects=effects,
         )
+
+    def _propagated(self, scene: LitScene, result: ChainResult, corners: Sequence[_Judged]) -> dict[Reading, float]:
+        """Return the errors of a case by those of the light of its neighbours, carried to its own numbers."""
+        start = self._clock()
+        lights = carried_errors([(one.found.result, one.found.light) for one in corners], result, margin=_MARGIN)
+        budget = error_budget(scene, result, lights, tolerance=self._tolerance, tiles=False)
+        found = {}
+        for key, number in _numbers(result).items():
+            of_tiles = [one for corner in corners for one in _carried(key, number, corner, TILES)]
+            found[key] = budget.total[key] + _MARGIN * max(of_tiles, default=0.0)
+        self._taken[ESTIMATES] += self._clock() - start
+        return found
+
+    def _evaluated(self, scene: LitScene, plan: Plan, effects: TakenEffects, corners: Sequence[_Judged]) -> ChainResult:
+        """Evaluate a case with the plan, the rules and the statistics of its neighbours."""
+        lights = [corner.found.result.lights for corner in corners]
+        same = all(corner.effects.acting == effects.acting for corner in corners)
+        result = evaluate(
+            scene,
+            settings_at(plan, min(corner.found.tolerance for corner in corners), face_m=scene.sensor_height_m),
+            effects=effects.acting,
+            rules={name: known_rules([one[name] for one in lights]) for name in lights[0]} if same else {},
+            store=self._store,
+            clock=self._clock,
+        )
+        self._count(result.stage_s)
+        return result
 
     def _count(self, stage_s: Mapping[str, float]) -> None:
         for stage, seconds in stage_s.items():
             self._taken[stage] += seconds
 
 
-def _as_judged(found: AccuratePrediction) -> SeriesCase:
+def _finest_plan(several: Sequence[_Judged]) -> dict[str, int]:
+    """Return the finest level of each setting."""
+    return {name: max(one.found.plan[name] for one in several) for name in several[0].found.plan}
+
+
+def _numbers(result: ChainResult) -> Readings:
+    return readings(result.scenario, result.predictions, result.detections)
+
+
+def _keeps(
+    errors: Mapping[Reading, float], found: Iterable[Reading], unknown: Collection[Reading], allowed: float
+) -> bool:
+    return all(key in errors and (errors[key] <= allowed or key in unknown) for key in found)
+
+
+def _carried(key: Reading, here: Value, neighbour: _Judged, setting: str | None = None) -> Iterator[float]:
+    """Yield an error as it is carried over from a neighbour; nothing where that tells too little of it.
+
+    A probability rises from 0 to 1 within few cases, and has next to no error at either end. The normal deviate that
+    has it has a smooth course, and so has its error, but for that of the ROC's own integral.
+    """
+    budget = neighbour.found.budget
+    if key not in budget.total:
+        return
+    error = budget.total[key] if setting is None else budget.by_setting.get(setting, {}).get(key, 0.0)
+    if key.quantity not in _PROBABILITIES:
+        yield error
+        return
+    own, other = (_density(one.number) for one in (here, _numbers(neighbour.found.result)[key]))
+    of_rule = budget.by_setting[ROC].get(key, 0.0) if setting is None else 0.0
+    if own < _SATURATED:
+        yield of_rule + own
+    elif other > _TELLING * own:
+        yield of_rule + (error - of_rule) * own / other
+
+
+def _density(probability: float) -> float:
+    """Return how fast a probability changes with its normal deviate, over the fastest."""
+    return exp(-0.5 * float(ndtri(probability)) ** 2)
+
+
+def _as_judged(judged: _Judged) -> SeriesCase:
     return SeriesCase(
-        result=found.result,
-        plan=found.plan,
-        errors=found.budget.total,
+        result=judged.found.result,
+        plan=judged.found.plan,
+        errors=judged.found.budget.total,
         is_judged=True,
-        not_guaranteed=found.not_guaranteed,
+        not_guaranteed=judged.found.not_guaranteed,
+        effects=judged.effects,
     )
+
+
+def _inside(cell: Cell, place: Index) -> Index:
+    """Return the middle of a cell, or a case of it where all that is between its corners lies along its edges."""
+    return place if cell.middle in cell.corners else cell.middle

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.scene.diffuse_radiance import DiffuseRadiance
-from model.scene.hemisphere import TOLERANCE, Rules, reflected_by_rules, reflected_diffuse
+from model.scene.hemisphere import TOLERANCE, ReflectedDiffuse, Rules, reflected_by_rules, reflected_diffuse
 from model.scene.illumination import Illumination
 from model.scene.panel_light import PanelLight
 from model.scene.view import View
@@ -37,6 +37,8 @@ class ApertureLight:
         Estimated error of each component, of the hemisphere integral; the atmosphere has its own.
     rules
         That suffice for that integral.
+    finest
+        By which it was found.
     view
         The line of sight.
     """
@@ -47,6 +49,7 @@ class ApertureLight:
     transmittance: float
     error: float
     rules: Rules
+    finest: Rules
     view: View
 
     @property
@@ -62,7 +65,11 @@ class ApertureLight:
     def with_parts(self, *, skylight: bool, path: bool) -> "ApertureLight":
         """Return the same light without what the sky or the path sends."""
         found = self if path else replace(self, path=np.zeros(3))
-        return found if skylight else replace(found, reflected_sky=np.zeros(3), error=0.0, rules=_NO_RULES)
+        return (
+            found
+            if skylight
+            else replace(found, reflected_sky=np.zeros(3), error=0.0, rules=_NO_RULES, finest=_NO_RULES)
+        )
 
 
 def aperture_lights(
@@ -124,12 +131,13 @@ def aperture_lights(
         azimuth_rad=illumination.sun_azimuth_rad,
         irradiance=illumination.lighting.direct_irradiance,
     )
-    sky, error, used = np.zeros((len(views), 3)), np.zeros(len(views)), _NO_RULES
+    none = np.zeros((len(views), 3))
+    sky = ReflectedDiffuse(stokes=none, error=none[:, 0], rules=_NO_RULES, finest=_NO_RULES)
     if skylight:
-        sky, error, used = _sky_part(panel, illumination.diffuse_radiance, tolerance, rules)
+        sky = _sky_part(panel, illumination.diffuse_radiance, tolerance, rules)
     turn = np.array([view.roll_rad for view in views])
     reflected_sun, reflected_sky, added = (
-        rotate_frame(part, turn) for part in (through[:, np.newaxis] * sun, through[:, np.newaxis] * sky, paths)
+        rotate_frame(part, turn) for part in (through[:, np.newaxis] * sun, through[:, np.newaxis] * sky.stokes, paths)
     )
     return tuple(
         ApertureLight(
@@ -137,20 +145,18 @@ def aperture_lights(
             reflected_sky=reflected_sky[k],
             path=added[k],
             transmittance=float(through[k]),
-            error=float(through[k] * error[k]),
-            rules=used,
+            error=float(through[k] * sky.error[k]),
+            rules=sky.rules,
+            finest=sky.finest,
             view=view,
         )
         for k, view in enumerate(views)
     )
 
 
-def _sky_part(
-    panel: PanelLight, light: DiffuseRadiance, tolerance: float, rules: Rules | None
-) -> tuple[FloatArray, FloatArray, Rules]:
-    """Reflected skylight (V, 3), its error (V,) and its rules."""
-    if rules is not None:
-        stokes = reflected_by_rules(panel, light, rules)
-        return stokes, rules.error * stokes[:, 0], rules
-    found = reflected_diffuse(panel, light, tolerance=tolerance)
-    return found.stokes, found.error, found.rules
+def _sky_part(panel: PanelLight, light: DiffuseRadiance, tolerance: float, rules: Rules | None) -> ReflectedDiffuse:
+    """Reflected skylight by given rules, or refined to a tolerance."""
+    if rules is None:
+        return reflected_diffuse(panel, light, tolerance=tolerance)
+    stokes = reflected_by_rules(panel, light, rules)
+    return ReflectedDiffuse(stokes=stokes, error=rules.error * stokes[:, 0], rules=rules, finest=rules)

@@ -1,6 +1,6 @@
 """Light of a region over the part of the field of view that it fills: mean and covariance over its pixels."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
@@ -186,6 +186,55 @@ def light_over_tiles(
     corners = sorted({0, per_side - 1, middle, last - per_side + 1, last})
     finer = dict(zip(corners, lights_at(tuple(found[k].view for k in corners), None), strict=True))
     return replace(_over_tiles(lights_at, found, finer[0].rules, np.nan), finer=finer)
+
+
+def light_by_rules(
+    lights_at: Callable[[tuple[View, ...], Rules | None], tuple[ApertureLight, ...]],
+    rules: Rules,
+    *,
+    view: View,
+    part: FieldPart | None,
+    per_side: int,
+    rule: TileRule = "gauss-legendre",
+) -> FieldLight:
+    """Return the light of a region with rules that are known from its light in a neighbouring scene.
+
+    Parameters
+    ----------
+    lights_at, view, part, per_side, rule
+        As in `light_over_field`. No field is taken as a point.
+    rules
+        As `known_rules` gives them.
+
+    Raises
+    ------
+    ValueError
+        As `tiles`.
+
+    References
+    ----------
+    [MK14] eq. (8), (9).
+    """
+    if part is None:
+        return FieldLight(lights=lights_at((view,), rules), weights=(1.0,), spread=0.0)
+    return _over_tiles(lights_at, tiles(part, view, per_side=per_side, rule=rule), rules, np.nan)
+
+
+def known_rules(several: Sequence[FieldLight]) -> Rules:
+    """Return rules by which a region in several neighbouring scenes can be computed: the finest of what suffices there.
+
+    Parameters
+    ----------
+    several
+        Its light, one or more. That of a point is taken from the finest rules that were tried, so that its error there
+        is the error by these.
+    """
+    used = [one.lights[0].finest if len(one.lights) == 1 else one.lights[0].rules for one in several]
+    return Rules(
+        lobe=max(one.lobe for one in used),
+        diffuse=max(one.diffuse for one in used),
+        error=max(one.error for one in used),
+    )
 
 
 def _over_tiles(

@@ -51,11 +51,14 @@ class ReflectedDiffuse:
         Estimated error of each of them, shape (V,) [W m-2 sr-1]: of the quadrature, and of the sky.
     rules
         The least that keep the tolerance for all cameras, if any do.
+    finest
+        Those that it was found by.
     """
 
     stokes: FloatArray
     error: FloatArray
     rules: Rules
+    finest: Rules
 
 
 def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: float = TOLERANCE) -> ReflectedDiffuse:
@@ -96,6 +99,7 @@ def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: f
         stokes=stokes,
         error=lobe.error + diffuse.error + beside * s0,
         rules=Rules(lobe=lobe.order, diffuse=diffuse.order, error=float(np.max(of_rules)) + beside),
+        finest=Rules(lobe=lobe.finest, diffuse=diffuse.finest, error=float(np.max(of_rules)) + beside),
     )
 
 
@@ -129,6 +133,7 @@ class _Refined:
     error: FloatArray
     order: int
     order_error: FloatArray
+    finest: int
 
 
 def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
@@ -144,7 +149,13 @@ def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
     errors = [np.max(np.abs(coarser - value), axis=-1) + error for coarser in values]
     kept = (k for k, one in enumerate(errors) if np.all(one <= tolerance * value[:, 0]))
     enough = next(kept, len(values) - 1)
-    return _Refined(value=value, error=error, order=_ORDERS[enough], order_error=errors[enough])
+    return _Refined(
+        value=value,
+        error=error,
+        order=_ORDERS[enough],
+        order_error=errors[enough],
+        finest=_ORDERS[len(values) - 1],
+    )
 
 
 def _error(steps: list[FloatArray]) -> FloatArray:

@@ -49,7 +49,12 @@ class Budget:
 
 
 def error_budget(
-    scene: LitScene, result: ChainResult, lights: Mapping[str, Mapping[str, LightError]], *, tolerance: float
+    scene: LitScene,
+    result: ChainResult,
+    lights: Mapping[str, Mapping[str, LightError]],
+    *,
+    tolerance: float,
+    tiles: bool = True,
 ) -> Budget:
     """Return the estimated errors of all readings of a result.
 
@@ -61,6 +66,8 @@ def error_budget(
         Setting to region to the error of its light.
     tolerance
         That is asked for.
+    tiles
+        Whether one more tile along each side is tried; else nothing is said of the tiles.
 
     References
     ----------
@@ -71,7 +78,7 @@ def error_budget(
         if region.name not in result.lights:
             continue
         errors = {setting: of_region[region.name] for setting, of_region in lights.items() if region.name in of_region}
-        for setting, found in _of_region(scene, result, region, errors, tolerance=tolerance):
+        for setting, found in _of_region(scene, result, region, errors, tolerance=tolerance, tiles=tiles):
             _add(by_setting[setting], found)
     by_setting |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
     every = readings(result.scenario, result.predictions, result.detections)
@@ -80,7 +87,13 @@ def error_budget(
 
 
 def _of_region(
-    scene: LitScene, result: ChainResult, region: RegionLight, errors: Mapping[str, LightError], *, tolerance: float
+    scene: LitScene,
+    result: ChainResult,
+    region: RegionLight,
+    errors: Mapping[str, LightError],
+    *,
+    tolerance: float,
+    tiles: bool,
 ) -> Iterator[tuple[str, Changes]]:
     """Yield settings and their changes: by their errors, by the differences of these over the field, by the tiles."""
     errors = {setting: error for setting, error in errors.items() if not error.is_nothing}
@@ -90,7 +103,7 @@ def _of_region(
     is_known = bool(np.all(np.isfinite(differ)))
     if is_known and np.any(differ):
         others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
-    if (finer := on_more_tiles(scene, result, region.name)) is not None:
+    if tiles and (finer := on_more_tiles(scene, result, region.name)) is not None:
         others[TILES] = finer
     if not errors and not others:
         return

@@ -72,6 +72,15 @@ class LightError:
     apart: FloatArray
     field: FloatArray
 
+    def scaled(self, factor: float) -> "LightError":
+        """Return all of it multiplied by a factor, 0 or more."""
+        return LightError(together=factor * self.together, apart=factor * self.apart, field=factor * self.field)
+
+    @property
+    def largest(self) -> float:
+        """What S0 may be off by, all with one sign [W m-2 sr-1]."""
+        return float(np.sum(np.abs(self.together[:, 0])) + self.apart[0])
+
     @property
     def is_nothing(self) -> bool:
         """True if there is no error at all."""
@@ -108,11 +117,12 @@ def light_errors(
     found: dict[str, dict[str, LightError]] = {setting: {} for setting in NUMERICAL_SETTINGS}
     if result.illumination is None or scene.air is None:
         return found
-    lighting, idle = result.illumination.lighting, unused(result.effects)
-    pairs = {} if STREAMS in idle else refined_references(scene.air, plan, result.settings, lighting, store)
-    skies = {setting: _difference(pair) for setting, pair in pairs.items()}
-    skies_of_ends = tuple(end.sky for end in ends_of_band(lighting))
-    grid = _Grid(skies=skies_of_ends, settings=result.settings, illumination=result.illumination)
+    idle, air, illumination = unused(result.effects), scene.air, result.illumination
+    of_sky = store.once(
+        ("references", air.key, tuple(plan.items()), result.settings, result.effects),
+        lambda: _references(air, plan, result.settings, illumination, store, solved=STREAMS not in idle),
+    )
+    pairs, skies, grid = of_sky.pairs, of_sky.skies, of_sky.grid
     for region in scene.regions:
         if region.surface is None:
             continue
@@ -127,6 +137,28 @@ def light_errors(
         found[SKY_GRID][region.name] = _of_grid(grid, light, lines, scene.source, tolerance=tolerance)
         found[HEMISPHERE][region.name] = _of_hemisphere(lines, grid.largest, scene.source)
     return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _References:
+    """What the errors of a sky are found by, whoever looks at it: pairs of lightings, their differences, its grid."""
+
+    pairs: dict[str, Pair]
+    skies: dict[str, SampledSky]
+    grid: "_Grid"
+
+
+def _references(
+    air: Air, plan: Plan, settings: Settings, illumination: Illumination, store: LightStore, *, solved: bool
+) -> _References:
+    lighting = illumination.lighting
+    pairs = refined_references(air, plan, settings, lighting, store) if solved else {}
+    ends = tuple(end.sky for end in ends_of_band(lighting))
+    return _References(
+        pairs=pairs,
+        skies={setting: _difference(pair) for setting, pair in pairs.items()},
+        grid=_Grid(skies=ends, settings=settings, illumination=illumination),
+    )
 
 
 def _difference(pair: Pair) -> SampledSky:

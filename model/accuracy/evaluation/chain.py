@@ -1,7 +1,7 @@
 """The whole chain from sun and materials to detection, evaluated in one place for given numerical settings."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -16,6 +16,7 @@ from model.prediction.region_performance import PairDetection, pair_detection
 from model.scene.adjacency import with_surroundings
 from model.scene.falloff import cosine_fourth
 from model.scene.field_light import FieldLight
+from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination
 from model.scene.lit_scene import LitRegion, LitScene
 from model.scene.scenario import RegionLight, Scenario
@@ -25,6 +26,8 @@ Clock = Callable[[], float]
 # Stages of which the time is taken.
 SKY, LIGHT, STATISTICS, DETECTION = "sky", "light", "statistics", "detection"
 STAGES = (SKY, LIGHT, STATISTICS, DETECTION)
+
+_NO_RULES: Mapping[str, Rules] = {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +67,7 @@ def evaluate(
     settings: Settings,
     *,
     effects: frozenset[Effect] = ALL,
+    rules: Mapping[str, Rules] = _NO_RULES,
     store: LightStore | None = None,
     clock: Clock = time.perf_counter,
 ) -> ChainResult:
@@ -77,6 +81,8 @@ def evaluate(
         Numerical settings: what costs time and buys accuracy.
     effects
         That act; the others are left out and not computed.
+    rules
+        Region to the rules of its hemisphere integral, where they are known from a neighbouring scene.
     store
         Keeps skies and lights between calls; None for a new one.
     clock
@@ -98,7 +104,7 @@ def evaluate(
     with _timed(taken, SKY, clock):
         illumination = _illumination(seen, used, lights)
     with _timed(taken, LIGHT, clock):
-        fields = _fields(seen, used, lights)
+        fields = _fields(seen, used, lights, rules)
     with _timed(taken, STATISTICS, clock):
         scenario = _scenario(seen, fields)
         predictions = predict(scenario, tolerance=used.dolp_tolerance)
@@ -183,13 +189,23 @@ def _illumination(scene: LitScene, settings: Settings, lights: LightStore) -> Il
     return lights.illumination(scene.air, settings, sun_azimuth_rad=scene.sun_azimuth_rad, parts=scene.parts)
 
 
-def _fields(scene: LitScene, settings: Settings, lights: LightStore) -> dict[str, FieldLight]:
+def _fields(
+    scene: LitScene, settings: Settings, lights: LightStore, rules: Mapping[str, Rules] = _NO_RULES
+) -> dict[str, FieldLight]:
     """Light of the regions that are given by a material; they have air and view, or the record was refused."""
     air, view, azimuth = scene.air, scene.view, scene.sun_azimuth_rad
     if air is None or view is None:
         return {}
     found = {
-        one.name: lights.region(one, settings, air=air, view=view, sun_azimuth_rad=azimuth, parts=scene.parts)
+        one.name: lights.region(
+            one,
+            settings,
+            air=air,
+            view=view,
+            sun_azimuth_rad=azimuth,
+            parts=scene.parts,
+            rules=rules.get(one.name),
+        )
         for one in _materials(scene)
     }
     around = scene.imperfections.surround_albedo

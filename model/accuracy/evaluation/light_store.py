@@ -17,7 +17,7 @@ from model.atmosphere.lighting.unlit import unlit_solution
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.layers import Layer
 from model.scene.aperture_radiance import ApertureLight, aperture_lights
-from model.scene.field_light import FieldLight, light_over_field, light_over_tiles
+from model.scene.field_light import FieldLight, light_by_rules, light_over_field, light_over_tiles
 from model.scene.field_of_view import FieldPart, middle, off_axis
 from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination, illuminate
@@ -82,11 +82,25 @@ class LightStore:
         self._solver = KeptSolutions(solver)
         self._skies: OrderedDict[object, _Lit] = OrderedDict()
         self._lights: OrderedDict[object, FieldLight] = OrderedDict()
+        self._others: OrderedDict[object, object] = OrderedDict()
 
     @property
     def solver(self) -> LightSolver:
         """Solver of a wavelength, which keeps the last solutions."""
         return self._solver
+
+    def once(self, key: object, make: Callable[[], Made]) -> Made:
+        """Return what was made under a key of the caller's own, made where it is not kept.
+
+        Parameters
+        ----------
+        key
+            All that it depends on, and what it is.
+        make
+            Makes it.
+        """
+        found: Made = _kept(self._others, key, _SKIES, make)  # its key says of which kind it is
+        return found
 
     def illumination(
         self, air: Air, settings: Settings, *, sun_azimuth_rad: float, parts: LightParts = ALL_LIGHT
@@ -128,6 +142,7 @@ class LightStore:
         view: View,
         sun_azimuth_rad: float,
         parts: LightParts = ALL_LIGHT,
+        rules: Rules | None = None,
     ) -> FieldLight:
         """Return the light of a region that is given by its material.
 
@@ -141,6 +156,8 @@ class LightStore:
             Of the scene.
         parts
             Of the light, that are computed.
+        rules
+            Of the hemisphere integral, where they are known from a neighbouring scene; None to find them.
 
         Raises
         ------
@@ -158,6 +175,7 @@ class LightStore:
                 (sun_azimuth_rad, view, region.surface, region.tilt, part, parts.skylight, parts.path_radiance),
                 (settings.hemisphere_tolerance, settings.tiles_per_side, settings.tile_rule),
                 settings.negligible_spread,
+                rules,
             )
 
         whole, key = replace(parts, skylight=True, path_radiance=True), key_of(parts)
@@ -168,7 +186,7 @@ class LightStore:
         def made() -> FieldLight:
             illumination = self.illumination(air, settings, sun_azimuth_rad=sun_azimuth_rad, parts=parts)
             try:
-                return _over_field(illumination, region, view, part, settings, parts)
+                return _over_field(illumination, region, view, part, settings, parts, rules)
             except ValueError as error:
                 raise ValueError(f"region {region.name}: {error}") from error
 
@@ -231,6 +249,7 @@ def _over_field(
     part: FieldPart | None,
     settings: Settings,
     parts: LightParts,
+    known: Rules | None,
 ) -> FieldLight:
     surface, tilt = region.surface, region.tilt
     if surface is None or tilt is None:
@@ -248,6 +267,10 @@ def _over_field(
             path=parts.path_radiance,
         )
 
+    if known is not None:
+        return light_by_rules(
+            lights_at, known, view=view, part=part, per_side=settings.tiles_per_side, rule=settings.tile_rule
+        )
     if part is not None and settings.negligible_spread == 0.0:
         return light_over_tiles(
             lights_at, view=view, part=part, per_side=settings.tiles_per_side, rule=settings.tile_rule

@@ -172,6 +172,18 @@ def decay(values: FloatArray) -> float | None:
     return float((sizes[-1] / sizes[-1 - steps]) ** (1.0 / steps))
 
 
+def last_degree(values: FloatArray) -> float:
+    """Return the size of the highest degree of a field over tiles, over the mean of S0; 0 in the dark.
+
+    Parameters
+    ----------
+    values
+        Of the tiles, row by row, shape (n * n, 3).
+    """
+    s0 = float(np.mean(values[:, 0]))
+    return float(np.sqrt(np.trace(_by_degree(_coefficients(values))[-1]))) / s0 if s0 > 0.0 else 0.0
+
+
 def _coefficients(values: FloatArray) -> FloatArray:
     """Return those of the polynomial through the tiles, first over the height, shape (n, n, 3)."""
     per_side = isqrt(len(values))

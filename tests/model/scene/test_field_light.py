@@ -25,6 +25,7 @@ def made(total, path=NOTHING):
         transmittance=0.9,
         error=0.1,
         rules=Rules(lobe=6, diffuse=6),
+        finest=Rules(lobe=9, diffuse=9),
         view=AXIS,
     )
 
