@@ -123,10 +123,10 @@ def predict(
     for rounds in range(1, _ROUNDS + 1):
         settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
         result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)
-        start = clock()
+        begun = clock()
         errors = light_errors(scene, plan, result, lights, tolerance=tolerance)
         budget = error_budget(scene, result, errors, tolerance=tolerance)
-        taken[ESTIMATES] += clock() - start
+        taken[ESTIMATES] += clock() - begun
         for stage, seconds in result.stage_s.items():
             taken[stage] += seconds
         finer = _finer(scene, seen(ahead, scene, result), plan, budget, tolerance)

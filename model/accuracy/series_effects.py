@@ -57,7 +57,8 @@ class SeriesEffects:
         if self.planned is None or self.rule == "all":
             return TakenEffects(acting=self.acting)
         plan = self.planned(scene)
-        left_out = (LIGHT & self.acting) - plan.active
+        there = {one.effect for one in plan.decisions if one.bound.largest > 0.0}
+        left_out = (LIGHT & self.acting & there) - plan.active
         return self._without(left_out, spent=plan.spent.largest if left_out else 0.0)
 
     def between(self, scene: LitScene, neighbours: Sequence[TakenEffects]) -> TakenEffects:

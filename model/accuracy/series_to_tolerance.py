@@ -1,29 +1,24 @@
 """Predictions of neighbouring scenes to a tolerance: plans, rules and error estimates are shared between them."""
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from itertools import product
-from math import exp
 
-from scipy.special import ndtri
-
-from model.accuracy.estimates.companions import Companions, carried_errors, companions, from_glint_rad, is_harder
-from model.accuracy.estimates.error_budget import error_budget
+from model.accuracy.estimates.companions import companions, from_glint_rad, is_harder
 from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Reading, Readings, Value, readings
+from model.accuracy.evaluation.quantities import Reading
+from model.accuracy.neighbours import MARGIN, Judged, finest_plan, keeps, numbers_of, propagated_errors, told_errors
 from model.accuracy.planning.lattice import Cell, Index, lattice
-from model.accuracy.planning.numerical_settings import ROC, TILES, Plan, settings_at
+from model.accuracy.planning.numerical_settings import Plan, settings_at
 from model.accuracy.predict_to_tolerance import ESTIMATES, SMALLEST, SPHERES, AccuratePrediction, plan_beside, predict
 from model.accuracy.series_effects import SeriesEffects, TakenEffects
 from model.effects.names import ALL, Effect
 from model.scene.field_light import known_rules
 from model.scene.lit_scene import LitScene
 
-# What a case between judged ones is taken to be off by, over the largest of their errors.
-_MARGIN = 1.5
 # Cases that stand for others are predicted to this share of the tolerance, so that the margin has room below it.
 _OF_TOLERANCE = 0.65
 # Errors below this share of the tolerance need not have a smooth course, nor companions of an error.
@@ -34,10 +29,6 @@ _SPOT_CHECKED = 4
 _JUDGING, _DEAR = 5.0, 4.0
 # Nearer to a glint than its corners by this, a case of a cell is judged, and divides it [rad].
 _NEARER_RAD = 0.02
-# Numbers between 0 and 1. Where one changes by less than this share of how fast it changes elsewhere, it tells nothing.
-_PROBABILITIES, _TELLING = frozenset({"p_detection", "auc"}), 0.03
-# Below this density a probability does not change by more, whatever the deviate does.
-_SATURATED = 1e-5
 _BY_NEIGHBOUR = "is not promised of a neighbouring case, and its own error was not estimated"
 
 
@@ -83,6 +74,8 @@ class SeriesPrediction:
         Time of each stage, and of the error estimates [s].
     spot_checks, spot_checks_held
         Cases that were judged to see whether their errors are what their neighbours tell, and of how many that held.
+    estimated_only
+        Whether no error is promised of light of which no convergence is known: they are estimates.
     """
 
     cases: tuple[SeriesCase, ...]
@@ -90,6 +83,7 @@ class SeriesPrediction:
     stage_s: Mapping[str, float]
     spot_checks: int = 0
     spot_checks_held: int = 0
+    estimated_only: bool = False
 
     @property
     def judged(self) -> int:
@@ -133,28 +127,20 @@ def predict_series(
 
     Notes
     -----
-    The corners of a coarse lattice are judged: predicted with error estimates of their own, to half of the tolerance. A
-    case between them takes the finer of their plans in each setting; its errors are taken to be 1.5 times the largest
-    of theirs. Where that is above the tolerance, where it has numbers that they have not, or where what its own
-    evaluation tells of the sky's grid and of the tiles is worse than with all of them, it is judged itself.
+    The corners of a coarse lattice are judged: predicted with error estimates of their own, to 0.65 of the tolerance. A
+    case between them takes the finest of their plans and rules; its errors are taken to be 1.5 times the largest of
+    theirs. Where that is above the tolerance, or it has numbers that they have not, the errors of their light are
+    carried to its own numbers, with the same margin; where these are too large too, or its own evaluation tells more of
+    the error of the sky's grid or of the tiles than any of theirs, it is judged itself.
 
-    The course is checked: a cell is divided where the errors of its corners differ by more than that factor, and at a
-    case that is nearer to the sun's mirror direction than they are. Of every fourth cell the middle is judged, and
-    where its errors are larger than its corners tell, that cell is divided and the middles of all others are judged.
+    The course is checked: a cell is divided at a case that is nearer to the sun's mirror direction than its corners. Of
+    every fourth cell the middle is judged; where its errors are larger than the corners tell, that cell is divided and
+    the middles of all others are judged.
     """
     sizes = (len(scenes),) if shape is None else shape
     store = LightStore() if store is None else store
     taken = effects if isinstance(effects, SeriesEffects) else SeriesEffects(acting=effects)
     return _Series(scenes, sizes, tolerance, taken, estimated_only, store, clock).predicted()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Judged:
-    """A case with error estimates of its own."""
-
-    found: AccuratePrediction
-    effects: TakenEffects
-    companions: Companions
 
 
 class _Refused(Enum):
@@ -183,7 +169,7 @@ class _Series:
         self._scenes = dict(zip(self._places, scenes, strict=True))
         self._shape, self._tolerance, self._effects = shape, tolerance, effects
         self._estimated_only, self._store, self._clock = estimated_only, store, clock
-        self._judged: dict[Index, _Judged] = {}
+        self._judged: dict[Index, Judged] = {}
         self._found: dict[Index, SeriesCase] = {}
         self._spots: list[bool] = []
         self._taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
@@ -200,6 +186,7 @@ class _Series:
             stage_s=self._taken,
             spot_checks=len(self._spots),
             spot_checks_held=sum(self._spots),
+            estimated_only=any(judged.found.estimated_only for judged in self._judged.values()),
         )
 
     def _by_sky(self, places: Iterable[Index]) -> list[Index]:
@@ -210,7 +197,7 @@ class _Series:
             skies.setdefault(None if air is None else air.key, []).append(place)
         return [place for under_one in skies.values() for place in under_one]
 
-    def _judge(self, place: Index, plan: Plan | None = None, *, share: float = _OF_TOLERANCE) -> _Judged:
+    def _judge(self, place: Index, plan: Plan | None = None, *, share: float = _OF_TOLERANCE) -> Judged:
         """Predict a case with its errors, to a share of the tolerance; what is above it is held against the whole."""
         if place in self._judged:
             return self._judged[place]
@@ -234,7 +221,7 @@ class _Series:
         errors = found.budget.total
         missing = {k: why for k, why in found.not_guaranteed.items() if why == SPHERES or not errors[k] <= allowed}
         self._count(found.stage_s)
-        judged = _Judged(
+        judged = Judged(
             found=replace(found, not_guaranteed=missing),
             effects=effects,
             companions=companions(scene, found.result),
@@ -272,7 +259,7 @@ class _Series:
         inside = min(cell.places, key=lambda place: from_glint_rad(self._scenes[place]))
         return inside if from_glint_rad(self._scenes[inside]) < nearest - _NEARER_RAD else None
 
-    def _is_dear(self, cell: Cell, corners: Sequence[_Judged]) -> bool:
+    def _is_dear(self, cell: Cell, corners: Sequence[Judged]) -> bool:
         """Return whether so many cases would take the plan of one dear corner that judging one more costs less."""
         times = [corner.found.expected_s for corner in corners]
         inside = len(list(cell.places)) - len(corners)
@@ -296,21 +283,12 @@ class _Series:
         if place in cell.corners:
             return True
         corners = [self._judge(corner) for corner in cell.corners]
-        judged = self._judge(place, _finest_plan(corners)).found
-        told = self._told(corners, _numbers(judged.result))
+        judged = self._judge(place, finest_plan(corners)).found
+        told = told_errors(corners, numbers_of(judged.result))
         small, errors = _SMALL * self._tolerance, judged.budget.total
         held = all(errors[key] <= max(error, small) for key, error in told.items())
         self._spots.append(held)
         return held
-
-    def _told(self, corners: Sequence[_Judged], numbers: Readings) -> dict[Reading, float]:
-        """Return the errors of a case between some that were judged: of readings of which these can tell."""
-        told = {}
-        for key, number in numbers.items():
-            errors = [error for corner in corners for error in _carried(key, number, corner)]
-            if errors and all(key in corner.found.budget.total for corner in corners):
-                told[key] = _MARGIN * max(errors)
-        return told
 
     def _fill(self, cell: Cell) -> None:
         """Predict all cases of a cell; where its corners do not do, judge one of them, and fill the parts."""
@@ -334,20 +312,22 @@ class _Series:
                 self._fill(part)
             return
 
-    def _between(self, place: Index, corners: Sequence[_Judged]) -> "SeriesCase | _Refused":
+    def _between(self, place: Index, corners: Sequence[Judged]) -> "SeriesCase | _Refused":
         """Return a case by the plans and errors of its neighbours, or why these do not do."""
         scene, unknown = self._scenes[place], {key for corner in corners for key in corner.found.not_guaranteed}
         effects = self._effects.between(scene, [corner.effects for corner in corners])
-        plan = _finest_plan(corners)
+        plan = finest_plan(corners)
         result = self._evaluated(scene, plan, effects, corners)
-        found = _numbers(result)
-        errors, allowed = self._told(corners, found), self._tolerance - effects.spent
+        found = numbers_of(result)
+        errors, allowed = told_errors(corners, found), self._tolerance - effects.spent
         others, negligible = [corner.companions for corner in corners], _NEGLIGIBLE * self._tolerance
-        if is_harder(companions(scene, result), others, margin=_MARGIN, negligible=negligible):
+        if is_harder(companions(scene, result), others, margin=MARGIN, negligible=negligible):
             return _HARDER
-        if not _keeps(errors, found, unknown, allowed):
-            errors = self._propagated(scene, result, corners)
-        if not _keeps(errors, found, unknown, allowed):
+        if not keeps(errors, found, unknown, allowed):
+            begun = self._clock()
+            errors = propagated_errors(corners, scene, result, tolerance=self._tolerance)
+            self._taken[ESTIMATES] += self._clock() - begun
+        if not keeps(errors, found, unknown, allowed):
             return _UNSURE
         return SeriesCase(
             result=result,
@@ -358,19 +338,7 @@ class _Series:
             effects=effects,
         )
 
-    def _propagated(self, scene: LitScene, result: ChainResult, corners: Sequence[_Judged]) -> dict[Reading, float]:
-        """Return the errors of a case by those of the light of its neighbours, carried to its own numbers."""
-        start = self._clock()
-        lights = carried_errors([(one.found.result, one.found.light) for one in corners], result, margin=_MARGIN)
-        budget = error_budget(scene, result, lights, tolerance=self._tolerance, tiles=False)
-        found = {}
-        for key, number in _numbers(result).items():
-            of_tiles = [one for corner in corners for one in _carried(key, number, corner, TILES)]
-            found[key] = budget.total[key] + _MARGIN * max(of_tiles, default=0.0)
-        self._taken[ESTIMATES] += self._clock() - start
-        return found
-
-    def _evaluated(self, scene: LitScene, plan: Plan, effects: TakenEffects, corners: Sequence[_Judged]) -> ChainResult:
+    def _evaluated(self, scene: LitScene, plan: Plan, effects: TakenEffects, corners: Sequence[Judged]) -> ChainResult:
         """Evaluate a case with the plan, the rules and the statistics of its neighbours."""
         lights = [corner.found.result.lights for corner in corners]
         same = all(corner.effects.acting == effects.acting for corner in corners)
@@ -390,48 +358,7 @@ class _Series:
             self._taken[stage] += seconds
 
 
-def _finest_plan(several: Sequence[_Judged]) -> dict[str, int]:
-    """Return the finest level of each setting."""
-    return {name: max(one.found.plan[name] for one in several) for name in several[0].found.plan}
-
-
-def _numbers(result: ChainResult) -> Readings:
-    return readings(result.scenario, result.predictions, result.detections)
-
-
-def _keeps(
-    errors: Mapping[Reading, float], found: Iterable[Reading], unknown: Collection[Reading], allowed: float
-) -> bool:
-    return all(key in errors and (errors[key] <= allowed or key in unknown) for key in found)
-
-
-def _carried(key: Reading, here: Value, neighbour: _Judged, setting: str | None = None) -> Iterator[float]:
-    """Yield an error as it is carried over from a neighbour; nothing where that tells too little of it.
-
-    A probability rises from 0 to 1 within few cases, and has next to no error at either end. The normal deviate that
-    has it has a smooth course, and so has its error, but for that of the ROC's own integral.
-    """
-    budget = neighbour.found.budget
-    if key not in budget.total:
-        return
-    error = budget.total[key] if setting is None else budget.by_setting.get(setting, {}).get(key, 0.0)
-    if key.quantity not in _PROBABILITIES:
-        yield error
-        return
-    own, other = (_density(one.number) for one in (here, _numbers(neighbour.found.result)[key]))
-    of_rule = budget.by_setting[ROC].get(key, 0.0) if setting is None else 0.0
-    if own < _SATURATED:
-        yield of_rule + own
-    elif other > _TELLING * own:
-        yield of_rule + (error - of_rule) * own / other
-
-
-def _density(probability: float) -> float:
-    """Return how fast a probability changes with its normal deviate, over the fastest."""
-    return exp(-0.5 * float(ndtri(probability)) ** 2)
-
-
-def _as_judged(judged: _Judged) -> SeriesCase:
+def _as_judged(judged: Judged) -> SeriesCase:
     return SeriesCase(
         result=judged.found.result,
         plan=judged.found.plan,

@@ -101,7 +101,7 @@ def command(
 
     Example: rigctl predict examples/scene-airborne.toml --set sun.zenith_deg=25 --roc black_paint,asphalt --out noon
 
-    --tolerance goes with one --sweep: some values are judged, those between them take the plans and errors of these.
+    --tolerance with --sweep: some points are judged, those between them take the plans and errors of these.
 
     Example: rigctl predict examples/scene-airborne.toml --sweep sun.zenith_deg=10:80:8 --out sweep
     """
@@ -110,12 +110,10 @@ def command(
 
     if ranges and uncertainty:
         raise ConfigError("--uncertainty: is of one prediction; leave out --sweep")
-    if tolerance is not None and len(ranges or ()) > 1:
-        raise ConfigError("--tolerance: goes with one --sweep; a grid takes the settings of the scene file")
     if estimated_only and tolerance is None:
         raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
-    if rule is not None and (tolerance is None or ranges):
-        raise ConfigError("--effects: is of one prediction to a tolerance; give --tolerance T, and no --sweep")
+    if rule is not None and tolerance is None:
+        raise ConfigError("--effects: is of a prediction to a tolerance; give --tolerance T too")
     if tolerance is not None and uncertainty:
         raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
     request = PredictRequest(

@@ -26,7 +26,8 @@ from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
-from rigctl.prediction.sweep import Axis, Sweep, parse_sweeps, sweep_over, sweep_to_tolerance
+from rigctl.prediction.sweep import Sweep, sweep_over, sweep_to_tolerance
+from rigctl.prediction.sweep_axes import Axis, parse_sweeps
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import only_uncertain
 from rigctl.scene.scene_light import SceneLight
@@ -207,7 +208,7 @@ def sweep_scene(
     snr : {"exact", "first-order", "both"}
         DoLP SNR of the plot.
     tolerance : float or None
-        Largest numerical error, 1e-6 to 0.1, of one range; None: with the settings of the scene file.
+        Largest numerical error, 1e-6 to 0.1; None: with the settings of the scene file.
     estimated_only : bool
         Take errors that nothing promises as they are estimated.
 
@@ -248,7 +249,9 @@ def _swept(
     if tolerance is None:
         found = sweep_over(predictor, axes, roc=pair)
     else:
-        found, accuracy = sweep_to_tolerance(predictor, axes[0], tolerance, roc=pair, estimated_only=estimated_only)
+        found, accuracy = sweep_to_tolerance(
+            predictor, axes, tolerance, roc=pair, rule=request.rule, estimated_only=estimated_only
+        )
     remarks = predictor.remarks
     if out is not None:
         from rigctl.reports.outputs.prediction_files import write_sweep  # half a second, wanted for plots only

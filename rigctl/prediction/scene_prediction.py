@@ -10,6 +10,7 @@ from model.accuracy.effect_estimates import estimate_effects
 from model.accuracy.evaluation.chain import Clock
 from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction
 from model.accuracy.predict_to_tolerance import predict as predict_to
+from model.accuracy.series_effects import SeriesEffects
 from model.accuracy.series_to_tolerance import SeriesPrediction, predict_series
 from model.effects.bound import Bound, Estimate
 from model.effects.names import Effect, EffectRule
@@ -170,10 +171,19 @@ class ScenePredictor:
             raise ConfigError(f"scene {of.name}: {error}") from error
         return lit_scene(of, sensor=sensor, readout=self._readout, source=self._source)
 
-    def effect_plan(self, tolerance: float, *, rule: EffectRule = "safe") -> EffectPlan:
+    def effect_plan(self, tolerance: float, *, rule: EffectRule = "safe", of: LitScene | None = None) -> EffectPlan:
         """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
 
         By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds.
+
+        Parameters
+        ----------
+        tolerance : float
+            Of a prediction.
+        rule : {"safe", "estimated", "all"}
+            By bounds, by estimates, or not at all.
+        of : LitScene or None
+            This scene with some numbers changed; None: as it is.
 
         Raises
         ------
@@ -182,7 +192,7 @@ class ScenePredictor:
         """
         # The least tolerance has nothing to share.
         share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
-        lit, forced = self.lit_scene(), forced_effects(self.scene)
+        lit, forced = self.lit_scene() if of is None else of, forced_effects(self.scene)
         if rule == "all":
             return plan_of_all(forced, tolerance=share)
 
@@ -239,16 +249,26 @@ class ScenePredictor:
             raise ConfigError(f"scene {self.scene.name}: {error}") from error
 
     def series_to_tolerance(
-        self, scenes: Sequence[Scene], tolerance: float, *, estimated_only: bool = False
+        self,
+        scenes: Sequence[Scene],
+        tolerance: float,
+        *,
+        shape: tuple[int, ...] | None = None,
+        rule: EffectRule = "safe",
+        estimated_only: bool = False,
     ) -> SeriesPrediction:
         """Return what the model says of this scene with some numbers changed step by step, to a numerical error.
 
         Parameters
         ----------
         scenes : sequence of Scene
-            In an order in which they change smoothly.
+            In an order in which they change smoothly; of a grid the last axis fastest.
         tolerance : float
-            Of numerical settings; all effects act that the scene file does not leave out.
+            Of effects that are left out and numerical settings together.
+        shape : tuple of int or None
+            Scenes along each axis of a grid; None for one axis.
+        rule : {"safe", "estimated", "all"}
+            What decides of effects of the light.
         estimated_only : bool
             Take errors that nothing promises as they are estimated.
 
@@ -263,7 +283,12 @@ class ScenePredictor:
             return predict_series(
                 [self.lit_scene(scene) for scene in scenes],
                 tolerance=tolerance,
-                effects=acting_effects(self.scene),
+                shape=shape,
+                effects=SeriesEffects(
+                    acting=acting_effects(self.scene),
+                    rule=rule,
+                    planned=lambda lit: self.effect_plan(tolerance, rule=rule, of=lit),
+                ),
                 estimated_only=estimated_only,
                 store=self._light.lights,
             )

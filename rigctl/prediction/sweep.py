@@ -1,7 +1,6 @@
 """Numbers of a scene through ranges, one or a grid of several: what the model says at each point."""
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,26 +11,18 @@ from model.accuracy.series_to_tolerance import SeriesPrediction
 from model.prediction.prediction import Quantities, RegionPrediction, reason_missing
 from model.prediction.region_performance import PairDetection, detections_of_sweep
 from rigctl.errors import ConfigError
-from rigctl.files.choices import RocKind
+from rigctl.files.choices import EffectRule, RocKind
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.roc_curves import RocPair, roc_curves_of_sweep
 from rigctl.prediction.scene_prediction import ScenePredictor
+from rigctl.prediction.sweep_axes import Axis, parse_sweeps
 from rigctl.scene.parameters import require_within, with_values
 from rigctl.scene.scene_record import Scene
 
 FloatArray = NDArray[np.float64]
 
-MOST_STEPS = 10_000
 # What light and air hang on: these change least often, so that no sky is made twice.
 _SLOW = ("sun.", "atmosphere.", "sensor.")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Axis:
-    """A number of the scene, and the values that it takes, in the unit of the file."""
-
-    key: str
-    values: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,46 +193,6 @@ def sweep_of(
     )
 
 
-def parse_sweeps(requests: Sequence[str]) -> tuple[Axis, ...]:
-    """Return the axes of a grid.
-
-    Raises
-    ------
-    ConfigError
-        One cannot be read, two are of one number, or there are too many points.
-    """
-    axes = tuple(Axis(key=key, values=values) for key, values in map(parse_sweep, requests))
-    for key, times in Counter(axis.key for axis in axes).items():
-        if times > 1:
-            raise ConfigError(f"--sweep: {key} is given {times} times; a number has one range")
-    points = math.prod(axis.values.size for axis in axes)
-    if points > MOST_STEPS:
-        raise ConfigError(f"--sweep: the grid has {points} points, allowed is {MOST_STEPS}")
-    return axes
-
-
-def parse_sweep(request: str) -> tuple[str, FloatArray]:
-    """Return name and values of a request ``KEY=start:stop:n``.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read.
-    """
-    key, _, span = request.partition("=")
-    parts = span.split(":")
-    wanted = f"--sweep: is {request!r}, must be KEY=start:stop:n, for instance sun.zenith_deg=10:80:8"
-    try:
-        start, stop, steps = float(parts[0]), float(parts[1]), int(parts[2])
-    except (IndexError, ValueError) as error:
-        raise ConfigError(wanted) from error
-    if len(parts) != 3 or not key.strip() or not (math.isfinite(start) and math.isfinite(stop)):
-        raise ConfigError(wanted)
-    if not 1 <= steps <= MOST_STEPS:
-        raise ConfigError(f"--sweep: has {steps} steps, allowed is 1 to {MOST_STEPS}")
-    return key.strip(), np.linspace(start, stop, steps)
-
-
 def _at(axes: tuple[Axis, ...], index: tuple[int, ...]) -> dict[str, float]:
     return {axis.key: float(axis.values[k]) for axis, k in zip(axes, index, strict=True)}
 
@@ -273,24 +224,27 @@ def _missing(found: Mapping[str, RegionPrediction], detections: Iterable[PairDet
 
 def sweep_to_tolerance(
     predictor: ScenePredictor,
-    axis: Axis,
+    axes: tuple[Axis, ...],
     tolerance: float,
     *,
     roc: RocPair | None = None,
+    rule: EffectRule = "safe",
     estimated_only: bool = False,
 ) -> tuple[Sweep, SeriesPrediction]:
-    """Return what the model says over a range of one number to a numerical error, and how that was kept.
+    """Return what the model says at each point of a grid to a numerical error, and how that was kept.
 
     Parameters
     ----------
     predictor : ScenePredictor
         The scene.
-    axis : Axis
-        The number and its values, in an order in which it changes smoothly.
+    axes : tuple of Axis
+        One or more; the values of each in an order in which they change smoothly.
     tolerance : float
         Largest error of any number, 1e-6 to 0.1.
     roc : RocPair or None
-        Of which the whole ROC is found at each value.
+        Of which the whole ROC is found at each point.
+    rule : {"safe", "estimated", "all"}
+        What decides of effects of the light.
     estimated_only : bool
         Take errors that nothing promises as they are estimated.
 
@@ -299,6 +253,11 @@ def sweep_to_tolerance(
     ConfigError
         There is no such number, or a value is outside its range.
     """
-    scenes = list(swept_scenes(predictor.scene, (axis,)).values())
-    series = predictor.series_to_tolerance(scenes, tolerance, estimated_only=estimated_only)
-    return sweep_of((axis,), [case.result.predictions for case in series.cases], roc=roc), series
+    scenes = swept_scenes(predictor.scene, axes)
+    shape = tuple(axis.values.size for axis in axes)
+    series = predictor.series_to_tolerance(
+        list(scenes.values()), tolerance, shape=shape, rule=rule, estimated_only=estimated_only
+    )
+    for index in scenes:
+        require_within(predictor.scene, _at(axes, index), option="--sweep")
+    return sweep_of(axes, [case.result.predictions for case in series.cases], roc=roc), series

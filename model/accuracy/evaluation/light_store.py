@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import astuple, dataclass, replace
-from typing import TypeVar, Unpack
+from typing import TypeVar, Unpack, cast
 
 import numpy as np
 
@@ -99,8 +99,8 @@ class LightStore:
         make
             Makes it.
         """
-        found: Made = _kept(self._others, key, _SKIES, make)  # its key says of which kind it is
-        return found
+        # What is kept is of many kinds; the key says of which.
+        return cast("Made", _kept(self._others, key, _SKIES, make))
 
     def illumination(
         self, air: Air, settings: Settings, *, sun_azimuth_rad: float, parts: LightParts = ALL_LIGHT

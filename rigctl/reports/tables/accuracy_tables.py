@@ -1,6 +1,7 @@
 """Accuracy against time as tables, CSV and JSON: what a tolerance costs, knob by knob and for the whole chain."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
@@ -104,8 +105,15 @@ def series_lines(found: SeriesPrediction) -> list[str]:
         "error estimates"
     )
     lines = [judged]
+    if found.spot_checks:
+        lines.append(
+            f"{found.spot_checks} judged to see whether errors between others are as these tell: "
+            f"{found.spot_checks_held} were"
+        )
+    lines += [f"left out: {text}" for text in _left_out(found)]
     if errors:
-        lines.append(f"all {len(errors)} promised numbers keep it; the largest error is {max(errors):.1e}")
+        kind = "estimated errors of numbers, none of them promised," if found.estimated_only else "promised numbers"
+        lines.append(f"all {len(errors)} {kind} keep it; the largest error is {max(errors):.1e}")
     missed = [
         f"case {place + 1}: {', '.join(key)}: {reason}"
         for place, case in enumerate(found.cases)
@@ -124,8 +132,21 @@ def series_json(found: SeriesPrediction) -> dict[str, Json]:
         "judged": [case.is_judged for case in found.cases],
         "largest_error": [_number(_largest(case)) for case in found.cases],
         "not_promised": [{"/".join(key): why for key, why in case.not_guaranteed.items()} for case in found.cases],
+        "left_out": [sorted(case.effects.left_out) for case in found.cases],
+        "spot_checks": found.spot_checks,
+        "spot_checks_held": found.spot_checks_held,
+        "share_of_estimates": found.share_of_estimates,
         "stage_s": dict(found.stage_s),
+        **({"estimated_only": True} if found.estimated_only else {}),
     }
+
+
+def _left_out(found: SeriesPrediction) -> Iterable[str]:
+    """Yield the effects that cases leave out, and of how many."""
+    several = Counter(effect for case in found.cases for effect in case.effects.left_out)
+    for effect, times in several.items():
+        most = max(case.effects.spent for case in found.cases if effect in case.effects.left_out)
+        yield f"{effect}, in {times} of {len(found.cases)} cases; all that is left out changes {most:.1e} at the most"
 
 
 def _largest(case: SeriesCase) -> float:

@@ -7,7 +7,8 @@ from model.prediction.region_performance import pair_detections
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.prediction.sweep import parse_sweep, sweep
+from rigctl.prediction.sweep import sweep
+from rigctl.prediction.sweep_axes import parse_sweep
 from rigctl.reports.figures.prediction_figures import sweep_png
 from rigctl.reports.tables.light_tables import light_json, phi_text
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_tables
