@@ -32,7 +32,7 @@ Change = Callable[[LitScene, float], LitScene]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """A sweep beside the truth: cases that were not judged and looked at, broken promises, largest true error over T."""
+    """A sweep beside the truth: cases looked at that were not judged, broken promises, largest true error over T."""
 
     words: str
     looked_at: int
@@ -138,12 +138,17 @@ def main() -> int:
     parser.add_argument("--looked-at", type=int, default=3)
     parser.add_argument("--hostile", action="store_true")
     given = parser.parse_args()
-    seeds = range(given.first, given.first + given.sweeps)
-    found = list(outcomes(seeds, hostile=given.hostile, looked_at=given.looked_at))
+    kept = run_sweeps(given.sweeps, first=given.first, hostile=given.hostile, looked_at=given.looked_at)
+    return 0 if kept else 1
+
+
+def run_sweeps(sweeps: int, *, first: int = 0, hostile: bool = False, looked_at: int = 3) -> bool:
+    """Run the trial over a number of sweeps; return whether every promise was kept."""
+    found = list(outcomes(range(first, first + sweeps), hostile=hostile, looked_at=looked_at))
     cases, broken = sum(one.looked_at for one in found), sum(len(one.broken) for one in found)
     print(f"{len(found)} sweeps, {cases} cases between judged ones: {broken} promises broken")
     print(f"largest true error {max(one.largest for one in found):.2g} of the tolerance")
-    return 1 if broken else 0
+    return broken == 0
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_roof import run_roof
 from benchmarks.trial_rows import run_rows
 from benchmarks.trial_stale_frames import run_turns
+from benchmarks.trial_sweeps import run_sweeps
 from benchmarks.trial_tolerance import run_tolerance
 from drivers.cameras.aravis_library import load_aravis
 from drivers.errors import NotConnectedError
@@ -48,6 +49,7 @@ def main() -> int:
     parser.add_argument("--damaged", type=int, default=500)
     parser.add_argument("--effect-scenes", type=int, default=1000)
     parser.add_argument("--tolerance-scenes", type=int, default=1000)
+    parser.add_argument("--sweeps", type=int, default=100)
     parser.add_argument("--turns", type=int, default=100)
     parser.add_argument("--lossy-frames", type=int, default=100)
     parser.add_argument("--processes", type=int, default=3)
@@ -67,6 +69,7 @@ def main() -> int:
     sound &= _run_network(turns=arguments.turns, frames=arguments.lossy_frames)
     sound &= run_effects(arguments.effect_scenes)
     sound &= run_tolerance(arguments.tolerance_scenes, [0.1, 0.03, 0.01, 0.003])
+    sound &= run_sweeps(arguments.sweeps)
     sound &= run_paper()
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from model.prediction.region_performance import pair_detections
+from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
@@ -170,3 +171,21 @@ def test_independent_texture_reaches_the_prediction(store, tmp_path):
 
 def test_phi_is_never_said_to_be_minus_180():
     assert [phi_text(one) for one in (-179.9999, -179.98, 180.0)] == ["180.00", "-179.98", "180.00"]
+
+
+GRID = ["--sweep", "sensor.f_number=2:2.5:3", "--sweep", "acquisition.exposure_ms=0.1:0.2:3"]
+
+
+def test_a_grid_keeps_a_tolerance_and_says_of_each_point_whether_it_was_judged(capsys):
+    panels = str(EXAMPLES / "scene-panels.toml")
+    assert main(["predict", panels, *GRID, "--tolerance", "0.01", "--effects", "all", "--json"]) == 0
+    accuracy = json.loads(capsys.readouterr().out)["accuracy"]
+    assert accuracy["judged"] == [True, False, True, False, True, False, True, False, True]
+    assert max(accuracy["largest_error"]) <= 0.01
+    assert accuracy["left_out"] == [[]] * 9
+    assert (accuracy["spot_checks"], accuracy["spot_checks_held"]) == (1, 1)
+
+
+def test_the_rule_of_effects_is_of_a_tolerance(capsys):
+    assert main(["predict", str(EXAMPLES / "scene-panels.toml"), *GRID, "--effects", "safe"]) == 2
+    assert "give --tolerance" in capsys.readouterr().err
