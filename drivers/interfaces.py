@@ -3,6 +3,7 @@
 Real and simulated devices keep the same promises; the suites in ``tests/contracts`` hold them to these.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
@@ -282,4 +283,31 @@ class ReportingCamera(Protocol):
         ------
         DeviceError
             The camera does not answer.
+        """
+
+
+MonitorOptions = Mapping[str, bool | int | float | str | list[str]]
+
+
+class Monitor(Protocol):
+    """A sensor that tells a number beside the frames: temperature, humidity, irradiance, ...
+
+    A `close` without arguments, where there is one, is called at the end.
+    """
+
+    @property
+    def name(self) -> str:
+        """What it is, in its own words."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of its number, such as "deg C" or "W m-2"."""
+
+    def read(self, deadline_s: float) -> float:
+        """Return the number as it is now, within the deadline.
+
+        Raises
+        ------
+        DeviceError
+            It does not answer in time, or says no number.
         """

@@ -30,9 +30,12 @@ def command(
 ) -> None:
     """Tell what happened in a session, line by line, with UTC: while it runs, and years later.
 
+    Readings of monitors, one event an exposure, are told where `--only "monitor readings"` asks for them.
+
     Example: rigctl log runs/2026-05-04 --only interlock
     """
     from rigctl.runs.annotations import read_annotations
+    from rigctl.runs.monitor_readings import READINGS_EVENT
     from rigctl.runs.run_events import event_line, read_events
     from rigctl.runs.run_folder import read_contents
 
@@ -41,7 +44,7 @@ def command(
     notes = [_Told(one.utc, one.kind, one.line, asdict(one), is_note=True) for one in read_annotations(run)]
     if notes:  # events stay in their order, whatever the clock did; what people note stands where it was in time
         told = sorted((*told, *notes), key=lambda one: one.utc)
-    told = [one for one in told if only in (None, one.name)]
+    told = [one for one in told if only == one.name or (only is None and (as_json or one.name != READINGS_EVENT))]
     told = told if last is None else told[-last:]
     if as_json:
         events = [one.content for one in told if not one.is_note]

@@ -111,6 +111,8 @@ def require_drivers(rig: RigFile) -> None:
     """Raise ConfigError where a driver is not installed or a simulated camera is none; no device is touched."""
     if rig.stage is not None:
         find_driver("rigctl.stages", rig.stage.driver, key="stage.driver")
+    for monitor in rig.monitors:
+        find_driver("rigctl.monitors", monitor.driver, key=f"monitors.{monitor.name}.driver")
     require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
     if not rig.camera.address.startswith(SIMULATED):
         find_driver("rigctl.cameras", rig.camera.address.partition(":")[0], key="camera.address")

@@ -9,8 +9,10 @@ from pydantic import AwareDatetime, Field, PrivateAttr, model_validator
 
 from rigctl.files.choices import Interpolation, RoofChange
 from rigctl.files.config import Section, load, with_std_apart
+from rigctl.files.monitor_section import MonitorSection
 from rigctl.files.notify_section import NotifySection
 from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.regions import require_distinct
 from rigctl.files.rendering_sections import RenderingSection
 
 PLACEHOLDER = (
@@ -222,6 +224,8 @@ class RigFile(Section):
     """How its camera points."""
     simulation: SimulationSection | None = None
     """What a simulated rig is made of."""
+    monitors: list[MonitorSection] = Field(default_factory=list)
+    """Sensors that are read beside the frames."""
     notify: NotifySection | None = None
     """Whom a session tells of its end and of trouble."""
 
@@ -251,6 +255,11 @@ class RigFile(Section):
         if isinstance(given, dict) and isinstance(camera, dict) and camera.get("mosaic_deg") is not None:
             return {"stage": None, "polarizer": {"sense": 1, "offset_deg": 0.0}} | given
         return given
+
+    @model_validator(mode="after")
+    def _monitors_differ(self) -> "RigFile":
+        require_distinct([section.name for section in self.monitors])
+        return self
 
     @model_validator(mode="after")
     def _something_turns_or_is_a_mosaic(self) -> "RigFile":

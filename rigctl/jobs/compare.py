@@ -20,6 +20,8 @@ from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.prediction.performance import performance_of
 from rigctl.reports.outputs.comparison_files import write_comparison
+from rigctl.runs.monitor_readings import monitor_line, monitor_traces
+from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.runs.wholeness import used_run
 from rigctl.scene.effect_choice import acting_effects, with_choices, without_effects
@@ -95,7 +97,8 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     if scene is not None and effects is not None:
         scene = without_effects(scene, acting_effects(scene) - effects.taken)
     comparison = _judged(_comparison(measurement, scene, given, request), seen, regions)
-    remarks = (*given.doubts, *seen.remarks, *correction_remarks(measurement, regions), *comparison.remarks)
+    beside = (monitor_line(trace) for trace in monitor_traces(read_events(run.path)))
+    remarks = (*given.doubts, *seen.remarks, *correction_remarks(measurement, regions), *beside, *comparison.remarks)
     found = ComparedRun(
         comparison=replace(comparison, remarks=remarks),
         measurement=measurement,

@@ -1,15 +1,19 @@
 """A check-up before a session: files and a folder in; what was found of machine and devices out."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import DeviceError
 from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
 from rigctl.devices.rig_checkup import RigCheckup
+from rigctl.files.monitor_section import MonitorSection
 from rigctl.files.rig_file import load_rig, placeholder_doubt
 from rigctl.files.session_file import load_session
+from rigctl.runs.monitor_readings import monitor_traces
+from rigctl.runs.run_events import RunEvent
+from rigctl.session.monitors import Monitors
 from rigctl.session.planning.disk_demand import DiskDemand, demand_of
 
 _SAMPLE_BYTES = 2
@@ -37,6 +41,25 @@ class DoctorRequest:
     frames: int
 
 
+def monitor_findings(sections: Sequence[MonitorSection]) -> Iterator[Finding]:
+    """Give what each sensor beside the frames says now, or why it says nothing."""
+    events: list[RunEvent] = []
+    monitors = Monitors(
+        sections, lambda event, **facts: events.append(RunEvent(event=event, facts=facts)), time.time_ns
+    )
+    monitors.look(0)
+    monitors.finish()
+    for trace in monitor_traces(events):
+        facts = trace.facts
+        if trace.values:
+            yield Finding(
+                what="monitor", found=f"{facts.monitor}: {trace.values[-1]:.6g} {facts.unit} ({facts.device})"
+            )
+        else:
+            advice = "mend its table in the rig file, or leave it out: frames are taken without it"
+            yield Finding(what="monitor", found=f"{facts.monitor}: {'; '.join(trace.problems)}", advice=advice)
+
+
 def check_up(request: DoctorRequest) -> Iterator[Finding]:
     """Give what is found, as it is found; files that are wrong are said to be so before anything else.
 
@@ -58,6 +81,7 @@ def check_up(request: DoctorRequest) -> Iterator[Finding]:
         except DeviceError as error:
             yield Finding(what="devices", found=str(error), advice="mend this, and call the doctor again")
         pixels, camera_s = checkup.pixels or _USUAL_PIXELS, checkup.camera_s
+        yield from monitor_findings(rig_file.monitors)
     demand = DiskDemand(frame_bytes=_SAMPLE_BYTES * pixels, period_s=_USUAL_PERIOD_S)
     if rig_file is not None and session_file is not None:
         demand = demand_of(rig_file, session_file, pixels=pixels, now_ns=time.time_ns(), camera_s=camera_s)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rigctl.live.cycle_history import CycleHistory, Means, cycle_history, is_session, region_means_of
 from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.monitor_readings import MonitorTrace, monitor_traces
 from rigctl.runs.run_events import RunEvent, read_events
 from rigctl.runs.run_folder import Run
 
@@ -39,6 +40,8 @@ class SessionHistory:
         None for a run that was imported.
     thumbnails : tuple of Thumbnail
         Frames spread over the run, 24 at most.
+    monitors : tuple of MonitorTrace
+        What sensors beside the frames said.
     """
 
     run: Run
@@ -46,6 +49,7 @@ class SessionHistory:
     means: Means
     cycles: CycleHistory | None
     thumbnails: tuple[Thumbnail, ...]
+    monitors: tuple[MonitorTrace, ...] = ()
 
 
 def session_history(run: Run) -> SessionHistory:
@@ -63,6 +67,7 @@ def session_history(run: Run) -> SessionHistory:
         events=events,
         means=means,
         cycles=cycle_history(run, means) if is_session(run) else None,
+        monitors=monitor_traces(events),
         thumbnails=tuple(_thumbnail(run, record) for record in _spread(run.frames)),
     )
 

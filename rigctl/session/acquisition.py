@@ -25,6 +25,7 @@ from rigctl.session.frame_store import FrameStore, StoredFrame, WriterThread
 from rigctl.session.guard import Guard
 from rigctl.session.interlocks import InterlockViolation
 from rigctl.session.metering import RoundExposures
+from rigctl.session.monitors import Monitors
 from rigctl.session.planning.session_steps import BYTES_BESIDE_PIXELS, Step, exposures_of
 from rigctl.session.rig_work import RigWork
 from rigctl.session.session_clock import SteadyUtc
@@ -133,6 +134,7 @@ class _Acquisition:
         self._last_counts: tuple[NDArray[np.uint16], ...] | None = None
         self._is_cell_looked_at = False
         self._was_queue_full = False
+        self._monitors = Monitors(rig_file.monitors, writer.event, context.clock.utc_ns)
         self._own_samples = samples_per_pixel(rig_file.camera.interpolation)
 
     def run(self) -> int:
@@ -143,12 +145,16 @@ class _Acquisition:
         if self._context.sun is not None:
             # The first position loads the libraries that know it, which takes a second: not between two frames.
             self._context.sun.at(self._utc.now_ns())
-        for exposure in exposures_of(self._steps):
-            self._pause.answer()
-            self._surroundings.look()
-            if self._timing.is_time_for(exposure[0]):
-                self._work.begin_step(exposure[0].sequence // len(exposure))
-                self._take(exposure)
+        try:
+            for exposure in exposures_of(self._steps):
+                self._pause.answer()
+                self._surroundings.look()
+                if self._timing.is_time_for(exposure[0]):
+                    self._work.begin_step(exposure[0].sequence // len(exposure))
+                    self._monitors.look(exposure[0].sequence)
+                    self._take(exposure)
+        finally:
+            self._monitors.finish()
         return self._timing.missed
 
     def _home(self) -> None:

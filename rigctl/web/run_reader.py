@@ -15,6 +15,7 @@ from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.runs.annotation_record import Annotation
 from rigctl.runs.annotations import read_annotations
 from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.monitor_readings import READINGS_EVENT
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, event_facts, read_events
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
 from rigctl.runs.run_lock import writing_process
@@ -243,7 +244,8 @@ def _step(frame: FrameRecord) -> str:
 
 def _happenings(events: Sequence[RunEvent], noted: Sequence[Annotation]) -> tuple[Happening, ...]:
     """Return the last things that happened or were noted, the newest first."""
-    told = [Happening(utc=event.utc, event=event.event, facts=event_facts(event)) for event in events[-_EVENTS:]]
+    happened = [event for event in events if event.event != READINGS_EVENT][-_EVENTS:]
+    told = [Happening(utc=event.utc, event=event.event, facts=event_facts(event)) for event in happened]
     if noted:
         told += [Happening(utc=one.utc, event=one.kind, facts=one.facts) for one in noted[-_EVENTS:]]
         told.sort(key=lambda one: one.utc)

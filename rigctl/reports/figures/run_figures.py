@@ -14,6 +14,7 @@ from rigctl.live.session_history import Thumbnail
 from rigctl.numbers.number_text import percent
 from rigctl.reports.figures.figure_style import legend_beside, png, subplots
 from rigctl.runs.frame_record import FrameRecord
+from rigctl.runs.monitor_readings import MonitorTrace
 from rigctl.runs.run_folder import Run
 
 # From here on times are in hours, and below this in seconds.
@@ -113,6 +114,19 @@ def cycle_figure(history: CycleHistory) -> bytes:
         draw(ax, history)
         ax.ticklabel_format(axis="y", useOffset=False)
     axes[-1].set_xlabel(f"time since the first cycle [{_cycle_unit(history)[1]}]")
+    return png(figure)
+
+
+def monitor_figure(traces: Sequence[MonitorTrace]) -> bytes:
+    """Return what sensors beside the frames said, against time, one panel each."""
+    first_s = min(trace.times_s[0] for trace in traces)
+    unit_s, unit = unit_of_time(max(trace.times_s[-1] for trace in traces) - first_s)
+    figure, axes = subplots(len(traces), 1, size=(8.8, 0.4 + 2.0 * len(traces)))
+    for ax, trace in zip(axes, traces, strict=True):
+        ax.plot([(time_s - first_s) / unit_s for time_s in trace.times_s], trace.values, ".-", markersize=4)
+        ax.set_ylabel(f"{trace.facts.monitor} [{trace.facts.unit}]")
+        ax.ticklabel_format(axis="y", useOffset=False)
+    axes[-1].set_xlabel(f"time since the first reading [{unit}]")
     return png(figure)
 
 

@@ -5,13 +5,22 @@ from collections.abc import Iterable, Sequence
 
 from rigctl.comparison.remarks import NOT_OF_SIMULATION
 from rigctl.files.rig_file import PLACEHOLDER
+from rigctl.live.light_followed import light_lines
 from rigctl.live.session_history import SessionHistory
 from rigctl.measurement.run_diagnosis import RunDiagnosis, fault_lines
-from rigctl.reports.figures.run_figures import contact_sheet, count_plot, cycle_figure, drift_line, sun_plot
+from rigctl.reports.figures.run_figures import (
+    contact_sheet,
+    count_plot,
+    cycle_figure,
+    drift_line,
+    monitor_figure,
+    sun_plot,
+)
 from rigctl.reports.report import Bullets, Picture, Report, Section
 from rigctl.reports.table import Column, Table, text_columns
 from rigctl.reports.tables.annotation_tables import annotation_sections
 from rigctl.reports.tables.comparison_tables import fault_table
+from rigctl.runs.monitor_readings import READINGS_EVENT, monitor_line
 from rigctl.runs.run_events import RunEvent, event_facts
 from rigctl.runs.session_record import SessionRecord
 
@@ -25,9 +34,11 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
     times = Table(
         columns=text_columns("event", "times", left=(0, 1)), rows=tuple((name, str(count)) for name, count in counts)
     )
-    events = Section(title="Events", blocks=(times, _event_table(session.events[-_SHOWN_EVENTS:])))
+    told = [event for event in session.events if event.event != READINGS_EVENT]
+    events = Section(title="Events", blocks=(times, _event_table(told[-_SHOWN_EVENTS:])))
     noted = annotation_sections(session.run.annotations)
-    sections = [*_simulation(session.run.session), *noted, *pictures, _faults(session.run.session, diagnosis), events]
+    faults, beside = _faults(session.run.session, diagnosis), _monitors(session)
+    sections = [*_simulation(session.run.session), *noted, *pictures, *beside, faults, events]
     return Report(title=session.run.path.name, source=_source(session), sections=sections)
 
 
@@ -47,6 +58,17 @@ def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
     said = Bullets(items=(*unset, *fault_lines(found)))
     table = (fault_table(found.terms),) if found.terms else ()
     return Section(title="The frames by themselves", blocks=(said, *table))
+
+
+def _monitors(session: SessionHistory) -> Iterable[Section]:
+    """Yield what sensors beside the frames said, and what is left of the light's change where one follows it."""
+    if not session.monitors:
+        return
+    lines = [monitor_line(trace) for trace in session.monitors]
+    lines += [] if session.cycles is None else [f"{text}." for text in light_lines(session.cycles, session.monitors)]
+    read = [trace for trace in session.monitors if trace.values]
+    pictures = (Picture(png=monitor_figure(read)),) if read else ()
+    yield Section(title="Beside the frames", blocks=(Bullets(items=tuple(lines)), *pictures))
 
 
 def _source(session: SessionHistory) -> str:
