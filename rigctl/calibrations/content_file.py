@@ -1,12 +1,13 @@
 """Calibration files in JSON: written whole or not at all, read once all that the program uses has been found right."""
 
+import functools
 import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -151,6 +152,10 @@ def write_whole(path: Path, data: bytes) -> None:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
 
 
+# To make one takes longer than to read a file, and a store has many files.
+_adapter: Callable[..., TypeAdapter[Any]] = functools.cache(TypeAdapter)
+
+
 def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
     """Return the record of a calibration file.
 
@@ -173,7 +178,8 @@ def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     try:
-        return TypeAdapter(record).validate_json(text)
+        found: Record = _adapter(record).validate_json(text)
+        return found
     except ValidationError as error:
         other = _other_kind(text, made_by)
         if other is not None:

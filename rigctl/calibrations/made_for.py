@@ -41,6 +41,8 @@ class MadeFor:
         Start of the last frame.
     valid_days : float or None
         For how long its maker trusts it.
+    exposure_range_s : (shortest, longest) or None
+        Exposures of the frames [s].
     """
 
     camera_model: str | None = None
@@ -54,6 +56,7 @@ class MadeFor:
     temperature_c: Bounded | None = None
     taken_utc: UtcText | None = None
     valid_days: NotNegative | None = None
+    exposure_range_s: tuple[NotNegative, NotNegative] | None = None
 
     def as_json(self) -> dict[str, Json]:
         """Return it as calibration files hold it, under ``made_for``."""
@@ -72,6 +75,7 @@ def made_for(run: Run, records: Sequence[FrameRecord]) -> MadeFor:
     """
     options = _options(run.session.camera_address)
     temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
+    exposures_s = [one.exposure_s for one in records if one.exposure_s is not None]
     starts = [time for time in (record.start_utc for record in records) if time is not None and is_utc_text(time)]
     return MadeFor(
         camera_model=_shared(record.camera_model for record in records),
@@ -84,6 +88,7 @@ def made_for(run: Run, records: Sequence[FrameRecord]) -> MadeFor:
         binning=_binning(options),
         temperature_c=fmean(temperatures) if temperatures else None,
         taken_utc=max(starts, default=None),
+        exposure_range_s=(min(exposures_s), max(exposures_s)) if exposures_s else None,
     )
 
 

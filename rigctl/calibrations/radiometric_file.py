@@ -55,6 +55,11 @@ class RadiometricResponse:
     panel: Panel = Panel()
     created_utc: UtcText | None = None
 
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
 
 def read_radiometric_file(path: Path) -> RadiometricResponse:
     """Return a radiometric calibration.
@@ -77,8 +82,7 @@ def require_radiometric_fits(calibration: RadiometricResponse, used: MadeFor) ->
     DataError
         It is of another camera, gain, bit depth or binning.
     """
-    made = made_for_of_file(calibration.made_for, created_utc=calibration.created_utc, valid_days=VALID_DAYS)
-    return require_fit("radiometric calibration", made, used)
+    return require_fit("radiometric calibration", calibration.origin, used)
 
 
 def read_fitting_radiometric(path: Path, run: Run) -> tuple[RadiometricResponse, tuple[str, ...]]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli import EXIT_INCOMPLETE
-from rigctl.console.options import time_option
+from rigctl.console.options import CalibrationStore, time_option
 from rigctl.console.terminal import progress, results, warn
 from rigctl.files.choices import ROOF_CHANGES, Asked, RoofChange
 from rigctl.reports.table import Column, Table
@@ -38,10 +38,13 @@ def command(
     until: Annotated[str | None, typer.Option(metavar="TIME", help="Take no frame from then on.")] = None,
     noise: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Noise calibration: what noise does to sum rule, drift and DoLP."),
+        typer.Option(
+            metavar="FILE", help="Noise calibration: what noise does to sum rule, drift, DoLP. none: pick none."
+        ),
     ] = None,
     polarizer: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: the rig file has to agree with it.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Polarizer calibration: the rig file has to agree with it. none: pick none."),
     ] = None,
     scene: Annotated[Path | None, typer.Option(metavar="FILE", help="Scene file, for --target-dolp-sigma.")] = None,
     target_dolp_sigma: Annotated[
@@ -60,6 +63,7 @@ def command(
         Asked,
         typer.Option(help="Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`."),
     ] = Asked.TERMINAL,
+    store: CalibrationStore = None,
 ) -> None:
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
 
@@ -86,9 +90,13 @@ def command(
             clock_ns=time_option("--clock", clock),
             perturb=perturb,
             asks_by_hold=ask is Asked.HOLD,
+            store=store,
+            picks=True,
         )
     )
     at_ns, until_ns = time_option("--at", at), time_option("--until", until)
+    for line in prepared.picked.lines:
+        progress().print(line, markup=False)
     for line in prepared.chosen:
         progress().print(f"--target-dolp-sigma: {line}", markup=False)
     for doubt in prepared.doubts:

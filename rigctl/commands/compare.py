@@ -6,8 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli import EXIT_DATA, EXIT_DISAGREES
-from rigctl.console.options import Faults, FlatFile, ForceRegistration, PolarizerFile, RegistrationFile
-from rigctl.console.terminal import print_json, results, warn
+from rigctl.console.options import (
+    CalibrationStore,
+    Faults,
+    FlatFile,
+    ForceRegistration,
+    PolarizerFile,
+    RegistrationFile,
+)
+from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.files.choices import EffectRule, ScaleKind
 from rigctl.reports.writers.terminal_table import terminal_table
 
@@ -30,7 +37,7 @@ def command(
         Path | None,
         typer.Option(metavar="FILE", help="Regions file: without a scene, or the scene's where they are now."),
     ] = None,
-    noise: Annotated[Path | None, typer.Option(metavar="FILE", help="Noise calibration.")] = None,
+    noise: Annotated[Path | None, typer.Option(metavar="FILE", help="Noise calibration. none: pick none.")] = None,
     scale: Annotated[
         ScaleKind,
         typer.Option(metavar="KIND", help="Of the counts: absolute, by a panel, or free (fitted to the run)."),
@@ -43,6 +50,7 @@ def command(
     polarizer: PolarizerFile = None,
     flat: FlatFile = None,
     correct: Faults = None,
+    store: CalibrationStore = None,
     rule: Annotated[
         EffectRule,
         typer.Option(
@@ -76,6 +84,8 @@ def command(
     the scene calls for. --effects safe leaves out what changes no number by more than 0.005, --effects estimated what a
     coarse evaluation says does not.
 
+    Calibrations that are not named are picked from the store beside the rig file, if there is one (`calibrations`).
+
     Numbers of the scene file may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }: then errors of the inputs
     stand beside those of the measurement, and a disagreement says which input would explain it.
 
@@ -83,19 +93,22 @@ def command(
     """
     from rigctl.jobs.compare import CompareRequest, compare_run
     from rigctl.measurement.found_faults import correctable
-    from rigctl.measurement.run_calibrations import CalibrationPaths
+    from rigctl.measurement.picked_calibrations import calibration_paths
     from rigctl.reports.tables.comparison_json import compared_json
 
     runs, scene = _runs_and_scene(paths, scene)
     request = CompareRequest(
         scene=scene,
         regions=regions,
-        calibrations=CalibrationPaths(
-            noise=noise,
-            radiometric=radiometric,
-            registration=register,
-            flat=flat,
-            polarizer=polarizer,
+        calibrations=calibration_paths(
+            {
+                "noise": noise,
+                "radiometric": radiometric,
+                "registration": register,
+                "flat": flat,
+                "polarizer": polarizer,
+            },
+            store=store,
             force_registration=force_registration,
         ),
         alpha=alpha,
@@ -110,6 +123,8 @@ def command(
         _compare_many(runs, request, out=out, as_json=as_json)
         return
     compared = compare_run(runs[0], request, out=out)
+    for line in () if compared.picked is None else compared.picked.lines:
+        progress().print(line, markup=False)
     if as_json:
         print_json(compared_json(compared))
     else:

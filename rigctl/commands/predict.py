@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.console.json_text import Json
+from rigctl.console.options import CalibrationStore
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, Engine, LightPart, SnrKind
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from model.prediction.prediction import Quantities, RegionPrediction
     from model.prediction.region_performance import PairDetection
+    from rigctl.calibrations.rig_picks import RigPicks
     from rigctl.files.choices import RocKind
     from rigctl.jobs.predict import PredictedScene, PredictRequest
     from rigctl.reports.table import AnyTable
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
 def command(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="Scene file.")],
     noise: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Noise calibration; takes the place of the assumed noise.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Noise calibration in place of the assumed noise. none: pick none."),
     ] = None,
     radiometric: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Radiometric calibration, in place of optics and efficiency.")
@@ -83,6 +86,7 @@ def command(
         Path | None,
         typer.Option(metavar="FILE", help="Also write a scene file of plain radiances, for simulators (.toml)."),
     ] = None,
+    store: CalibrationStore = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Print what the analytical model predicts for each region: counts, Stokes parameters, DoLP, deviations, SNR.
@@ -127,6 +131,8 @@ def command(
         rule=rule or "safe",
         changes=parse_changes(changes or ()),
         roc=roc,
+        store=store,
+        picks=True,
     )
     shown = _Shown(out=out, snr=snr, as_json=as_json)
     if ranges:
@@ -168,10 +174,11 @@ def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -
 
     predicted = predict_scene(request, uncertainty=uncertainty)
     found, errors = predicted.found, predicted.uncertainty
+    _say_picked(predicted.picked)
     _warn_of(predicted.doubts)
     remarks = (*predicted.doubts, *found.remarks)
     content = prediction_json(found.predictions, predicted.performance, remarks=remarks) | light_json(found)
-    content |= _reasons(found.predictions) | _roc(predicted.rocs)
+    content |= _reasons(found.predictions) | _roc(predicted.rocs) | predicted.picked.as_json()
     regions: Mapping[str, Quantities] = {name: one.quantities for name, one in found.predictions.items()}
     if errors is not None:
         regions = with_input_errors(found.predictions, errors)
@@ -238,12 +245,13 @@ def _predict_to(request: "PredictRequest", tolerance: float, shown: "_Shown", *,
 
     predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only)
     found, effects = predicted.found, predicted.effects
+    _say_picked(predicted.picked)
     _warn_of(predicted.doubts)
     predictions = found.result.predictions
     remarks = (*predicted.doubts, *predicted.remarks)
     said = said_of(predictions, predicted.performance, predicted.rocs)
     content = prediction_json(predictions, predicted.performance, remarks=remarks)
-    content |= _reasons(predictions) | _roc(predicted.rocs)
+    content |= _reasons(predictions) | _roc(predicted.rocs) | predicted.picked.as_json()
     content |= {"accuracy": accuracy_json(found), "effects": effects_json(effects, None)}
     if shown.out is not None:
         from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
@@ -275,10 +283,11 @@ def _sweep(
 
     out, snr = shown.out, shown.snr
     swept = sweep_scene(request, ranges, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only)
+    _say_picked(swept.picked)
     _warn_of(swept.doubts)
     if shown.as_json:
         accuracy = {} if swept.accuracy is None else {"accuracy": series_json(swept.accuracy)}
-        print_json(sweep_json(swept.found, remarks=(*swept.doubts, *swept.remarks)) | accuracy)
+        print_json(sweep_json(swept.found, remarks=(*swept.doubts, *swept.remarks)) | accuracy | swept.picked.as_json())
         return
     results().print(f"sweep of {swept.found.key}", markup=False)
     for table in sweep_tables(swept.found, snr=snr):
@@ -290,6 +299,11 @@ def _sweep(
         progress().print(f"{number}: missing where {reason}", markup=False)
     if out is not None:
         progress().print(f"sweep.csv, sweep.json and plots in {out}", markup=False)
+
+
+def _say_picked(picked: "RigPicks") -> None:
+    for line in picked.lines:
+        progress().print(line, markup=False)
 
 
 def _warn_of(doubts: Iterable[str]) -> None:

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli import EXIT_DATA
-from rigctl.console.options import Faults, FlatFile, ForceRegistration, PolarizerFile, RegistrationFile
+from rigctl.console.options import (
+    CalibrationStore,
+    Faults,
+    FlatFile,
+    ForceRegistration,
+    PolarizerFile,
+    RegistrationFile,
+)
 from rigctl.console.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
@@ -20,30 +27,37 @@ def command(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for images, pictures and numbers.")],
     regions: Annotated[Path | None, typer.Option(metavar="FILE", help="Regions file.")] = None,
     noise: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Noise calibration: tells texture from noise, and a dark level.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Noise calibration: texture and noise, a dark level. none: pick none."),
     ] = None,
     register: RegistrationFile = None,
     force_registration: ForceRegistration = False,
     polarizer: PolarizerFile = None,
     flat: FlatFile = None,
     correct: Faults = None,
+    store: CalibrationStore = None,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Write Stokes, DoLP and AoLP images of a run, masks, pictures, and the numbers of its regions.
 
-    stokes.fits holds (S0, S1, S2) after the dark level, in DN, or in DN/s where exposures differ.
+    stokes.fits holds (S0, S1, S2) after the dark level, in DN, or in DN/s where exposures differ. Calibrations that are
+    not named are picked from the store beside the rig file, if there is one (rigctl calibrations).
 
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
     """
     from rigctl.jobs.stokes import StokesRequest, stokes_of_run
     from rigctl.measurement.found_faults import correctable
-    from rigctl.measurement.run_calibrations import CalibrationPaths
+    from rigctl.measurement.picked_calibrations import calibration_paths
 
-    paths = CalibrationPaths(
-        noise=noise, registration=register, flat=flat, polarizer=polarizer, force_registration=force_registration
+    paths = calibration_paths(
+        {"noise": noise, "registration": register, "flat": flat, "polarizer": polarizer},
+        store=store,
+        force_registration=force_registration,
     )
     asked = () if correct is None else correctable(correct)
     found = stokes_of_run(StokesRequest(run=run, out=out, regions=regions, calibrations=paths, correct=asked))
+    for line in () if found.picked is None else found.picked.lines:
+        progress().print(line, markup=False)
     for remark in found.remarks:
         warn(remark)
     if as_json:

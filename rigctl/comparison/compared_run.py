@@ -12,6 +12,7 @@ from rigctl.comparison.trends import Trend
 from rigctl.files.choices import ScaleKind
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.picked_calibrations import PickedCalibrations
 from rigctl.prediction.performance import Performance
 from rigctl.storage.bounded_file import sha256_of
 
@@ -79,6 +80,8 @@ class ComparedRun:
         The noise calibration.
     effects : EffectsTaken or None
         None without a scene.
+    picked : PickedCalibrations or None
+        Which calibrations were picked from the store.
     """
 
     comparison: Comparison
@@ -88,6 +91,7 @@ class ComparedRun:
     provenance: Provenance
     noise: NoiseParameters | None = None
     effects: EffectsTaken | None = None
+    picked: PickedCalibrations | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

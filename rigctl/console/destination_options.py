@@ -74,6 +74,7 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "calibrate noise": {"out": _FILE, "plot": _FILE, "report": _FILE, "defects": _FILE},
     "calibrate radiometric": {"out": _FILE},
     "calibrate registration": {"out": _FILE},
+    "calibrations": {"history": _FILE},
     "compare": {"out": _folder(*_COMPARED, *_SERIES)},
     "demo": {"out": _NEW},
     "doctor": {"folder": _folder()},

@@ -25,17 +25,29 @@ MaxFrameMb = Annotated[
 
 AnnotationBy = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so; else the login name.")]
 
+CalibrationStore = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibrations",
+        metavar="DIR",
+        help="Store to pick calibrations from; else the folder calibrations beside the rig file. none: pick none.",
+    ),
+]
+
 # Calibrations that frames of a run are corrected by, and what the run itself shows.
 RegistrationFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another.")
+    Path | None, typer.Option(metavar="FILE", help="Registration: move frames to lie on one another. none: pick none.")
 ]
 ForceRegistration = Annotated[
     bool, typer.Option("--force-registration", help="Move frames even where edges lie no better for it.")
 ]
 PolarizerFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Polarizer calibration: divide by the throughput of each angle.")
+    Path | None,
+    typer.Option(metavar="FILE", help="Polarizer calibration: divide by each angle's throughput. none: pick none."),
 ]
-FlatFile = Annotated[Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them.")]
+FlatFile = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Flat fields: divide frames by them. none: pick none.")
+]
 Faults = Annotated[
     str | None,
     typer.Option(metavar="NAME,...", help="Correct by what the run itself shows: throughput, dark-level, shift."),

@@ -1,15 +1,19 @@
 """Taking a session: rig and session file and calibrations in; the run folder, and how it went, out."""
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rigctl.calibrations.made_for import MadeFor, made_for_rig
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file, require_noise_fits
 from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, require_polarizer_fits
+from rigctl.calibrations.rig_picks import NONE, RigPicks, picked_for_rig
+from rigctl.calibrations.store import CalibrationKind
+from rigctl.console.json_text import json_text
 from rigctl.devices.rig import Rig, open_rig, require_drivers
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import RoofChange
 from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
 from rigctl.files.session_file import SessionFile, load_session
@@ -37,7 +41,7 @@ class AcquireRequest:
     rig, session : Path
         Files.
     noise, polarizer : Path or None
-        Calibrations that the devices have to agree with.
+        Calibrations that the devices have to agree with; ``none`` is not to pick one.
     scene : Path or None
         Scene file, for `target_dolp_sigma`.
     target_dolp_sigma : float or None
@@ -48,6 +52,10 @@ class AcquireRequest:
         What changes in a simulated roof against its scene file.
     asks_by_hold : bool
         Where hands are needed, hold until `rigctl resume` or a page says to go on; else ask at the terminal.
+    store : Path or None
+        Store of calibrations; None is the one beside the rig file.
+    picks : bool
+        Pick what is not named from the store, where there is one.
     """
 
     rig: Path
@@ -59,6 +67,8 @@ class AcquireRequest:
     clock_ns: int | None = None
     perturb: RoofChange | None = None
     asks_by_hold: bool = False
+    store: Path | None = None
+    picks: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,6 +87,8 @@ class PreparedSession:
         What was chosen for the target, in words.
     doubts : tuple of str
         What one had better change.
+    picked : RigPicks
+        What was picked from the store of calibrations.
     """
 
     request: AcquireRequest
@@ -85,6 +97,7 @@ class PreparedSession:
     noise: NoiseParameters | None
     chosen: tuple[str, ...]
     doubts: tuple[str, ...]
+    picked: RigPicks = field(default_factory=RigPicks)
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -123,6 +136,7 @@ def prepare_session(request: AcquireRequest) -> PreparedSession:
     """
     rig_file = with_simulation(load_rig(request.rig), clock_ns=request.clock_ns, perturb=request.perturb)
     session_file = load_session(request.session)
+    request, picked = _with_picks(request, rig_file)
     noise = None if request.noise is None else read_noise_file(request.noise)
     session_file, chosen = with_target(
         session_file, noise, scene=request.scene, target_dolp_sigma=request.target_dolp_sigma
@@ -137,7 +151,19 @@ def prepare_session(request: AcquireRequest) -> PreparedSession:
         noise=noise,
         chosen=chosen,
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
+        picked=picked,
     )
+
+
+def _with_picks(request: AcquireRequest, rig_file: RigFile) -> tuple[AcquireRequest, RigPicks]:
+    """Return a request with the calibrations that the store has for the rig, and what was picked."""
+    named: dict[CalibrationKind, Path | None] = {"noise": request.noise, "polarizer": request.polarizer}
+    picked = RigPicks()
+    if request.picks:
+        now_ns = clock_of(rig_file).utc_ns()
+        picked = picked_for_rig(rig_file, request.rig, now_ns=now_ns, store=request.store, named=named)
+    files = picked.files | {kind: path for kind, path in named.items() if path not in (None, NONE)}
+    return replace(request, noise=files.get("noise"), polarizer=files.get("polarizer")), picked
 
 
 def with_target(
@@ -228,6 +254,7 @@ def acquire(
         clock=clock,
         opener=lambda: _open_calibrated_rig(prepared, out, clock=clock, warn=warn),
         asks_by_hold=request.asks_by_hold,
+        calibrations=json.loads(json_text(prepared.picked.as_json())),
     )
 
 
@@ -248,8 +275,17 @@ def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: Session
 
 def _calibration_doubts(prepared: PreparedSession, used: MadeFor) -> tuple[str, ...]:
     """Return what is doubtful of the calibrations; raise DataError where one is not of these devices."""
-    doubts = () if prepared.noise is None else require_noise_fits(prepared.noise, used)
-    if prepared.request.polarizer is not None:
-        polarizer = read_polarizer_file(prepared.request.polarizer)
-        doubts += require_polarizer_fits(polarizer, used, polarizer=prepared.rig_file.polarizer)
+    try:
+        doubts = () if prepared.noise is None else require_noise_fits(prepared.noise, used)
+        if prepared.request.polarizer is not None:
+            polarizer = read_polarizer_file(prepared.request.polarizer)
+            doubts += require_polarizer_fits(polarizer, used, polarizer=prepared.rig_file.polarizer)
+    except DataError as error:
+        if not prepared.picked.files:
+            raise
+        picked = ", ".join(str(file) for file in prepared.picked.files.values())
+        raise DataError(
+            f"{error}\n  picked from the store: {picked}; with camera.serial_number and stage.serial_number in the rig "
+            "file those of the right devices are picked; --noise none and --polarizer none pick none"
+        ) from error
     return doubts

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from model.effects.names import ALL
+from rigctl.calibrations.store import CalibrationKind
 from rigctl.comparison.checks import nothing_tested, registration_of, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
@@ -17,6 +18,7 @@ from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.measurement.diagnosed_run import DiagnosedRun, diagnosed
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.picked_calibrations import picked_for_run
 from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations, correction_remarks, read_calibrations
 from rigctl.prediction.performance import performance_of
 from rigctl.reports.outputs.comparison_files import write_comparison
@@ -29,6 +31,8 @@ from rigctl.scene.effect_plan import plan_effects
 
 # Of a prediction: at this an effect is said to be called for or not, and left out where that is asked for.
 _EFFECTS_TOLERANCE = 0.01
+# What is picked from the store; the last one where counts are scaled by a panel.
+_KINDS: tuple[CalibrationKind, ...] = ("noise", "polarizer", "flat", "registration", "radiometric")
 # What a regions file says of a region beside its name.
 _OUTLINE = ("rectangle", "polygon", "edge_px")
 
@@ -90,7 +94,8 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     _require_possible(request)
     scene, regions = _outlined(request)
     run = used_run(run_path)
-    given = read_calibrations(request.calibrations, run)
+    picked = picked_for_run(request.calibrations, run, _KINDS if request.scale == "panel" else _KINDS[:-1])
+    given = read_calibrations(picked.paths, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
     measurement = seen.measurement
     effects = None if scene is None else _effects(scene, measurement, given, request.rule)
@@ -98,15 +103,17 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
         scene = without_effects(scene, acting_effects(scene) - effects.taken)
     comparison = _judged(_comparison(measurement, scene, given, request), seen, regions)
     beside = (monitor_line(trace) for trace in monitor_traces(read_events(run.path)))
-    remarks = (*given.doubts, *seen.remarks, *correction_remarks(measurement, regions), *beside, *comparison.remarks)
+    corrected = correction_remarks(measurement, regions)
+    remarks = (*picked.lines, *given.doubts, *seen.remarks, *corrected, *beside, *comparison.remarks)
     found = ComparedRun(
         comparison=replace(comparison, remarks=remarks),
         measurement=measurement,
         regions=regions,
         performance=performance_of(comparison.predictions),
-        provenance=_provenance(run_path, request),
+        provenance=_provenance(run_path, request, picked.paths),
         noise=given.noise,
         effects=effects,
+        picked=picked,
     )
     if out is not None:
         write_comparison(found, out)
@@ -190,11 +197,11 @@ def _outlined(request: CompareRequest) -> tuple[SceneFile | None, list[Region]]:
     return scene.model_copy(update={"regions": regions}), list(regions)
 
 
-def _provenance(run_path: Path, request: CompareRequest) -> Provenance:
-    files = {
+def _provenance(run_path: Path, request: CompareRequest, calibrations: CalibrationPaths) -> Provenance:
+    files: dict[str, Path | SceneFile | None] = {
         "scene": request.scene,
         "regions": request.regions,
-        **vars(request.calibrations),
+        **{str(kind): path for kind, path in calibrations.files.items()},
         "manifest": run_path / MANIFEST_FILE,
     }
     return Provenance(

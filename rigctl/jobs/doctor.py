@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import DeviceError
+from rigctl.calibrations.rig_picks import store_doubts
 from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
 from rigctl.devices.rig_checkup import RigCheckup
 from rigctl.files.monitor_section import MonitorSection
@@ -71,10 +72,12 @@ def check_up(request: DoctorRequest) -> Iterator[Finding]:
     rig_file = None if request.rig is None else load_rig(request.rig)
     session_file = None if request.session is None else load_session(request.session)
     pixels, camera_s = _USUAL_PIXELS, None
-    if rig_file is not None:
+    if rig_file is not None and request.rig is not None:
         doubt = placeholder_doubt(rig_file)
         if doubt is not None:
             yield Finding(what="polarizer", found=doubt, hint="docs/how-to/calibrate.md has the two runs that it takes")
+        for doubt in store_doubts(rig_file, request.rig, now_ns=time.time_ns()):
+            yield Finding(what="calibrations", found=doubt, hint="docs/how-to/calibrate.md has how each is made")
         checkup = RigCheckup(rig_file, frames=request.frames)
         try:
             yield from checkup.findings()

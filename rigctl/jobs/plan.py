@@ -8,6 +8,7 @@ from pathlib import Path
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import is_counts
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
+from rigctl.calibrations.rig_picks import store_doubts
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection
@@ -122,7 +123,8 @@ def plan(request: PlanRequest) -> PlannedSession:
     rig, session = load_rig(request.rig), load_session(request.session)
     now_ns = request.at_ns or SessionClock().utc_ns()
     planned = plan_session(rig, session, now_ns=now_ns, until_ns=request.until_ns, pixels=request.pixels)
-    doubts = () if (doubt := placeholder_doubt(rig)) is None else (doubt,)
+    unset = placeholder_doubt(rig)
+    doubts = (*(() if unset is None else (unset,)), *store_doubts(rig, request.rig, now_ns=now_ns))
     if request.scene is None:
         return PlannedSession(plan=planned, predictions=None, doubts=doubts)
     scene = load_scene(request.scene)

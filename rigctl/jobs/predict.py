@@ -17,6 +17,7 @@ from model.prediction.region_performance import PairDetection
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
+from rigctl.calibrations.rig_picks import NONE, RigPicks, picked_for_scene
 from rigctl.comparison.remarks import model_warnings
 from rigctl.comparison.scale import with_panel_scale
 from rigctl.files.choices import EffectRule, Engine, LightPart, RocKind, SnrKind
@@ -56,6 +57,10 @@ class PredictRequest:
         Numbers of the scene in the place of those of the file and of the calibrations, by their keys.
     roc : str or None
         ``TARGET,BACKGROUND``: the pair of which whole ROC curves are found.
+    store : Path or None
+        Store of calibrations; None is the one beside the scene file.
+    picks : bool
+        Pick the noise calibration from the store, where none is named and there is one.
     """
 
     scene: Path | SceneFile
@@ -68,6 +73,8 @@ class PredictRequest:
     rule: EffectRule = "safe"
     changes: Mapping[str, float] = field(default_factory=dict)
     roc: str | None = None
+    store: Path | None = None
+    picks: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +95,8 @@ class PredictedScene:
         About the calibrations.
     rocs : mapping
         Kind to the whole curve; empty where none was asked for.
+    picked : RigPicks
+        What was picked from the store of calibrations.
     """
 
     found: ScenePrediction
@@ -96,6 +105,7 @@ class PredictedScene:
     uncertainty: PredictedUncertainty | None
     doubts: tuple[str, ...]
     rocs: dict[RocKind, PairDetection]
+    picked: RigPicks = field(default_factory=RigPicks)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -113,6 +123,7 @@ class PredictedToTolerance:
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
     rocs: dict[RocKind, PairDetection]
+    picked: RigPicks = field(default_factory=RigPicks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,6 +134,7 @@ class SweptScene:
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
     accuracy: SeriesPrediction | None = None
+    picked: RigPicks = field(default_factory=RigPicks)
 
 
 def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> PredictedScene:
@@ -140,7 +152,7 @@ def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> Pred
     ConfigError, DataError
         A file is wrong or does not fit, or there is no prediction.
     """
-    predictor, doubts = _predictor(request)
+    predictor, doubts, picked = _predictor(request)
     pair = _pair(request, predictor)
     found = predictor.predict()
     return PredictedScene(
@@ -150,6 +162,7 @@ def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> Pred
         uncertainty=predicted_uncertainty(predictor, found.predictions) if uncertainty else None,
         doubts=doubts,
         rocs={} if pair is None else roc_curves(found.predictions, pair),
+        picked=picked,
     )
 
 
@@ -172,7 +185,7 @@ def predict_scene_to(
     ConfigError, DataError
         A file is wrong or does not fit, or the tolerance cannot be had.
     """
-    predictor, doubts = _predictor(request)
+    predictor, doubts, picked = _predictor(request)
     pair = _pair(request, predictor)
     effects = predictor.effect_plan(tolerance, rule=request.rule)
     found = predictor.to_tolerance(tolerance, effects=effects, estimated_only=estimated_only)
@@ -183,6 +196,7 @@ def predict_scene_to(
         remarks=(*predictor.remarks, *effects.remarks),
         doubts=doubts,
         rocs={} if pair is None else roc_curves(found.result.predictions, pair),
+        picked=picked,
     )
 
 
@@ -244,7 +258,7 @@ def _swept(
     tolerance: float | None,
     estimated_only: bool,
 ) -> SweptScene:
-    predictor, doubts = _predictor(request)
+    predictor, doubts, picked = _predictor(request)
     pair, accuracy = _pair(request, predictor), None
     if tolerance is None:
         found = sweep_over(predictor, axes, roc=pair)
@@ -257,7 +271,7 @@ def _swept(
         from rigctl.reports.outputs.prediction_files import write_sweep  # half a second, wanted for plots only
 
         write_sweep(found, out, remarks=(*doubts, *remarks), snr=snr)
-    return SweptScene(found=found, remarks=remarks, doubts=doubts, accuracy=accuracy)
+    return SweptScene(found=found, remarks=remarks, doubts=doubts, accuracy=accuracy, picked=picked)
 
 
 def said_of(
@@ -274,13 +288,16 @@ def _pair(request: PredictRequest, predictor: ScenePredictor) -> RocPair | None:
     return None if request.roc is None else parse_roc(request.roc, names)
 
 
-def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]]:
+def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...], RigPicks]:
     """Return what predicts the scene, and what is doubtful of the calibrations."""
     scene = with_choices(scene_file(request.scene), switched_on=request.switched_on, left_out=request.left_out)
     require_engine(request.engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
     # A prediction names no camera, so that only format and age can be unfit.
     used = MadeFor(bit_depth=scene.sensor.bit_depth, taken_utc=utc_text(time.time_ns()))
-    noise = None if request.noise is None else read_noise_file(request.noise)
+    place = request.scene if isinstance(request.scene, Path) else None
+    picked = picked_for_scene(place, used, request.store, request.noise) if request.picks else RigPicks()
+    file = picked.files.get("noise", None if request.noise == NONE else request.noise)
+    noise = None if file is None else read_noise_file(file)
     doubts: Iterable[str] = () if noise is None else require_noise_fits(noise, used)
     radiometric: RadiometricResponse | None = None
     if request.radiometric is not None:
@@ -289,4 +306,4 @@ def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]
     light = SceneLight(engine=request.engine)
     scaled = None if radiometric is None else partial(with_panel_scale, radiometric=radiometric)
     predictor = ScenePredictor(scene, noise, light=light, source=request.light, scaled=scaled, changes=request.changes)
-    return predictor, tuple(doubts)
+    return predictor, tuple(doubts), picked

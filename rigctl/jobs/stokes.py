@@ -12,6 +12,7 @@ from rigctl.console.json_text import Json
 from rigctl.files.regions import Region, load_regions
 from rigctl.measurement.diagnosed_run import diagnosed
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.picked_calibrations import PickedCalibrations, picked_for_run
 from rigctl.measurement.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
 from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
@@ -63,6 +64,8 @@ class StokesOfRun:
         Whether it is sound.
     files : tuple of str
         Names of what was written.
+    picked : PickedCalibrations or None
+        Which calibrations were picked from the store.
     """
 
     measurement: Measurement
@@ -71,6 +74,7 @@ class StokesOfRun:
     diagnosis: RunDiagnosis
     checks: tuple[Check, ...]
     files: tuple[str, ...] = ()
+    picked: PickedCalibrations | None = None
 
     def as_json(self) -> dict[str, Json]:
         """Return what stokes.json holds."""
@@ -80,6 +84,7 @@ class StokesOfRun:
             "checks": [asdict(check) for check in self.checks],
             "flags": [check.name for check in self.checks if check.verdict == "flagged"],
             "sound": not any(check.verdict == "refused" for check in self.checks),
+            **({} if self.picked is None else self.picked.as_json()),
         }
 
     @property
@@ -106,7 +111,8 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
     given_regions = request.regions or []
     regions = load_regions(given_regions) if isinstance(given_regions, Path) else given_regions
     run = used_run(request.run)
-    given = read_calibrations(request.calibrations, run)
+    picked = picked_for_run(request.calibrations, run, ("noise", "polarizer", "flat", "registration"))
+    given = read_calibrations(picked.paths, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
     measurement, diagnosis = seen.measurement, seen.diagnosis
     checks = run_checks(measurement, registration_of(measurement), diagnosis)
@@ -117,6 +123,7 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
         remarks=(*given.doubts, *seen.remarks, *correction_remarks(measurement, regions)),
         diagnosis=diagnosis,
         checks=checks,
+        picked=picked,
     )
     if request.out is None:
         return found

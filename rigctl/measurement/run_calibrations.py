@@ -1,7 +1,7 @@
 """The calibrations that a run is compared with: read, found to be of its devices, and what is doubtful about them."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -10,6 +10,7 @@ from rigctl.calibrations.noise.noise_file import NoiseParameters, read_fitting_n
 from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_fitting_polarizer
 from rigctl.calibrations.radiometric_file import RadiometricResponse, read_fitting_radiometric
 from rigctl.calibrations.registration.registration_file import ImageRegistration, read_fitting_registration
+from rigctl.calibrations.store import KINDS, CalibrationKind
 from rigctl.files.regions import Region
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.measurement.corrections import FoundCorrections
@@ -29,7 +30,21 @@ _Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPaths:
-    """Files of calibrations, None is not given; a registration that helps no edges is used only if that is forced."""
+    """Files of calibrations, None is not given; a registration that helps no edges is used only if that is forced.
+
+    Attributes
+    ----------
+    noise, radiometric, registration, flat, polarizer : Path or None
+        Files that are named.
+    force_registration : bool
+        Use a registration that helps no edges too.
+    picks : bool
+        Pick what is not named from the store, where there is one.
+    store : Path or None
+        The store; None is the one that stands beside the rig file.
+    without : tuple of str
+        Kinds that are not picked.
+    """
 
     noise: Path | None = None
     radiometric: Path | None = None
@@ -37,6 +52,27 @@ class CalibrationPaths:
     flat: Path | None = None
     polarizer: Path | None = None
     force_registration: bool = False
+    picks: bool = False
+    store: Path | None = None
+    without: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> dict[CalibrationKind, Path]:
+        """Files that are named, by their kind."""
+        named = {kind: getattr(self, kind) for kind in KINDS}
+        return {kind: path for kind, path in named.items() if isinstance(path, Path)}
+
+    def with_files(self, files: Mapping[CalibrationKind, Path]) -> "CalibrationPaths":
+        """Return them with more files."""
+        together = self.files | dict(files)
+        return replace(
+            self,
+            noise=together.get("noise"),
+            radiometric=together.get("radiometric"),
+            registration=together.get("registration"),
+            flat=together.get("flat"),
+            polarizer=together.get("polarizer"),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -33,6 +33,8 @@ def describe_session(
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     names = {what: path.name for what, path in (files | scene).items()}
     stage = {} if rig.stage_identity is None else {"stage": vars(rig.stage_identity)}
+    # Where the rig file stands, its store of calibrations beside it; the key says that it is no business of others.
+    place = {"host_folder": str(files["rig"].absolute().parent)} if "rig" in files else {}
     light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
     return {
         "origin": rig.origin,
@@ -47,6 +49,7 @@ def describe_session(
         "camera_facts": _facts_of(rig.camera),
         "versions": {package: version(package) for package in _PACKAGES},
         **light,
+        **place,
     }
 
 

@@ -1,10 +1,12 @@
 """One session from its files to its run folder, and on from there after an interruption."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
+
+from pydantic import JsonValue
 
 from rigctl.devices.rig import open_rig
 from rigctl.errors import ConfigError
@@ -40,6 +42,7 @@ def take_session(
     clock: SessionClock | None = None,
     opener: Opener | None = None,
     asks_by_hold: bool = False,
+    calibrations: Mapping[str, JsonValue] | None = None,
 ) -> Outcome:
     """Take a session into a new run folder; return how it went.
 
@@ -61,6 +64,8 @@ def take_session(
         Gives the open rig, instead of the one that the rig file describes.
     asks_by_hold : bool
         Where hands are needed, such as to cover the lens, hold until somebody says to go on; else ask at the terminal.
+    calibrations : mapping, optional
+        Which were picked from the store, as the run keeps it.
 
     Raises
     ------
@@ -83,6 +88,7 @@ def take_session(
             "rounds_ns": list(rounds),
             "until_ns": until_ns,
             "noise": None if noise is None else asdict(noise),
+            **(calibrations or {}),
         }
         with RunWriter.create(
             out, description, inputs=inputs, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns

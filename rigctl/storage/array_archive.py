@@ -3,6 +3,7 @@
 import io
 import math
 import zipfile
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,15 @@ from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 _MOST_HEADER_BYTES = 4096
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path, *, only: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
     """Return the arrays of an archive by their names.
+
+    Parameters
+    ----------
+    path : Path
+        The archive.
+    only : collection of str or None
+        Which arrays; None is all of them.
 
     Raises
     ------
@@ -31,7 +39,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         _require_size(data)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+            return {name: archive[name] for name in archive.files if only is None or name in only}
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
     except Exception as error:  # whatever zipfile and numpy trip over in an archive that is spoilt

@@ -39,6 +39,11 @@ class FlatFacts:
     made_for: MadeFor
     created_utc: UtcText | None = None
 
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatFields:
@@ -141,8 +146,23 @@ def read_fitting_flats(path: Path, run: Run) -> tuple[FlatFields, tuple[str, ...
         raise DataError(
             f"{path}: its pictures have (rows, columns) {flats.response.shape[1:]}, the run {sorted(sizes)}"
         )
-    made = made_for_of_file(flats.facts.made_for, created_utc=flats.facts.created_utc, valid_days=VALID_DAYS)
-    return flats, require_fit("flat field", made, made_for(run, frames), stage=True)
+    return flats, require_fit("flat field", flats.facts.origin, made_for(run, frames), stage=True)
+
+
+def read_flat_facts(path: Path) -> FlatFacts:
+    """Return what a file of flat fields says beside its pictures.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is none, or is of another version.
+    """
+    try:
+        return TypeAdapter(FlatFacts).validate_json(read_arrays(path, only=("facts",))["facts"].tobytes())
+    except ValidationError as error:
+        raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
+    except KeyError as error:
+        raise DataError(f"{path}: holds no flat fields; they are made by `rigctl calibrate flat`") from error
 
 
 def _read(path: Path) -> FlatFields:

@@ -139,6 +139,14 @@ class NoiseParameters:
             if name in self.known and self.known[name].value < 0.0
         }
 
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        origin = self.made_for
+        if origin is None and self.camera is not None:
+            origin = self.camera.made_for()
+        return made_for_of_file(origin, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
     def sensor_noise(self) -> SensorNoise:
         """Return the noise of the sensor; what is not known, or below 0 by its error, is 0."""
         values = {name: 0.0 if name in self.below_zero else one.value for name, one in self.known.items()}
@@ -188,11 +196,7 @@ def require_noise_fits(noise: NoiseParameters, used: MadeFor) -> tuple[str, ...]
     DataError
         It is of another camera, gain, bit depth or binning.
     """
-    origin = noise.made_for
-    if origin is None and noise.camera is not None:
-        origin = noise.camera.made_for()
-    made = made_for_of_file(origin, created_utc=noise.created_utc, valid_days=VALID_DAYS)
-    return require_fit("noise calibration", made, used)
+    return require_fit("noise calibration", noise.origin, used)
 
 
 def read_fitting_noise(path: Path, run: Run) -> tuple[NoiseParameters, tuple[str, ...]]:

@@ -64,6 +64,11 @@ class PolarizerParameters:
     devices: MadeFor | None = None
     created_utc: UtcText | None = None
 
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        return made_for_of_file(self.made_for or self.devices, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
 
 def read_polarizer_file(path: str | Path) -> PolarizerParameters:
     """Return a polarizer calibration.
@@ -115,10 +120,7 @@ def require_polarizer_fits(
     DataError
         It is of another camera or stage, or the rig file states another sense or offset.
     """
-    made = made_for_of_file(
-        calibration.made_for or calibration.devices, created_utc=calibration.created_utc, valid_days=VALID_DAYS
-    )
-    doubts = require_fit("polarizer calibration", made, used, stage=True, gain=False)
+    doubts = require_fit("polarizer calibration", calibration.origin, used, stage=True, gain=False)
     if polarizer.sense is not None and polarizer.offset_deg is not None:
         _require_same_axis(calibration, polarizer.sense, polarizer.offset_deg)
     return doubts

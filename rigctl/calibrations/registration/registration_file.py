@@ -60,6 +60,11 @@ class ImageRegistration:
     wander: Circle | None
     created_utc: UtcText | None = None
 
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
     def shift_pixels(self, angle_deg: float, *, against_deg: float) -> FloatArray:
         """Return the shift (x, y) of the picture at one angle against that at another.
 
@@ -163,5 +168,4 @@ def read_fitting_registration(path: Path, run: Run) -> tuple[ImageRegistration, 
     """
     found = read_registration_file(path)
     used = made_for(run, [record for record in run.frames if record.kind == "scene"])
-    made = made_for_of_file(found.made_for, created_utc=found.created_utc, valid_days=VALID_DAYS)
-    return found, require_fit("registration", made, used, stage=True, gain=False)
+    return found, require_fit("registration", found.origin, used, stage=True, gain=False)

@@ -41,7 +41,9 @@ def compared_json(found: ComparedRun) -> dict[str, Json]:
         "remarks": list(comparison.remarks),
         "not_tested": list(comparison.not_tested),
         "provenance": provenance_json(found),
-    } | annotations_of(measurement.run, measurement.grid.left_out)
+        **({} if found.picked is None else found.picked.as_json()),
+        **annotations_of(measurement.run, measurement.grid.left_out),
+    }
 
 
 def _with_verdicts(regions: Mapping[str, Mapping[str, Json]], verdicts: Mapping[str, RegionVerdict]) -> Json:

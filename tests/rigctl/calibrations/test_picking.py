@@ -1,0 +1,164 @@
+"""Picking from a store of calibrations: what fits, what is refused, and what is said of both."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.control_chart import control_chart
+from rigctl import cli
+from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.picking import choose
+from rigctl.calibrations.rig_picks import store_doubts
+from rigctl.calibrations.store import read_store
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.rig_file import load_rig
+from rigctl.numbers.utc_time import unix_ns, utc_moment
+from tests.docs.blocks import ROOT
+
+USED = MadeFor(
+    camera_serial="A",
+    gain_db=0.0,
+    bit_depth=12,
+    temperature_c=30.0,
+    taken_utc="2026-06-15T12:00:00Z",
+    exposure_range_s=(0.01, 0.01),
+)
+
+
+def write_noise(folder, name, *, taken, gain=0.25, **facts):
+    """Write a noise calibration of the camera of `USED`, but for some facts."""
+    made = vars(replace(USED, taken_utc=f"{taken}T12:00:00Z", **facts))
+    number = {"value": gain, "std_error": 0.001, "n": 10}
+    quantities = ("read_noise_e", "dark_current_e_per_s", "black_level_dn", "saturation_e", "dsnu_e")
+    content = dict.fromkeys(quantities, number | {"value": 10.0}) | {"gain_dn_per_e": number, "prnu": number}
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text(json.dumps(content | {"schema_version": 2, "made_for": made}))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "calibrations"
+
+
+def _picked(folder, used=USED, **options):
+    return choose(read_store(folder), "noise", used, **options)
+
+
+def test_the_newest_before_the_frames_is_picked(folder):
+    for day in ("2026-01-10", "2026-05-01", "2026-06-20"):
+        write_noise(folder, f"{day}.json", taken=day)
+    found = _picked(folder)
+    assert (found.pick.file.name, found.pick.age_days) == ("2026-05-01.json", 45.0)
+    assert "of 3 of these devices and settings" in found.pick.why
+    assert not any(one.is_unfit for one in found.others)
+
+
+def test_without_one_before_them_the_nearest_after_is_picked_and_that_is_said(folder):
+    write_noise(folder, "late.json", taken="2026-06-20")
+    write_noise(folder, "later.json", taken="2026-08-20")
+    found = _picked(folder).pick
+    assert (found.file.name, found.age_days) == ("late.json", -5.0)
+    assert "AFTER the frames" in found.why
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ({"camera_serial": "B"}, "camera serial number: calibrated B, used A"),
+        ({"gain_db": 6.0}, "gain setting [dB]: calibrated 6.0, used 0.0"),
+        ({"bit_depth": 8}, "bit depth: calibrated 8, used 12"),
+        ({"valid_days": 3.0}, "too far in time: 14 days from the frames, holds for 3"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_reason(folder, facts, said):
+    write_noise(folder, "n.json", taken="2026-06-01", **facts)
+    found = _picked(folder)
+    assert found.pick is None
+    assert said in found.others[0].reason
+    assert said in found.line
+
+
+def test_temperature_and_exposures_of_use_go_before_date(folder):
+    write_noise(folder, "warm.json", taken="2026-05-01")
+    write_noise(folder, "cold.json", taken="2026-06-10", temperature_c=5.0)
+    write_noise(folder, "short.json", taken="2026-06-11", exposure_range_s=(1e-5, 1e-4))
+    assert _picked(folder).pick.file.name == "warm.json"
+    (folder / "warm.json").unlink()
+    assert _picked(folder).pick.file.name == "short.json"
+    (folder / "short.json").unlink()
+    assert "25.0 K away" in _picked(folder).pick.why
+
+
+def test_one_that_states_its_camera_goes_before_one_that_does_not(folder):
+    write_noise(folder, "named.json", taken="2026-05-01")
+    write_noise(folder, "unnamed.json", taken="2026-06-10", camera_serial=None)
+    assert _picked(folder).pick.file.name == "named.json"
+
+
+def test_one_that_cannot_be_used_after_all_gives_way_to_the_next(folder):
+    write_noise(folder, "a.json", taken="2026-05-01")
+    write_noise(folder, "b.json", taken="2026-06-01")
+
+    def require_usable(path):
+        if path.name == "b.json":
+            raise DataError(f"{path}: spoilt")
+
+    found = _picked(folder, require_usable=require_usable)
+    assert (found.pick.file.name, found.others[0].reason) == ("a.json", "spoilt")
+
+
+def test_frames_without_a_time_take_the_newest(folder):
+    for day in ("2026-05-01", "2026-06-20", "2026-01-10"):
+        write_noise(folder, f"{day}.json", taken=day)
+    found = _picked(folder, replace(USED, taken_utc=None)).pick
+    assert (found.file.name, found.age_days) == ("2026-06-20.json", None)
+
+
+def test_files_that_are_no_calibrations_are_said(folder, capsys):
+    write_noise(folder, "n.json", taken="2026-05-01")
+    (folder / "empty.json").write_text("")
+    (folder / "list.json").write_text("[1]")
+    (folder / "flat.npz").write_bytes(b"PK")
+    (folder / "readme.txt").write_text("no calibration, and none that is meant to be one")
+    (folder / "2025").mkdir()
+    write_noise(folder / "2025", "old.json", taken="2025-05-01")
+    store = read_store(folder)
+    assert [one.file.name for one in store.calibrations] == ["old.json", "n.json"]
+    assert [one.file.name for one in store.unread] == ["empty.json", "flat.npz", "list.json"]
+    assert cli.main(["calibrations", str(folder), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["not_read"]) == 3
+
+
+def test_a_store_that_is_not_there_is_a_usage_error(tmp_path):
+    with pytest.raises(ConfigError, match="there is no such folder"):
+        read_store(tmp_path / "none")
+    assert cli.main(["calibrations", str(tmp_path / "none")]) == 2
+
+
+def test_plan_warns_of_what_is_missing_and_of_what_expires(folder, tmp_path):
+    rig_file = tmp_path / "rig.toml"
+    rig_file.write_text((ROOT / "examples/rig-sim.toml").read_text())
+    now_ns = unix_ns(utc_moment("2026-06-15T12:00:00Z"))
+    rig = load_rig(rig_file)
+    assert store_doubts(rig, rig_file, now_ns=now_ns) == ()
+    write_noise(folder, "n.json", taken="2026-06-01", valid_days=20.0)
+    missing, expires = sorted(store_doubts(rig, rig_file, now_ns=now_ns))
+    assert "has no polarizer calibration" in missing
+    assert "n.json expires in 6 days" in expires
+    write_noise(folder, "n.json", taken="2026-06-01", valid_days=10.0)
+    assert any("too far in time" in doubt for doubt in store_doubts(rig, rig_file, now_ns=now_ns))
+
+
+def test_control_limits_hold_what_does_not_move_and_show_what_does():
+    draws, years = np.random.default_rng(5), np.linspace(0.0, 3.0, 12)
+    errors = np.full(12, 0.1)
+    outside = [
+        (~control_chart(years, 5.0 + 0.1 * draws.standard_normal(12), errors).is_inside).sum() for _ in range(500)
+    ]
+    # 27 in 10 000 of 6000: 16.2 expected, within four standard deviations.
+    assert sum(outside) < 16.2 + 4.0 * np.sqrt(16.2)
+    drifting = control_chart(years, 5.0 + 0.4 * years, errors)
+    assert not drifting.is_inside.all()
+    assert drifting.drift_per_year == pytest.approx(0.4, abs=1e-9)
