@@ -7,8 +7,7 @@ Usage: python -m benchmarks.frame_overhead [--frames 200] [--folder DIR] [--watc
 Overhead is the time of the session's thread between two frames, without waiting for the disk's queue, plus the time
 of the writer's thread outside of encoding and of the disk: medians over the frames, so that another program's turn on
 the processor is not counted. The target is below 5 ms. The same is measured while pages of `rigctl watch` look on: that
-must
-cost the session nothing beyond the noise of the medians.
+must cost the session nothing beyond the noise of the medians.
 """
 
 import argparse
@@ -38,7 +37,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.runs import run_writer
 from rigctl.runs.journal import Journal
 from rigctl.session import acquisition
-from rigctl.session.frame_store import FrameStore, WriterThread
+from rigctl.session.frame_store import FrameStore, StoredFrame, WriterThread
 from rigctl.session.take_session import take_session
 
 TARGET_MS = 5.0
@@ -169,8 +168,8 @@ def _watched(watch: Stopwatch, *, threaded: bool) -> Iterator[None]:
 class _Inline(WriterThread):
     """Stores each frame before the next is taken: what the thread is compared with."""
 
-    def put(self, record: Any, counts: Any) -> None:
-        self._store(record, counts)
+    def put(self, *frames: StoredFrame) -> None:
+        self._store(frames)
 
 
 @contextmanager

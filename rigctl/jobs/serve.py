@@ -25,7 +25,8 @@ from rigctl.runs.run_lock import writing_process
 from rigctl.session.control import ask_process
 from rigctl.storage.durable_file import write_durably
 from rigctl.web.hands import Asked, Hands
-from rigctl.web.live_rig import Cell, LiveRig, OpenDevices
+from rigctl.web.live_look import Cell, OpenDevices
+from rigctl.web.live_rig import LiveRig
 from rigctl.web.page import page_app
 from rigctl.web.server import Addresses, PageServer, Place
 from rigctl.web.sources import RunsOfFolder
@@ -72,7 +73,7 @@ def serve(request: ServeRequest, place: Place, *, told: Callable[[Addresses], No
         if not folder.is_dir():
             raise ConfigError(f"{name} {folder}: there is no such folder")
     sessions = _Sessions(request)
-    rig = LiveRig(lambda: open_devices(request.rig), _polarizer(request.rig))
+    rig = LiveRig(lambda: open_devices(request.rig), polarizer_of(request.rig))
     hands = Hands(
         ask=sessions.ask,
         rig=rig,
@@ -159,7 +160,15 @@ class _Sessions:
 
 @contextmanager
 def open_devices(what: str) -> Iterator[OpenDevices]:
-    """Give the open devices of a rig file or a camera's address until the context is left."""
+    """Give the open devices of a rig file, or the camera at an address alone, until the context is left.
+
+    Raises
+    ------
+    DeviceError
+        One cannot be opened.
+    ConfigError
+        The rig file is wrong, or there is no such driver.
+    """
     if not what.endswith(_RIG_FILE):
         with open_camera(what) as camera:
             yield OpenDevices(camera=camera, stage=None)
@@ -172,7 +181,8 @@ def open_devices(what: str) -> Iterator[OpenDevices]:
         yield OpenDevices(camera=rig.camera, stage=rig.stage, cell=cell)
 
 
-def _polarizer(what: str) -> PolarizerSection:
+def polarizer_of(what: str) -> PolarizerSection:
+    """Return how the polarizer sits by a rig file; for a camera alone its angle is the stage's."""
     return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else PolarizerSection(sense=1, offset_deg=0.0)
 
 

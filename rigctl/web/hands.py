@@ -15,7 +15,8 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.numbers.number_range import LARGEST
 from rigctl.runs.run_description import explain_invalid
 from rigctl.web.access import MOST_BODY_BYTES
-from rigctl.web.live_rig import LiveRig, Task
+from rigctl.web.live_look import Task
+from rigctl.web.live_rig import LiveRig
 
 _MS_PER_S = 1e3
 Asked = Literal["hold", "resume", "stop"]

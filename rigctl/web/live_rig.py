@@ -4,9 +4,8 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,8 @@ from drivers.interfaces import Camera, Frame, RotationStage
 from model.processing.mosaic import planes
 from rigctl.devices.focus import focus_of
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.choices import Interpolation
 from rigctl.files.rig_file import PolarizerSection
+from rigctl.web.live_look import Cell, LiveLook, OpenDevices, Task
 from rigctl.web.pictures import (
     MAP_WIDTH,
     MOST_WIDTH,
@@ -31,7 +30,6 @@ from rigctl.web.pictures import (
 from rigctl.web.run_pictures import MAPS
 
 VIEW = "view"
-TaskKind = Literal["rest", "preview", "polarimetry"]
 # Counts that a metered exposure aims at, as a share of the range.
 _AIM = 0.7
 _LEAST_ANGLES = 3
@@ -39,93 +37,6 @@ _KEPT = 8
 _TURN_DEG = 180.0
 _TIMEOUT_S = 10.0
 _MS_PER_S = 1e3
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """Axes of a cell of polarizers, row by row [deg], and what is made of its pictures."""
-
-    axes_deg: tuple[float, ...]
-    interpolation: Interpolation
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OpenDevices:
-    """Devices that are open; no stage where there is none, a cell where the camera has polarizers on its pixels."""
-
-    camera: Camera
-    stage: RotationStage | None
-    cell: Cell | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Task:
-    """What the devices shall do.
-
-    Attributes
-    ----------
-    kind : str
-        "rest" closes the devices; "preview" takes picture after picture; "polarimetry" turns through the angles.
-    exposure_s : float
-        Integration time, above 0 [s].
-    gain_db : float
-        The camera's gain setting [dB].
-    angles_deg : tuple of float
-        Of the polarizer, for "polarimetry" [deg].
-    """
-
-    kind: TaskKind = "rest"
-    exposure_s: float = 0.01
-    gain_db: float = 0.0
-    angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiveLook:
-    """What the devices do and see now.
-
-    Attributes
-    ----------
-    task : str
-        As in `Task`.
-    exposure_ms, gain_db : float
-        As set [ms], [dB].
-    sequence, maps_sequence : int
-        Number of the newest picture, and of the newest maps; 0 where there is none.
-    angle_deg : float or None
-        Of the polarizer at the newest picture, by readback [deg].
-    sharpness, best_sharpness : float
-        Of the newest picture and the largest since the task began; to be compared with itself only.
-    brightest, clipped : float
-        The 99.5 % quantile as a share of the range, and the share of saturated pixels.
-    proposed_ms : float or None
-        Exposure at which the brightest parts come to 70 % of the range [ms]; None where that cannot be told.
-    cycles_per_min : float or None
-        How fast the polarizer goes round.
-    dark_dn : float or None
-        Level without light that the maps subtract [DN]; None where none was taken at this exposure: DoLP reads too low.
-    width, height : int
-        Of the camera's picture.
-    problem : str
-        What stopped the task; empty where nothing did.
-    """
-
-    task: TaskKind = "rest"
-    exposure_ms: float = 10.0
-    gain_db: float = 0.0
-    sequence: int = 0
-    maps_sequence: int = 0
-    angle_deg: float | None = None
-    sharpness: float = 0.0
-    best_sharpness: float = 0.0
-    brightest: float = 0.0
-    clipped: float = 0.0
-    proposed_ms: float | None = None
-    cycles_per_min: float | None = None
-    dark_dn: float | None = None
-    width: int = 0
-    height: int = 0
-    problem: str = ""
 
 
 class LiveRig:

@@ -1,6 +1,7 @@
 """A run watched over the network, as programs and people do it."""
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -64,6 +65,16 @@ def test_state_and_frames_are_answered_by_their_contract_names(page: str) -> Non
     assert asked(page, "/api/frame/46")[0] == 404
     assert asked(page, "/api/frame/%2e%2e%2fsession.json")[0] == 404
     assert asked(page, "/api/hold", method="POST")[0] == 403
+
+
+def test_all_that_the_page_loads_is_small_and_of_this_page(page: str) -> None:
+    html = asked(page, "/")[1].decode()
+    own = re.findall(r'(?:src|href)="([^"#]+)"', html)
+    assert {"watch.js", "rig.js", "style.css"} <= set(own)
+    assert not [address for address in own if "//" in address]
+    files = [asked(page, f"/{name}") for name in own if not name.startswith("data:")]
+    assert {status for status, _ in files} == {200}
+    assert len(html) + sum(len(content) for _, content in files) < 400_000
 
 
 def test_nobody_gets_in_without_the_token(page: str) -> None:

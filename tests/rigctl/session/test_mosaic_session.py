@@ -21,7 +21,8 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.repair import repair_run
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import resume_session, take_session
-from rigctl.web.live_rig import LiveRig, Task
+from rigctl.web.live_look import Task
+from rigctl.web.live_rig import LiveRig
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.session.made_rig import events_of
 

@@ -1,0 +1,40 @@
+"""Devices at work for a page, without a page."""
+
+import time
+from collections.abc import Callable
+
+from rigctl.jobs.serve import open_devices, polarizer_of
+from rigctl.web.live_look import LiveLook, Task
+from rigctl.web.live_rig import LiveRig
+
+CAMERA = "sim:gc780"
+
+
+def until(rig: LiveRig, is_so: Callable[[LiveLook], bool]) -> LiveLook:
+    deadline_s = time.monotonic() + 60.0
+    while not is_so(look := rig.look()):
+        assert time.monotonic() < deadline_s, look
+        time.sleep(0.02)
+    return look
+
+
+def test_a_camera_alone_is_focused_by_and_has_no_polarization() -> None:
+    rig = LiveRig(lambda: open_devices(CAMERA), polarizer_of(CAMERA))
+    rig.begin(Task(kind="preview", exposure_s=3e-5))
+    look = until(rig, lambda look: look.sharpness > 0.0)
+    assert (look.width, look.height) == (782, 582)
+    assert rig.newest_counts().shape == (582, 782)
+    one, same = rig.picture("view"), rig.picture("view")
+    assert one.jpeg.startswith(b"\xff\xd8")
+    assert sum(one.histogram) == sum(same.histogram) == 782 * 582
+    rig.begin(Task(kind="polarimetry", exposure_s=3e-5))
+    assert "needs a stage" in until(rig, lambda look: bool(look.problem)).problem
+    assert rig.look().task == "rest"
+
+
+def test_a_camera_that_cannot_be_opened_is_a_problem_in_words() -> None:
+    rig = LiveRig(lambda: open_devices("gige:nowhere.invalid"), polarizer_of(CAMERA))
+    rig.begin(Task(kind="preview"))
+    assert until(rig, lambda look: bool(look.problem)).task == "rest"
+    rig.begin(Task())
+    assert rig.picture("view") is None
