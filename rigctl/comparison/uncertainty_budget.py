@@ -145,9 +145,8 @@ def _region(
 
 def _repeats(region: MeasuredRegion) -> dict[str, FloatArray]:
     """Return the cause of what the rig does not repeat; none where nothing was repeated."""
-    if not region.repeatability > 0.0:
-        return {}
-    return {"repeatability": np.diag(np.square(region.channels_mean.mean * region.repeatability))}
+    cov = region.repeatability.cov(region.channels_mean.mean)
+    return {"repeatability": cov} if np.any(cov) else {}
 
 
 def _dark_level(measurement: Measurement) -> FloatArray:

@@ -1,6 +1,6 @@
 """Numbers of one region by its pixels: every quantity of the report, with its standard error."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from model.moments import Moments, propagate_linear
 from model.processing import dolp
 from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation
 from model.processing.reconstruction import Design
+from model.processing.repeatability import Repeatability, repeatability
 from model.processing.sample_moments import (
     Sample,
     deviation,
@@ -49,8 +50,8 @@ class MeasuredRegion:
         Counts of each pixel behind each angle, of the first cycle and of the mean of all.
     stokes_pixels, stokes_pixels_mean : (3, P) array
         Stokes parameters of each pixel, likewise.
-    repeatability : float
-        Relative error of each angle's mean by what differs from cycle to cycle; 0 with one cycle.
+    repeatability : Repeatability
+        Relative errors of the means by what differs from cycle to cycle; 0 with one cycle.
     first_half : (P,) array of bool
         Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
     quantities : mapping
@@ -69,7 +70,7 @@ class MeasuredRegion:
     stokes_pixels_mean: FloatArray
     first_half: NDArray[np.bool_]
     inside: NDArray[np.bool_]
-    repeatability: float
+    repeatability: Repeatability
     quantities: MeasuredQuantities
 
 
@@ -125,9 +126,10 @@ def measure_region(
     mean = pixels.mean(axis=0)
     independent = _independent_pixels(mean, inside, plan)
     inflation = pixels.shape[2] / independent
-    repeatability = _repeatability(pixels, mean_inflation(interpolation))
+    repeats = repeatability(pixels, noise_inflation=mean_inflation(interpolation))
     scattered = region_mean_moments(mean, inside)
-    channels_mean = _with_level_errors(scattered, level_std_error, np.hypot(relative_error, repeatability), own_error)
+    channels_mean = _with_level_errors(scattered, level_std_error, relative_error, own_error)
+    channels_mean = replace(channels_mean, cov=channels_mean.cov + repeats.cov(channels_mean.mean))
     stokes_pixels = np.asarray(plan.inverse @ pixels[0])
     stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
     of_noise = deviation_inflation(interpolation)
@@ -148,26 +150,11 @@ def measure_region(
         stokes_pixels=stokes_pixels,
         stokes_pixels_mean=np.asarray(plan.inverse @ mean),
         inside=inside,
-        repeatability=repeatability,
+        repeatability=repeats,
         # Whole cells where neighbours share samples: their pixels are not alike.
         first_half=np.sum(np.array(np.nonzero(inside)) // (1 if interpolation == "none" else 2), axis=0) % 2 == 0,
         quantities=quantities,
     )
-
-
-def _repeatability(pixels: FloatArray, noise_inflation: float) -> float:
-    """Return by how much the mean of all cycles does not repeat itself beyond the noise of its pixels, relative.
-
-    Angles are taken together: two cycles, such as the two half turns of a polarizer, are as many differences as angles.
-    """
-    cycles = pixels.shape[0]
-    means = pixels.mean(axis=2)
-    light = float(np.sum(np.square(means.mean(axis=0))))
-    if cycles < 2 or not light > 0.0:
-        return 0.0
-    # The noise of the pixels makes means differ too, and is in their errors already.
-    noise = float(np.sum(pixels.var(axis=0, ddof=1).mean(axis=1))) / pixels.shape[2] * noise_inflation
-    return float(np.sqrt(max(float(np.sum(means.var(axis=0, ddof=1))) - noise, 0.0) / cycles / light))
 
 
 def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Design) -> float:

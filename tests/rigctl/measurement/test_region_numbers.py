@@ -38,4 +38,27 @@ def test_light_that_does_not_repeat_itself_is_in_the_errors():
     wander = 1.0 + 0.02 * draw.standard_normal((CYCLES, 4, 1))
     found = measured(1000.0 * wander + 3.0 * draw.standard_normal((CYCLES, 4, SIDE**2)))
     # 2 % from cycle to cycle, over eight; 28 degrees of freedom know it to a seventh.
-    assert abs(found.repeatability - 0.02 / np.sqrt(CYCLES)) < 0.5 * 0.02 / np.sqrt(CYCLES)
+    assert abs(found.repeatability.own - 0.02 / np.sqrt(CYCLES)) < 0.5 * 0.02 / np.sqrt(CYCLES)
+    # An angle's own wander is no light that all angles share.
+    assert found.repeatability.common < 0.02 / np.sqrt(CYCLES)
+
+
+def test_light_that_wanders_alike_behind_all_angles_is_in_the_errors_of_counts_and_not_of_ratios():
+    draw = np.random.default_rng(7)
+    wander = 1.0 + 0.02 * draw.standard_normal((CYCLES, 1, 1))
+    noise = 3.0 * draw.standard_normal((CYCLES, 4, SIDE**2))
+    still, found = measured(1000.0 + noise), measured(1000.0 * wander + noise)
+    # Seven degrees of freedom know it to a quarter; its slope by chance is some tenth of it.
+    assert abs(found.repeatability.common * np.sqrt(CYCLES) - 0.02) < 0.01
+    assert found.repeatability.own < 0.4 * found.repeatability.common
+    assert found.quantities["s0"]["mean"].std_error > 20.0 * still.quantities["s0"]["mean"].std_error
+
+
+def test_light_that_drifts_reaches_the_angles_one_after_the_other():
+    draw = np.random.default_rng(8)
+    drift = 1.0 + 0.01 * (np.arange(CYCLES * 4) / 4.0).reshape(CYCLES, 4, 1)
+    found = measured(1000.0 * drift + 3.0 * draw.standard_normal((CYCLES, 4, SIDE**2)))
+    for name in ("s1n", "s2n"):
+        one = found.quantities[name]["mean"]
+        # Half a cycle between its two angles, where any two are 0.41 apart in the root mean square of all orders.
+        assert 1.0 < abs(one.value) / one.std_error < 1.5
