@@ -69,6 +69,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "notify": ("rigctl.commands.notify", "Try the notices that a session sends."),
     "serve": ("rigctl.commands.serve", "Work the rig from a browser: focus, regions, sessions."),
     "watch": ("rigctl.commands.watch", "Show a run in a browser as it grows."),
+    "bundle": ("rigctl.commands.bundle", "Pack a run for a report of a fault, without secrets."),
     "note": ("rigctl.commands.note", "Write down something about a run."),
     "exclude": ("rigctl.commands.exclude", "Leave frames of a run out of every number, with a reason."),
     "log": ("rigctl.commands.log", "Tell what happened in a session, line by line."),

@@ -69,6 +69,7 @@ _ABSENT = _Place(kind="absent")
 _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
 DESTINATIONS: dict[str, dict[str, _Place]] = {
     "acquire": {"out": _NEW},
+    "bundle": {"out": _FILE},
     "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE, "write": _Place(kind="edited")},
     "calibrate flat": {"out": _FILE},
     "calibrate noise": {"out": _FILE, "plot": _FILE, "report": _FILE, "defects": _FILE},
