@@ -64,44 +64,56 @@ def _is_of(means_dn: tuple[float, ...], flag: Flag) -> bool:
     return any(names_level(flag, mean_dn) for mean_dn in means_dn)
 
 
-def is_sound(found: Count, seeds: int, *, has_wrong: bool) -> bool:
-    """Print what was found, and return whether it is as wanted."""
+def misses(found: Count, seeds: int, *, has_wrong: bool) -> list[str]:
+    """Return what is not as stated, for one kind of set."""
     left = seeds - found.refused
-    sound = found.falsely_named <= binom.ppf(1.0 - _CHANCE, seeds, _FALSELY_NAMED)
-    if has_wrong:
-        sound &= found.named >= binom.ppf(_CHANCE, left, _NAMED)
+    said = []
+    if found.falsely_named > binom.ppf(1.0 - _CHANCE, seeds, _FALSELY_NAMED):
+        said.append(f"false names in {found.falsely_named}")
+    if has_wrong and found.named < binom.ppf(_CHANCE, left, _NAMED):
+        said.append(f"named in {found.named} of {left}")
     for name, listed in found.scores.items():
         scores = np.abs(listed)
         inside = int(np.sum(scores < _INTERVAL))
-        covers = inside >= binom.ppf(_CHANCE, len(scores), 0.95) and scores.max() < _FURTHEST
-        sound &= bool(covers)
-        print(
-            f"    {name:22s} {len(scores):4d} given, {inside:4d} inside, mean z {np.mean(listed):+.2f}, sd "
-            f"{np.std(listed):.2f}, furthest {scores.max():.1f}{'' if covers else '   <- not as stated'}"
-        )
-    return bool(sound)
+        if inside < binom.ppf(_CHANCE, len(scores), 0.95) or scores.max() >= _FURTHEST:
+            said.append(
+                f"{name}: {inside} of {len(scores)} inside, mean z {np.mean(listed):+.2f}, sd {np.std(listed):.2f}, "
+                f"furthest {scores.max():.1f}"
+            )
+    return said
 
 
 def run_noise_sets(seeds: int, *, processes: int, first_seed: int = 0, sets: Sequence[str] = ()) -> bool:
-    """Run the trial; return whether all is as stated."""
+    """Run the trial and print a table of it; return whether all is as stated."""
     all_sound = True
     every = (*GOOD, *DRAWN_GOOD, *ONE_WRONG, *DRAWN_WRONG, *OUTSIDE, *DRAWN_OUTSIDE)
     makers = [make for make in every if not sets or make.__name__ in sets]
+    print(f"{seeds} sets of each kind from seed {first_seed}; inside: the least share of any number within its 95 %")
+    print(f"{'set':20s}{'refused':>8s}{'named':>7s}{'false':>7s}{'given':>7s}{'inside':>8s}{'furthest':>10s}  causes")
     with ProcessPoolExecutor(max_workers=processes) as pool:
         counts = pool.map(count, makers, [range(first_seed, first_seed + seeds)] * len(makers))
         for make, found in zip(makers, counts, strict=True):
             all_sound &= _told(make, found, seeds)
+    print("as stated" if all_sound else "NOT AS STATED")
     return all_sound
 
 
 def _told(make: SetMaker, found: Count, seeds: int) -> bool:
+    """Print the row of one kind of set, and what of it is not as stated."""
     has_wrong = make in (*ONE_WRONG, *DRAWN_WRONG)
-    wrong = f", wrong level named in {found.named}" if has_wrong else ""
-    print(f"{make.__name__}: {seeds} sets, {found.refused} refused{wrong}, false name in {found.falsely_named}")
-    sound = is_sound(found, seeds, has_wrong=has_wrong)
+    scores = [np.abs(listed) for listed in found.scores.values()]
+    given = sum(len(listed) for listed in scores)
+    inside = f"{min(float(np.mean(one < _INTERVAL)) for one in scores):.3f}" if given else "-"
+    furthest = f"{max(float(one.max()) for one in scores):.1f}" if given else "-"
+    named = str(found.named) if has_wrong else "-"
     causes = ", ".join(f"{name} {n}" for name, n in found.causes.most_common())
-    print(f"    {'as stated' if sound else 'NOT AS STATED'}{'; ' + causes if causes else ''}", flush=True)
-    return sound
+    print(
+        f"{make.__name__:20s}{found.refused:8d}{named:>7s}{found.falsely_named:7d}{given:7d}{inside:>8s}{furthest:>10s}"
+        f"  {causes}"
+    )
+    missed = misses(found, seeds, has_wrong=has_wrong)
+    print("".join(f"    not as stated: {one}\n" for one in missed), end="", flush=True)
+    return not missed
 
 
 def main() -> int:

@@ -22,7 +22,15 @@ _GROUPS: tuple[tuple[str, ...], ...] = (
         "colour_mosaic",
         "missing_codes",
     ),
-    ("another_gain", "wrong_level", "wrong_dark", "wrong_variance", "wrong_light", "non_monotonic_sweep"),
+    (
+        "another_gain",
+        "wrong_level",
+        "wrong_dark",
+        "wrong_variance",
+        "wrong_light",
+        "unclear_level",
+        "non_monotonic_sweep",
+    ),
     (
         "dark_current_changed",
         "black_clamp",

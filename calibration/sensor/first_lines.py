@@ -50,7 +50,7 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     gain = calibration.gain_dn_per_e
     share = gain.std_error / gain.value
     trust = f"trust the gain to {share:.1%}" if share >= 1e-3 else f"trust the gain to {share:.2%}"
-    named = [flag.level for flag in calibration.flags if flag.level is not None]
+    named = [flag.level for flag in calibration.flags if flag.level is not None and flag.name != "unclear_level"]
     if named:
         trust += f"; {len(dict.fromkeys(named))} level{'s are' if len(set(named)) > 1 else ' is'} named as wrong"
     return f"{trust}.", f"{_unknown(calibration)}.", f"{_next(calibration)}."

@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 
 # Deviations on both axes that agree to this many errors, or to a quarter, have one cause.
 _ALIKE_SIGMA, _ALIKE_SHARE = 4.0, 0.25
+_UNCLEAR = "unclear_level"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,30 +98,97 @@ def flat_verdicts(
     flags = []
     rows_of_noise = np.cumsum(judged) - 1
     for row, index in enumerate(places):
-        points = noise if judged[index] else None
-        by_noise = None if points is None else _relative(points, rows_of_noise[index])
-        worst = _worst_light(light, row)
-        off_light = None if worst is None else _relative(worst.points, row)
-        is_noise = points is not None and bool(points.outlying[rows_of_noise[index]])
-        is_light = worst is not None and bool(worst.points.outlying[row])
-        cause = _cause(by_noise if is_noise else None, off_light if is_light else None)
-        levels[index] = LevelInfluence(
+        beside = _Beside(
+            noise=noise if judged[index] else None, row_of_noise=int(rows_of_noise[index]), light=light, row=row
+        )
+        levels[index] = beside.influence
+        wrong_noise[index], wrong_light[index] = beside.is_noise, beside.is_light
+        flags += [] if beside.influence.cause is None else [beside.flag(flats[index])]
+    return FlatVerdicts(levels=tuple(levels), wrong_noise=wrong_noise, wrong_light=wrong_light, flags=tuple(flags))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Beside:
+    """One flat on both axes; `noise` is None where that is not judged."""
+
+    noise: PointInfluence | None
+    row_of_noise: int
+    light: Sequence[LightInfluence]
+    row: int
+
+    @property
+    def worst_light(self) -> LightInfluence | None:
+        """The light that a level is off by; where it is off by neither, the one that all follow best."""
+        off = [one for one in self.light if one.points.outlying[self.row]]
+        return next(iter(off or self.light), None)
+
+    @property
+    def by_noise(self) -> tuple[float, float] | None:
+        return None if self.noise is None else _relative(self.noise, self.row_of_noise)
+
+    @property
+    def off_light(self) -> tuple[float, float] | None:
+        worst = self.worst_light
+        return None if worst is None else _relative(worst.points, self.row)
+
+    @property
+    def is_noise(self) -> bool:
+        return self.noise is not None and bool(self.noise.outlying[self.row_of_noise])
+
+    @property
+    def is_light(self) -> bool:
+        worst = self.worst_light
+        return worst is not None and bool(worst.points.outlying[self.row])
+
+    @property
+    def influence(self) -> LevelInfluence:
+        by_noise, off_light = self.by_noise, self.off_light
+        cause = _cause(by_noise if self.is_noise else None, off_light if self.is_light else None)
+        return LevelInfluence(
             variance_off=by_noise[0] if by_noise else None,
             variance_std_error=by_noise[1] if by_noise else None,
             mean_off=off_light[0] if off_light else None,
             mean_std_error=off_light[1] if off_light else None,
-            cause=cause,
+            cause=_UNCLEAR if cause is None and self.unclear else cause,
         )
-        wrong_noise[index], wrong_light[index] = is_noise, is_light
-        if cause is not None:
-            flags.append(_flag(cause, flats[index], by_noise, off_light, None if worst is None else worst.light))
-    return FlatVerdicts(levels=tuple(levels), wrong_noise=wrong_noise, wrong_light=wrong_light, flags=tuple(flags))
+
+    @property
+    def unclear(self) -> str | None:
+        """What the level is off by on a curve that is as likely as the one that explains it, and what the other is."""
+        for one in self.light:
+            rival = one.points.rival
+            if rival is not None and rival.outlying[self.row]:
+                off = percent_with_error(*_relative(rival, self.row))
+                instead = _instead(one.points, one.light)
+                return f"its mean is {off} off the response to the {one.light} of the others, or {instead}"
+        rival = None if self.noise is None else self.noise.rival
+        if self.noise is None or rival is None or not rival.outlying[self.row_of_noise]:
+            return None
+        off = percent_with_error(*_relative(rival, self.row_of_noise))
+        return f"its temporal variance is {off} off the curve of the others, or {_instead(self.noise, None)}"
+
+    def flag(self, level: LevelStatistics) -> Flag:
+        cause, worst = self.influence.cause or _UNCLEAR, self.worst_light
+        if cause != _UNCLEAR:
+            return _flag(cause, level, self.by_noise, self.off_light, None if worst is None else worst.light)
+        name = describe_level(level)
+        return Flag(
+            name="unclear_level",
+            level=name,
+            message=f"{name}: {self.unclear}: these frames do not tell which, and it stays in all numbers: take it "
+            f"again, and more levels beside it",
+        )
 
 
-def _worst_light(light: Sequence[LightInfluence], row: int) -> LightInfluence | None:
-    """Return the light that a level is off by; where it is off by neither, the one that all follow best."""
-    off = [one for one in light if one.points.outlying[row]]
-    return next(iter(off or light), None)
+def _instead(points: PointInfluence, light: str | None) -> str:
+    """Return what explains all levels where none of them is wrong."""
+    rival = points.rival
+    if rival is not None and points.model.n_free > rival.model.n_free:
+        if points.model.first_term_std is None and rival.model.first_term_std is not None and light is not None:
+            fixed = "a fixed time (a shutter)" if light == "exposure" else "a fixed number"
+            return f"all are off what is stated of their {light} by {fixed}"
+        return "this curve bends more than usual"
+    return "all levels scatter by more than their errors"
 
 
 def _relative(points: PointInfluence, row: int) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """Points that stand off a smooth curve which all others follow: influence of each in closed form."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,9 @@ class PointInfluence:
         The curve that explains the points at the least cost of terms and of wrong points.
     cost : float
         That cost: twice the negative logarithm of the likelihood, with Occam's factors.
+    rival : PointInfluence or None
+        A simpler curve with outlying points, where this one has none and would not be believed either but for the odds
+        against a wrong point: which of the two it is cannot be told.
     """
 
     abscissa: FloatArray
@@ -80,6 +84,7 @@ class PointInfluence:
     scatter: float
     model: CurveModel
     cost: float
+    rival: Optional["PointInfluence"] = None
 
 
 def point_influence(
@@ -119,12 +124,21 @@ def point_influence(
     in Regression (1982), chapter 2.
     """
     possible = [model for model in models if len(values) - model.n_free > _LEAST_FREEDOM]
-    best: PointInfluence | None = None
+    found: list[PointInfluence] = []
     for model in sorted(possible, key=lambda one: not one.is_usual):
-        if model.is_usual or best is None or best.outlying.any():
-            found = _eliminate(model, values, sampling_variance, abscissa, p_false)
-            best = found if best is None or found.cost < best.cost else best
-    return best
+        if model.is_usual or not found or _cheapest(found).outlying.any():
+            found.append(_eliminate(model, values, sampling_variance, abscissa, p_false))
+    return _with_rival(_cheapest(found), found) if found else None
+
+
+def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
+    return min(found, key=lambda one: one.cost)
+
+
+def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
+    """Return the best curve with the best one that has outlying points, where the two differ by less than the odds."""
+    others = [one for one in found if one.outlying.any() and one.cost < best.cost + _ODDS_COST]
+    return best if best.outlying.any() or not others else replace(best, rival=_cheapest(others))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

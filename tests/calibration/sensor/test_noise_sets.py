@@ -1,11 +1,14 @@
 """Simulated sets with known truth: wrong levels by name, no false names, intervals. The trial has more seeds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibration.errors import RefusedFramesError
 from calibration.estimate import Estimate
 from calibration.flags import Flag
+from calibration.sensor.first_lines import first_lines
 from calibration.sensor.light_in_darks import with_pattern
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.sensor import noise_sets
@@ -140,6 +143,22 @@ def test_a_wrong_photon_number_is_left_out_of_the_light_and_not_of_the_gain() ->
     # 4 % more or less photons than there were.
     assert deviation is not None
     assert abs(abs(deviation) - 0.04) < 0.01
+
+
+def test_what_a_bend_explains_as_well_as_a_wrong_level_is_named_with_both() -> None:
+    given = noise_sets.good_lamp(104)
+    faintest = min((level for level in given.levels if level.kind == "flat"), key=lambda level: level.mean_dn)
+    assert faintest.photons is not None
+    off = replace(faintest, photons=faintest.photons / 0.988)
+    found = calibrate_noise([off if level is faintest else level for level in given.levels], bit_depth=given.bits)
+    flags = named(found)
+    assert [flag.name for flag in flags] == ["unclear_level"]
+    assert names_level(flags[0], faintest.mean_dn)
+    assert "bends more than usual" in flags[0].message
+    # Nothing is left out of a response whose curve may be right.
+    assert found.influence[0].cause == "unclear_level"
+    assert found.transfer.linearity is not None
+    assert "named as wrong" not in first_lines(found)[0]
 
 
 def test_the_worst_is_told_first() -> None:
