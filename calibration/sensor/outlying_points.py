@@ -18,7 +18,8 @@ _LARGEST_SHARE = 0.25
 _LEAST_FREEDOM = 3
 _SCATTER_STEPS = 30
 _CONVERGED = 1e-3
-_LARGEST_LEVERAGE = 1.0 - 1e-9
+# A point that decides the curve more than this has hardly another beside it.
+_LARGEST_LEVERAGE = 1.0 - 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,7 +162,11 @@ def _eliminate(
         freedom = int(active.sum()) - model.n_free - 1
         if freedom < _LEAST_FREEDOM - 1:
             break
-        worst = np.flatnonzero(active)[_furthest(fit, sampling[active], freedom)]
+        furthest = _furthest(fit, sampling[active], freedom)
+        if fit.leverage[furthest] >= _LARGEST_LEVERAGE:
+            # No other point says anything of any of these.
+            break
+        worst = int(np.flatnonzero(active)[furthest])
         active = active.copy()
         active[worst] = False
         others = _fit(model, values, sampling, active, fit.scatter_variance)
@@ -181,7 +186,7 @@ def _furthest(fit: _Fit, sampling: FloatArray, freedom: int) -> int:
     open_ = np.maximum(1.0 - fit.leverage, 1.0 - _LARGEST_LEVERAGE)
     others = np.maximum((spread.sum() - spread / open_) / freedom, 0.0) * fit.variance
     total = np.maximum(others, sampling)
-    return int(np.argmax(np.where(fit.leverage < _LARGEST_LEVERAGE, spread * fit.variance / (total * open_), 0.0)))
+    return int(np.argmax(np.where(fit.leverage < _LARGEST_LEVERAGE, spread * fit.variance / (total * open_), -1.0)))
 
 
 def _distance(
@@ -200,7 +205,7 @@ def _distance(
     """
     row = model.design[point]
     by_scatter = others.scatter_variance * float(model.scatter_shape[point]) ** 2
-    of_curve = float(row @ others.covariance @ row)
+    of_curve = max(float(row @ others.covariance @ row), 0.0)
     own = float(sampling[point])
     off = abs(float(values[point] - row @ others.parameters)) / float(np.sqrt(own + by_scatter + of_curve))
     by_normal, by_student = -float(ndtri(0.5 * p_one)), -float(stdtrit(freedom, 0.5 * p_one))

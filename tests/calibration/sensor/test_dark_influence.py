@@ -66,3 +66,14 @@ def test_a_dark_off_by_ten_errors_is_named_wherever_it_stands() -> None:
         found = dark_influence([*darks[:place], wrong, *darks[place + 1 :]])
         assert found is not None
         assert [at for at, level in enumerate(found) if level.outlying] == [place]
+
+
+def test_one_long_dark_that_decides_the_curve_is_not_judged_by_it() -> None:
+    # Nearly all exposures are short, and the curve of each degree goes through the few long ones.
+    draw, one = np.random.default_rng(5), template()
+    for n_long in (1, 2, 3):
+        exposures_s = np.concatenate([np.linspace(1e-5, 1e-2, 20), [0.1, 1.0, 10.0][:n_long]])
+        found = dark_influence(drawn_darks(one, exposures_s, draw))
+        assert found is not None
+        assert not any(dark.outlying for dark in found)
+        assert all(np.isfinite(dark.variance_std_error_dn2) for dark in found)
