@@ -221,6 +221,13 @@ class FrameTally:
         Pictures that were asked for and did not come.
     reopened : int
         How often the connection was lost, made again, and all settings restored.
+    packets : int
+        Packets of pictures, where the camera is on a network and they are counted; 0 where not.
+    packets_lost : int
+        Those that were lost on their way, as far as a picture was looked at: behind the first one that stays away,
+        what else is missing is not told.
+    packets_resent : int
+        Those of them that came when they were asked for again.
     """
 
     accepted: int = 0
@@ -228,6 +235,9 @@ class FrameTally:
     too_old: int = 0
     never_came: int = 0
     reopened: int = 0
+    packets: int = 0
+    packets_lost: int = 0
+    packets_resent: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

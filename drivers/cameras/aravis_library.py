@@ -1,4 +1,4 @@
-"""The functions of libaravis 0.8 that the GigE Vision driver calls, through ctypes: no compiler, any Python."""
+"""The functions of libaravis 0.8 that the driver of GigE and USB3 cameras calls, through ctypes: no compiler."""
 
 import ctypes
 import ctypes.util
@@ -11,8 +11,8 @@ _POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p
 _INT, _UINT, _FLOAT = ctypes.c_int, ctypes.c_uint, ctypes.c_double
 _INT64, _UINT64, _SIZE = ctypes.c_int64, ctypes.c_uint64, ctypes.c_size_t
 _MISSING = (
-    "GigE cameras need libaravis 0.8: `apt install libaravis-0.8-0` (Debian, Ubuntu), or set ARAVIS_LIBRARY to its "
-    "path; a camera that has software of its own can be used through `files:FOLDER`"
+    "GigE and USB3 Vision cameras need libaravis 0.8: `apt install libaravis-0.8-0` (Debian, Ubuntu), or set "
+    "ARAVIS_LIBRARY to its path; a camera that has software of its own can be used through `files:FOLDER`"
 )
 
 
@@ -74,6 +74,7 @@ _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
 }
 # These cannot fail.
 _SURE: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "enable_interface": (None, (_TEXT,)),
     "update_device_list": (None, ()),
     "get_n_devices": (_UINT, ()),
     "get_device_id": (_TEXT, (_UINT,)),
@@ -82,6 +83,7 @@ _SURE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "get_device_address": (_TEXT, (_UINT,)),
     "get_device_protocol": (_TEXT, (_UINT,)),
     "camera_get_device": (_POINTER, (_POINTER,)),
+    "camera_is_gv_device": (_INT, (_POINTER,)),
     "camera_gv_set_stream_options": (None, (_POINTER, _INT)),
     "device_set_range_check_policy": (None, (_POINTER, _INT)),
     "device_set_access_check_policy": (None, (_POINTER, _INT)),
@@ -98,10 +100,7 @@ _SURE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "stream_push_buffer": (None, (_POINTER, _POINTER)),
     "stream_try_pop_buffer": (_POINTER, (_POINTER,)),
     "stream_timeout_pop_buffer": (_POINTER, (_POINTER, _UINT64)),
-    "stream_get_statistics": (
-        None,
-        (_POINTER, ctypes.POINTER(_UINT64), ctypes.POINTER(_UINT64), ctypes.POINTER(_UINT64)),
-    ),
+    "stream_get_info_uint64_by_name": (_UINT64, (_POINTER, _TEXT)),
 }
 
 

@@ -1,14 +1,15 @@
-"""A GigE Vision camera, through libaravis."""
+"""A GigE or USB3 Vision camera, through libaravis."""
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.cameras.aravis_library import AravisLibrary, load_aravis
+from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige_frame import Asked, FrameNumbers, asked_now, frame_of
 from drivers.cameras.gige_link import GigeLink, address_of
-from drivers.cameras.gige_options import GigeOptions, read_gige_place
-from drivers.cameras.gige_stream import Received
+from drivers.cameras.gige_options import GigeOptions, Link, read_gige_place
+from drivers.cameras.gige_stream import PacketCounts, Received, loss_told
 from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 
@@ -27,7 +28,7 @@ _NO_PICTURES = (
 
 
 class GigeCamera:
-    """A camera that is open; `open_gige` makes one.
+    """A camera that is open; `open_gige`, `open_usb3` and `open_aravis` make one, and see to its deadlines.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ class GigeCamera:
 
     Damaged pictures are taken again. If the camera is lost, or was restarted, or has other settings than it was given,
     the connection is made anew with all settings, within the time that the caller allows. Each call of the
-    library to a camera that is silent takes 2.5 s, and giving it up takes five: by so much a deadline may be passed.
+    library to a camera that is silent takes 2.5 s, and giving it up takes five: by so much a deadline may be passed
+    here; `BoundedCamera` does not wait for it.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class GigeCamera:
     ) -> None:
         self._library, self._options, self._now_s = library, options, now_s
         self._tally = FrameTally()
+        self._packets_before = PacketCounts()
         self._numbers = FrameNumbers()
         self._link: GigeLink | None = GigeLink(library, options)
         self._identity = self._link.identity
@@ -92,8 +95,9 @@ class GigeCamera:
         return self._settings
 
     def tally(self) -> FrameTally:
-        """Return what became of the pictures so far."""
-        return self._tally
+        """Return what became of the pictures and of their packets so far."""
+        packets = self._packets()
+        return replace(self._tally, packets=packets.seen, packets_lost=packets.lost, packets_resent=packets.resent)
 
     def facts(self) -> CameraFacts:
         """Return how its samples come, and whether all that bends them is off."""
@@ -161,7 +165,10 @@ class GigeCamera:
 
     @property
     def _name(self) -> str:
-        return f"GigE camera {self._options.place}"
+        return self._options.camera_name
+
+    def _packets(self) -> PacketCounts:
+        return self._packets_before if self._link is None else self._packets_before + self._link.packets()
 
     def _opened(self) -> GigeLink:
         if self._link is None:
@@ -236,13 +243,21 @@ class GigeCamera:
             )
         if damaged > self._options.retakes:
             raise ProtocolError(
-                f"{self._name}: {damaged} pictures in a row were damaged or did not come. Packets are lost on "
-                "their way: see `rigctl doctor` for buffer and packet sizes, and check the cable"
+                f"{self._name}: {damaged} pictures in a row were damaged or did not come. {self._loss()}"
             )
+
+    def _loss(self) -> str:
+        """Return what was measured of the way to the camera, and what to try."""
+        packet_size = self._opened().packet_size
+        if packet_size is None:
+            return "Check the cable and the USB hub, and let nothing else use this bus"
+        return loss_told(
+            self._packets(), address=address_of(self._library, self._options.place), packet_size=packet_size
+        )
 
     def _reopen(self, cause: DeviceError, *, deadline_s: float, may: bool) -> None:
         """Make the connection anew, with all settings as they were."""
-        self._opened().close(answers=False)
+        self._give_up()
         while may and self._now_s() < deadline_s:
             try:
                 link = GigeLink(self._library, self._options)
@@ -253,14 +268,18 @@ class GigeCamera:
                 self._restore(link)
             except BaseException:
                 link.close(answers=False)
-                self._link = None
                 raise
             self._link = link
             self._numbers.forget()
             self._tally = replace(self._tally, reopened=self._tally.reopened + 1)
             return
-        self._link = None
         raise cause
+
+    def _give_up(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            link.close(answers=False)
+            self._packets_before += link.packets()
 
     def _restore(self, link: GigeLink) -> None:
         if link.identity != self._identity:
@@ -271,8 +290,8 @@ class GigeCamera:
         link.restart()
 
 
-def open_gige(place: str) -> GigeCamera:
-    """Return a camera by ``PLACE?key=value&...``; the place is its IP address, serial number or name.
+def open_gige(place: str) -> BoundedCamera:
+    """Return a GigE Vision camera by ``PLACE?key=value&...``; the place is its IP address, serial number or name.
 
     See `drivers.cameras.gige_options.GigeOptions` for the keys.
 
@@ -283,7 +302,29 @@ def open_gige(place: str) -> GigeCamera:
     LimitError
         The address is wrong, or the camera cannot be set to it.
     """
-    return GigeCamera(load_aravis(), read_gige_place(place))
+    return _open(place, link="gige")
+
+
+def open_usb3(place: str) -> BoundedCamera:
+    """Return a USB3 Vision camera by ``PLACE?key=value&...``; the place is its serial number or name.
+
+    Raises as `open_gige`.
+    """
+    return _open(place, link="usb3")
+
+
+def open_aravis(place: str) -> BoundedCamera:
+    """Return whatever camera libaravis knows by a name, such as ``Fake_1``, which it simulates.
+
+    Raises as `open_gige`.
+    """
+    return _open(place, link="any")
+
+
+def _open(place: str, *, link: Link) -> BoundedCamera:
+    options = read_gige_place(place, link=link)
+    library = load_aravis()
+    return BoundedCamera(lambda: GigeCamera(library, options), name=options.camera_name)
 
 
 def network_address(place: str) -> str:

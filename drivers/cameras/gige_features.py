@@ -1,4 +1,4 @@
-"""The features of a GigE Vision camera by name: written, read back, and what was used written down."""
+"""The features of a GenICam camera by name: written, read back, and what was used written down."""
 
 import ctypes
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConne
 
 _ON = 1
 _TIMEOUT, _NOT_CONNECTED, _NOT_FOUND, _NOT_CONTROLLER = 5, 2, 6, 10
+_OF_THE_LINK = (_TIMEOUT, _NOT_CONNECTED, _NOT_FOUND, _NOT_CONTROLLER)
 
 
 class GigeFeatures:
@@ -32,6 +33,7 @@ class GigeFeatures:
     def __init__(self, library: AravisLibrary, device: int, *, name: str) -> None:
         self._library, self._device, self._name = library, device, name
         self.used: dict[str, str] = {}
+        self._numbers: dict[str, bool] = {}
         # Without these, values out of range are taken, and read back as if they had been taken.
         library.call("device_set_range_check_policy", device, _ON)
         library.call("device_set_access_check_policy", device, _ON)
@@ -52,7 +54,9 @@ class GigeFeatures:
         return str(found.decode(errors="replace")) if found is not None else ""
 
     def number(self, feature: str) -> float:
-        """Read a number that may be broken."""
+        """Read a number that may be broken; some cameras have a whole number where the standard has this."""
+        if self._is_counted(feature):
+            return float(self.whole(feature))
         with self.told(feature):
             return float(self._library.call("device_get_float_feature_value", self._device, feature.encode()))
 
@@ -93,6 +97,9 @@ class GigeFeatures:
 
     def number_limits(self, feature: str) -> tuple[float, float]:
         """Return the smallest and largest value of a number."""
+        if self._is_counted(feature):
+            least, most = self.whole_limits(feature)
+            return float(least), float(most)
         low, high = ctypes.c_double(), ctypes.c_double()
         with self.told(feature):
             self._library.call(
@@ -125,7 +132,10 @@ class GigeFeatures:
     def set_number(self, feature: str, value: float, *, relative: float) -> float:
         """Set a number; return what the camera took, which may be this much off: cameras count in steps."""
         with self.told(feature):
-            self._library.call("device_set_float_feature_value", self._device, feature.encode(), value)
+            if self._is_counted(feature):
+                self._library.call("device_set_integer_feature_value", self._device, feature.encode(), round(value))
+            else:
+                self._library.call("device_set_float_feature_value", self._device, feature.encode(), value)
         found = self.number(feature)
         if abs(found - value) > relative * abs(value):
             self._require(feature, asked=value, found=found)
@@ -144,6 +154,26 @@ class GigeFeatures:
             yield
         except AravisError as error:
             raise device_error(error, name=self._name, what=what) from error
+
+    def _is_counted(self, feature: str) -> bool:
+        """Return whether a number is a whole one: the library reads each kind by a function of its own."""
+        if feature in self._numbers:
+            return self._numbers[feature]
+        try:
+            self._library.call("device_get_float_feature_value", self._device, feature.encode())
+            self._numbers[feature] = False
+        except AravisError as error:
+            if error.is_of_device and error.code in _OF_THE_LINK:
+                raise device_error(error, name=self._name, what=feature) from error
+            self._numbers[feature] = self._reads_whole(feature)
+        return self._numbers[feature]
+
+    def _reads_whole(self, feature: str) -> bool:
+        try:
+            self._library.call("device_get_integer_feature_value", self._device, feature.encode())
+        except AravisError:
+            return False
+        return True
 
     def _require(self, feature: str, *, asked: object, found: object) -> None:
         if asked != found:

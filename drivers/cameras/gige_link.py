@@ -1,17 +1,23 @@
-"""One connection to a GigE Vision camera, from finding it to giving it up."""
+"""One connection to a GigE or USB3 Vision camera, from finding it to giving it up."""
 
 import ipaddress
 from dataclasses import dataclass
 
 from drivers.cameras.aravis_library import AravisError, AravisLibrary
 from drivers.cameras.gige_features import GigeFeatures, device_error
-from drivers.cameras.gige_options import GigeOptions
+from drivers.cameras.gige_options import GigeOptions, Link
 from drivers.cameras.gige_setup import GigeSetup, set_packet_size, set_up
-from drivers.cameras.gige_stream import GigeStream
+from drivers.cameras.gige_stream import GigeStream, PacketCounts
 from drivers.errors import DeviceError, LimitError, NotConnectedError
 from drivers.interfaces import CameraSettings, DeviceIdentity
 
-_GIGE = b"GigEVision"
+_PROTOCOLS: dict[Link, tuple[bytes, ...]] = {
+    "gige": (b"GigEVision",),
+    "usb3": (b"USB3Vision",),
+    "any": (b"GigEVision", b"USB3Vision", b"Fake"),
+}
+_NETWORK = "GigEVision"
+_IN_LIBRARY = "Fake"  # cameras that the library simulates within this program, and lists only when told to
 _EXPOSURE_TOLERANCE = 0.01
 _US_PER_S = 1e6
 
@@ -23,19 +29,21 @@ class FoundCamera:
     address: str
     serial_number: str
     name: str
+    protocol: str = _NETWORK
 
 
-def find_cameras(library: AravisLibrary) -> list[FoundCamera]:
-    """Return the GigE Vision cameras that answer a call to all; it takes about a second."""
+def find_cameras(library: AravisLibrary, *, link: Link = "gige") -> list[FoundCamera]:
+    """Return the cameras of a kind that answer a call to all; it takes about a second."""
     library.call("update_device_list")
     return [
         FoundCamera(
             address=_text(library, "get_device_address", index),
             serial_number=_text(library, "get_device_serial_nbr", index),
             name=_text(library, "get_device_id", index),
+            protocol=_text(library, "get_device_protocol", index),
         )
         for index in range(library.call("get_n_devices"))
-        if library.call("get_device_protocol", index) == _GIGE
+        if library.call("get_device_protocol", index) in _PROTOCOLS[link]
     ]
 
 
@@ -51,19 +59,25 @@ class GigeLink:
     """
 
     def __init__(self, library: AravisLibrary, options: GigeOptions) -> None:
-        self.name = f"GigE camera {options.place}"
+        self.name = options.camera_name
         self._library = library
         self._stream: GigeStream | None = None
-        address = address_of(library, options.place)
-        self._camera: int | None = _open(library, address, name=self.name)
+        self._packets = PacketCounts()
+        place = device_of(library, options)
+        self._camera: int | None = _open(library, place, name=self.name)
         try:
+            self._is_network = bool(library.call("camera_is_gv_device", self._camera))
+            self.packet_size: int | None = None
             self._device: int = library.call("camera_get_device", self._camera)
             if not self.is_controlled():
                 raise NotConnectedError(f"{self.name}: another program controls it: close that one first")
             self.features = GigeFeatures(library, self._device, name=self.name)
             self.identity = _identity(self.features)
             self.setup: GigeSetup = set_up(self.features, options)
-            set_packet_size(library, self._camera, self.features, address=address, asked=options.packet_size)
+            if self._is_network:
+                self.packet_size = set_packet_size(
+                    library, self._camera, self.features, address=place, asked=options.packet_size
+                )
         except BaseException:
             self.close(answers=False)
             raise
@@ -77,15 +91,25 @@ class GigeLink:
 
     def is_controlled(self) -> bool:
         """Return whether the camera still answers, and to us; after a loss this takes about 5 s to be seen."""
-        return bool(self._library.call("gv_device_is_controller", self._device))
+        if self._is_network:
+            return bool(self._library.call("gv_device_is_controller", self._device))
+        try:
+            GigeFeatures(self._library, self._device, name=self.name).whole("Width")
+        except DeviceError:
+            return False
+        return True
+
+    def packets(self) -> PacketCounts:
+        """Return what became of the packets of all pictures since the camera was opened."""
+        return self._packets if self._stream is None else self._packets + self._stream.packets()
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
         """Set exposure and gain; return what was read back. A refusal changes nothing."""
         setup = self.setup
         # Rounded to a picosecond: cameras cut off what is less than a step, and 29.999... would become 29.
-        exposure_us = self._within_limits(setup.exposure_feature, round(exposure_s * _US_PER_S, 6), "us")
+        exposure = self._exposure_steps(exposure_s)
         gain = self._gain_steps(gain_db)
-        self.features.set_number(setup.exposure_feature, exposure_us, relative=_EXPOSURE_TOLERANCE)
+        self.features.set_number(setup.exposure_feature, exposure, relative=_EXPOSURE_TOLERANCE)
         if isinstance(gain, int):
             self.features.set_whole(str(setup.gain_feature), gain)
         elif gain is not None:
@@ -96,7 +120,7 @@ class GigeLink:
         """Read what the camera is set to."""
         setup = self.setup
         return CameraSettings(
-            exposure_s=self.features.number(setup.exposure_feature) / _US_PER_S,
+            exposure_s=self.features.number(setup.exposure_feature) * setup.exposure_step_us / _US_PER_S,
             gain_db=self._gain_db(),
             width=setup.width,
             height=setup.height,
@@ -107,8 +131,8 @@ class GigeLink:
         """Stop what runs, give up the stream with all that waits in it, and start a new one."""
         if self._stream is not None:
             self._stream.stop()
-            self._stream.close()
-        self._stream = GigeStream(self._library, self._opened(), name=self.name)
+            self._give_up_stream()
+        self._stream = GigeStream(self._library, self._opened(), name=self.name, packet_size=self.packet_size)
         self._stream.start()
 
     def close(self, *, answers: bool) -> None:
@@ -117,17 +141,36 @@ class GigeLink:
             if answers and self._stream is not None and self._camera is not None:
                 self._stream.stop()
         finally:
-            if self._stream is not None:
-                self._stream.close()
-                self._stream = None
+            self._give_up_stream()
             if self._camera is not None:
                 self._library.release(self._camera)
                 self._camera = None
+
+    def _give_up_stream(self) -> None:
+        if self._stream is not None:
+            self._packets = self.packets()
+            self._stream.close()
+            self._stream = None
 
     def _opened(self) -> int:
         if self._camera is None:
             raise NotConnectedError(f"{self.name}: it was closed")
         return self._camera
+
+    def _exposure_steps(self, exposure_s: float) -> float:
+        """Return the value that the camera's exposure is to be set to, in steps of its own."""
+        setup = self.setup
+        steps = round(exposure_s * _US_PER_S / setup.exposure_step_us, 6)
+        if setup.exposure_step_us == 1.0:
+            return self._within_limits(setup.exposure_feature, steps, "us")
+        low, high = self.features.number_limits(setup.exposure_feature)
+        if not low <= steps <= high:
+            step_us = setup.exposure_step_us
+            raise LimitError(
+                f"{self.name}: the exposure is {exposure_s * _US_PER_S:g} us; it takes {low * step_us:g} to "
+                f"{high * step_us:g} us, in steps of {step_us:g} us"
+            )
+        return steps
 
     def _gain_db(self) -> float:
         setup = self.setup
@@ -160,6 +203,24 @@ class GigeLink:
         if not low <= value <= high:
             raise LimitError(f"{self.name}: {feature} is {value:g} {unit}; it takes {low:g} to {high:g} {unit}")
         return value
+
+
+def device_of(library: AravisLibrary, options: GigeOptions) -> str:
+    """Return what the library is to open: an IP address of a camera on the network, else the library's name of it."""
+    if options.link == "gige":
+        return address_of(library, options.place)
+    if options.link == "any" and options.place.startswith(_IN_LIBRARY):
+        library.call("enable_interface", _IN_LIBRARY.encode())
+        return options.place
+    found = find_cameras(library, link=options.link)
+    for camera in found:
+        if options.place in (camera.serial_number, camera.name, camera.address):
+            return camera.address if camera.protocol == _NETWORK else camera.name
+    there = ", ".join(f"{c.name} (serial {c.serial_number}, {c.protocol})" for c in found) or "none"
+    advice = " A USB camera needs power, a USB 3 port, and to be yours to use (docs/cameras.md)" * (not found)
+    raise NotConnectedError(
+        f"{options.camera_name}: no camera of this serial number or name answers; found: {there}.{advice}"
+    )
 
 
 def address_of(library: AravisLibrary, place: str) -> str:

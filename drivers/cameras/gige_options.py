@@ -1,4 +1,4 @@
-"""Options of a GigE Vision camera, as its address gives them."""
+"""Options of a GigE or USB3 Vision camera, as its address gives them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,6 +9,8 @@ from drivers.cameras.camera_place import one_of, positive, split_place, whole, y
 from drivers.cameras.pixel_format import ByteOrder, Justified
 
 Trigger = Literal["software", "free"]
+Link = Literal["gige", "usb3", "any"]
+"""How the camera is reached; "any" is whatever libaravis finds under a name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +21,8 @@ class GigeOptions:
     ----------
     place : str
         IP address, serial number, or name.
+    link : {"gige", "usb3", "any"}
+        How it is reached.
     pixel_format : str or None
         As PFNC names it.
     plane : str or None
@@ -44,6 +48,8 @@ class GigeOptions:
         True bits of a sample where the format has room for more, as Mono16 has.
     justified, byte_order : str
         Where these bits stand, which byte comes first.
+    exposure_step_us : float or None
+        What a step of an exposure is that the camera counts without telling in what [us].
     gain_step_db : float or None
         What a step of the camera's whole-numbered gain is [dB], where its maker is not one that is known.
     retakes : int
@@ -51,6 +57,7 @@ class GigeOptions:
     """
 
     place: str
+    link: Link = "gige"
     pixel_format: str | None = None
     plane: Plane | None = None
     width: int | None = None
@@ -67,10 +74,17 @@ class GigeOptions:
     bit_depth: int | None = None
     justified: Justified = "right"
     byte_order: ByteOrder = "little"
+    exposure_step_us: float | None = None
     gain_step_db: float | None = None
     retakes: int = 20
 
+    @property
+    def camera_name(self) -> str:
+        """What messages call it."""
+        return f"{_NAMES[self.link]} {self.place}"
 
+
+_NAMES: dict[Link, str] = {"gige": "GigE camera", "usb3": "USB3 camera", "any": "camera"}
 _READERS: dict[str, Callable[[str], Any]] = {
     "pixel_format": str,
     "plane": one_of(*PLANES),
@@ -88,12 +102,13 @@ _READERS: dict[str, Callable[[str], Any]] = {
     "bit_depth": whole(8, 16),
     "justified": one_of("right", "left"),
     "byte_order": one_of("little", "big"),
+    "exposure_step_us": positive,
     "gain_step_db": positive,
     "retakes": whole(0, 1000),
 }
 
 
-def read_gige_place(text: str) -> GigeOptions:
+def read_gige_place(text: str, *, link: Link = "gige") -> GigeOptions:
     """Return what ``PLACE?key=value&...`` says; see `GigeOptions` for the keys.
 
     Raises
@@ -102,4 +117,4 @@ def read_gige_place(text: str) -> GigeOptions:
         A key or value is not allowed; all are named.
     """
     place, values = split_place(text, _READERS)
-    return GigeOptions(place=place, **values)
+    return GigeOptions(place=place, link=link, **values)

@@ -14,7 +14,10 @@ from drivers.network_path import path_mtu
 _AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "ContrastAuto")
 _PROCESSING = ("GammaEnable", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
 _GAMMA = "Gamma"
-_EXPOSURE = ("ExposureTime", "ExposureTimeAbs")
+_EXPOSURE = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
+_EXPOSURE_RAW, _EXPOSURE_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
+# What some send behind their pixels.
+_CHUNKS = "ChunkModeActive"
 _GAIN, _GAIN_RAW = "Gain", "GainRaw"
 # Makers whose GainRaw counts dB.
 _RAW_IS_DB = ("prosilica", "allied", "avt", "aravis")
@@ -43,7 +46,9 @@ class GigeSetup:
     linear : bool or None
         What bends counts is off; None where the camera has nothing of that kind to be asked for.
     exposure_feature : str
-        The camera's own name of the exposure [us].
+        The camera's own name of the exposure.
+    exposure_step_us : float
+        What a step of it is [us]; 1 where it is in microseconds.
     gain_feature : str or None
         The camera's own name of the gain; None for a camera that has none.
     gain_step_db : float or None
@@ -60,6 +65,7 @@ class GigeSetup:
     plane: Plane | None
     linear: bool | None
     exposure_feature: str
+    exposure_step_us: float
     gain_feature: str | None
     gain_step_db: float | None
 
@@ -82,7 +88,7 @@ def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
     _set_trigger(features, options)
     exposure_feature = features.first_of(*_EXPOSURE)
     if exposure_feature is None:
-        raise LimitError(f"{options.place}: it has no exposure in microseconds ({', '.join(_EXPOSURE)})")
+        raise LimitError(f"{options.place}: it has no exposure that is known ({', '.join(_EXPOSURE)})")
     gain_feature = features.first_of(_GAIN, _GAIN_RAW)
     return GigeSetup(
         pixel_format=pixel_format,
@@ -95,6 +101,7 @@ def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
         plane=options.plane,
         linear=linear,
         exposure_feature=exposure_feature,
+        exposure_step_us=_exposure_step_us(features, options) if exposure_feature == _EXPOSURE_RAW else 1.0,
         gain_feature=gain_feature,
         gain_step_db=_gain_step_db(features, options) if gain_feature == _GAIN_RAW else None,
     )
@@ -102,8 +109,8 @@ def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
 
 def set_packet_size(
     library: AravisLibrary, camera: int, features: GigeFeatures, *, address: str, asked: int | None
-) -> None:
-    """Set how large packets are: what was asked for, or what every Ethernet carries.
+) -> int:
+    """Set how large packets are: what was asked for, or what every Ethernet carries; return what it is [bytes].
 
     Raises
     ------
@@ -119,7 +126,9 @@ def set_packet_size(
         )
     with features.told("packet size"):
         library.call("camera_gv_set_packet_size", camera, size)
-        features.used["GevSCPSPacketSize"] = str(library.call("camera_gv_get_packet_size", camera))
+        taken = int(library.call("camera_gv_get_packet_size", camera))
+    features.used["GevSCPSPacketSize"] = str(taken)
+    return taken
 
 
 def _switch_off(features: GigeFeatures) -> bool | None:
@@ -127,6 +136,8 @@ def _switch_off(features: GigeFeatures) -> bool | None:
     for feature in filter(features.has, _AUTOMATIC):
         features.set_text(feature, "Off")
     processing = [feature for feature in _PROCESSING if features.has(feature)]
+    if features.has(_CHUNKS):
+        features.set_truth(_CHUNKS, False)
     for feature in processing:
         features.set_truth(feature, False)
     if features.has(_GAMMA) and "GammaEnable" not in processing:
@@ -229,6 +240,18 @@ def _set_trigger(features: GigeFeatures, options: GigeOptions) -> None:
     if rate is None:
         raise LimitError(f"{options.place}: its frame rate cannot be set ({', '.join(_RATE)}); use trigger=software")
     features.set_number(rate, options.frame_rate_hz, relative=_RATE_TOLERANCE)
+
+
+def _exposure_step_us(features: GigeFeatures, options: GigeOptions) -> float:
+    """Return what the camera counts its exposure in."""
+    if options.exposure_step_us is not None:
+        return options.exposure_step_us
+    if features.has(_EXPOSURE_UNIT):
+        return features.number(_EXPOSURE_UNIT)
+    raise LimitError(
+        f"{options.place}: it counts its exposure in steps ({_EXPOSURE_RAW}) and does not tell of what; state "
+        "exposure_step_us=X in its address"
+    )
 
 
 def _gain_step_db(features: GigeFeatures, options: GigeOptions) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.cameras import v4l2_structs as v4l2
 from drivers.cameras.bayer import counts_of_picture, size_of_counts
+from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.pixel_format import needed_bytes, unpack
 from drivers.cameras.v4l2_controls import V4l2Controls
 from drivers.cameras.v4l2_node import LinuxVideoNode, VideoNode, told
@@ -286,7 +287,7 @@ class V4l2Camera:
         return v4l2.Buffer(index=index, type=v4l2.CAPTURE, memory=v4l2.MMAP)
 
 
-def open_v4l2(place: str) -> V4l2Camera:
+def open_v4l2(place: str) -> BoundedCamera:
     """Return a video device by ``/dev/video0?pixel_format=Y12&...``.
 
     See `drivers.cameras.v4l2_options.V4l2Options` for the keys.
@@ -299,6 +300,10 @@ def open_v4l2(place: str) -> V4l2Camera:
         It cannot be set to what the address says.
     """
     options = read_v4l2_place(place)
+    return BoundedCamera(lambda: _open(options), name=f"video device {options.path}")
+
+
+def _open(options: V4l2Options) -> V4l2Camera:
     node = LinuxVideoNode(options.path)
     try:
         return V4l2Camera(node, options)

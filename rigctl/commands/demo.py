@@ -22,6 +22,9 @@ def command(
     gige: Annotated[
         bool, typer.Option("--gige", help="Pictures as GigE Vision packets over this machine's network (libaravis).")
     ] = False,
+    lost: Annotated[
+        float, typer.Option(metavar="SHARE", help="With --gige: share of packets that are lost, 0 to below 1.")
+    ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Answer in JSON.")] = False,
 ) -> None:
     """Run the whole job on a simulated rig: session, noise calibration, prediction, comparison, report.
@@ -36,6 +39,8 @@ def command(
 
     if perturb is not None and perturb not in PERTURBATIONS:
         raise ConfigError(f"--perturb: is {perturb!r}; allowed are {', '.join(PERTURBATIONS)}")
+    if not 0.0 <= lost < 1.0 or (lost and not gige):
+        raise ConfigError(f"--lost: is {lost}; allowed is 0 to below 1, with --gige")
     console = progress()
     compared = run_demo(
         out,
@@ -44,6 +49,7 @@ def command(
         alpha=alpha,
         say=lambda text: console.print(text, markup=False),
         gige=gige,
+        lost_share=lost,
     )
     if as_json:
         print_json(compared_json(compared))

@@ -24,7 +24,14 @@ Say = Callable[[str], None]
 
 
 def run_demo(
-    out: Path, *, seed: int, perturbation: Perturbation | None, alpha: float, say: Say, gige: bool = False
+    out: Path,
+    *,
+    seed: int,
+    perturbation: Perturbation | None,
+    alpha: float,
+    say: Say,
+    gige: bool = False,
+    lost_share: float = 0.0,
 ) -> ComparedRun:
     """Run the whole job into a folder; return the comparison, which is written there too.
 
@@ -43,6 +50,8 @@ def run_demo(
         Told what is being done.
     gige : bool
         Pictures come as GigE Vision packets over this machine's own network.
+    lost_share : float
+        Share of these packets that are lost on their way, 0 to below 1.
 
     Raises
     ------
@@ -52,7 +61,8 @@ def run_demo(
     copy_examples(out)
     rig = seeded(load_rig(out / "rig-sim.toml"), seed)
     if gige:
-        rig = rig.model_copy(update={"camera": rig.camera.model_copy(update={"address": GIGE_ADDRESS})})
+        address = f"{GIGE_ADDRESS}&lost={lost_share}" if lost_share else GIGE_ADDRESS
+        rig = rig.model_copy(update={"camera": rig.camera.model_copy(update={"address": address})})
     say("taking dark and flat frames")
     take(rig, out, session="session-noise.toml", run=NOISE_RUN)
     say("calibrating the sensor's noise from them")

@@ -107,7 +107,8 @@ def split_faults(options: str) -> tuple[GigeFaults, str]:
     Parameters
     ----------
     options : str
-        ``key=value&key=value``. ``lost`` is the share of packets that are not sent; ``die``, ``restart``, ``hang`` and
+        ``key=value&key=value``. ``lost`` is the share of packets that are lost, ``resend`` 0 for a camera that sends
+        none of them again; ``die``, ``restart``, ``hang`` and
         ``forget`` are the picture, counted from the camera's power-up, at which its power goes for good, goes and
         comes back, at which it answers nobody for a while, and after which its exposure is not what was set;
         ``off_s`` and ``hang_s`` say for how long.
@@ -149,6 +150,10 @@ def _seconds(text: str) -> float | None:
     return seconds if 0.0 <= seconds <= 3600.0 else None
 
 
+def _switch(text: str) -> bool | None:
+    return {"0": False, "1": True}.get(text)
+
+
 def _angles(text: str) -> tuple[float, ...]:
     return tuple(map(float, text.split(",")))
 
@@ -163,6 +168,7 @@ _Reader = Callable[[str], float | int | None]
 _PICTURE = "whole number from 2 on: the driver takes the first picture when it opens the camera"
 _FAULTS: dict[str, tuple[str, _Reader, str]] = {
     "lost": ("lost_share", _share, "number from 0 to below 1"),
+    "resend": ("resends", _switch, "of 0 and 1"),
     "die": ("die", _picture, _PICTURE),
     "restart": ("restart", _picture, _PICTURE),
     "off_s": ("off_s", _seconds, "number of seconds, 0 to 3600"),

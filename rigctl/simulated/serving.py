@@ -2,22 +2,26 @@
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TextIO
 
+from drivers.interfaces import Camera
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
-from rigctl.simulated.camera_address import SERVED, split_faults
-from sim_devices.cameras.gige_server import serve_gige_camera
+from rigctl.simulated.camera_address import SERVED, THIS_MACHINE, split_faults
+from sim_devices.cameras.aravis_device import AravisDevice
+from sim_devices.cameras.gige_faults import GigeFaults
+from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.pty_server import serve_on_pty
 from sim_devices.stages.simulated_stage import SimulatedStage
 
 _LOOK_S = 0.02
+_LOOPBACK = "127."
 _SMALLEST_CHANGE_DEG = 1e-6
 
 
@@ -116,5 +120,14 @@ def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) 
         rig = rig.model_copy(update={"camera": camera_section})
         with simulate(rig, session_name="served") as simulation:
             serial_number = simulation.camera.identify().serial_number
-            with serve_gige_camera(simulation.camera, address=place, serial_number=serial_number, faults=faults):
+            with _served(simulation.camera, place, serial_number=serial_number, faults=faults):
                 yield simulation.stage_port or "none: the camera has polarizers on its pixels"
+
+
+def _served(
+    camera: Camera, place: str, *, serial_number: str, faults: GigeFaults
+) -> AbstractContextManager[AravisDevice | str]:
+    """Serve a camera where it was asked for: behind a network of its own, where that is another loopback address."""
+    if place != THIS_MACHINE and place.startswith(_LOOPBACK):
+        return serve_behind_network(camera, address=place, serial_number=serial_number, faults=faults)
+    return serve_gige_camera(camera, address=place, serial_number=serial_number, faults=faults)

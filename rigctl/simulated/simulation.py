@@ -37,7 +37,7 @@ from rigctl.simulated.stated_parts import (
     stated_world,
 )
 from sim_devices.camera import SimCamera
-from sim_devices.cameras.gige_server import serve_gige_camera
+from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.micro_polarizers import MicroPolarizers
 from sim_devices.stages.catalogue import make_stage
@@ -248,6 +248,10 @@ def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
         return
     faults, rest = split_faults(tail)
     serial_number = camera.identify().serial_number
+    if faults.lost_share:
+        with serve_behind_network(camera, serial_number=serial_number, faults=faults) as place:
+            yield f"gige:{place}?{rest}"
+        return
     with serve_gige_camera(camera, address=THIS_MACHINE, serial_number=serial_number, faults=faults):
         yield f"gige:{THIS_MACHINE}?{rest}"
 

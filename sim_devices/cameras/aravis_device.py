@@ -33,6 +33,7 @@ _FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
 # How often the device looks whether it was triggered; its own 25 would make every picture wait 20 ms in the mean.
 _TRIGGER_LOOKS_HZ = 1000.0
 _CONTROL_PORT = 3956
+_CAPABILITY, _RESEND_CAPABILITY = 0x0934, 0x4  # what it can beyond the standard's least
 
 Fill = Callable[[int, int, int, int, int], bytes]
 """Width, height, exposure [us], gain [dB] and pixel format in; the bytes of a picture out."""
@@ -61,7 +62,8 @@ class AravisDevice:
 
     def __init__(self, *, address: str, serial_number: str, edit_features: Callable[[str], str], fill: Fill) -> None:
         self._library, self._gobject = _load()
-        self._address, self._serial_number = address, serial_number
+        self.address, self._serial_number = address, serial_number
+        self._resends = False
         self._features = edit_features(_own_features(self._library))
         self.failures: list[Exception] = []
         self._callback = _callback(self._library, fill, self.failures)
@@ -78,11 +80,12 @@ class AravisDevice:
             The address is not this machine's or in use.
         """
         with self._lock:
-            _refuse_taken(self._address)
+            _refuse_taken(self.address)
             self._camera = self._new_camera()
             registers = self._registers()
             self._library.arv_fake_camera_set_trigger_frequency(registers, _TRIGGER_LOOKS_HZ)
             self._library.arv_fake_camera_set_fill_pattern(registers, self._callback, None, None)
+            self.promise_resends(self._resends)
 
     def power_down(self) -> None:
         """Answer no more; not to be called from within `fill`, whose thread ends first. May be called twice."""
@@ -105,6 +108,11 @@ class AravisDevice:
             self._library.arv_fake_camera_read_register(self._registers(), address, ctypes.byref(value))
             return value.value
 
+    def promise_resends(self, resends: bool) -> None:
+        """Say from now on whether lost packets are sent again; whoever stands before the device sees to it."""
+        self._resends = resends
+        self.write_register(_CAPABILITY, _RESEND_CAPABILITY if resends else 0)
+
     def lose_packets(self, share: float) -> None:
         """Leave out this share of the packets of pictures until the power goes."""
         with self._lock:
@@ -112,7 +120,7 @@ class AravisDevice:
 
     def _registers(self) -> int:
         if self._camera is None:
-            raise NotConnectedError(f"the simulated GigE camera on {self._address} has no power")
+            raise NotConnectedError(f"the simulated GigE camera on {self.address} has no power")
         registers: int = self._library.arv_gv_fake_camera_get_fake_camera(self._camera)
         return registers
 
@@ -121,11 +129,11 @@ class AravisDevice:
             features = Path(folder) / "features.xml"
             features.write_text(self._features, encoding="utf-8")
             camera: int = self._library.arv_gv_fake_camera_new_full(
-                self._address.encode(), self._serial_number.encode(), str(features).encode()
+                self.address.encode(), self._serial_number.encode(), str(features).encode()
             )
         if not self._library.arv_gv_fake_camera_is_running(camera):
             self._gobject.g_object_unref(camera)
-            raise NotConnectedError(f"no GigE camera can be served on {self._address}: the library does not say why")
+            raise NotConnectedError(f"no GigE camera can be served on {self.address}: the library does not say why")
         return camera
 
 

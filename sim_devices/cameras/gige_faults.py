@@ -12,7 +12,9 @@ class GigeFaults:
     Attributes
     ----------
     lost_share : float
-        Share of the packets of pictures that are not sent, 0 to below 1.
+        Share of the packets of pictures that are lost on their way, 0 to below 1.
+    resends : bool
+        Whether it sends lost packets again when it is asked to.
     die : int or None
         At this picture its power goes for good.
     restart : int or None
@@ -29,6 +31,7 @@ class GigeFaults:
     """
 
     lost_share: float = 0.0
+    resends: bool = True
     die: int | None = None
     restart: int | None = None
     off_s: float = 0.5

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from drivers.interfaces import Camera
 from sim_devices.cameras import gige_feature_list as registers
 from sim_devices.cameras.aravis_device import AravisDevice
 from sim_devices.cameras.gige_faults import FaultyPower, GigeFaults
+from sim_devices.cameras.lossy_network import Losses, lossy_network
 from sim_devices.cameras.sample_bytes import bytes_of
 
 _ENDLESS_S = 1e9
@@ -53,8 +55,9 @@ def serve_gige_camera(
     Notes
     -----
     It powers up with automatic exposure and gain and with a gamma, as real cameras do; then pictures are of twice the
-    exposure that was set, and bent. It serves no packet twice, and does not bin. Nobody is answered during an exposure:
-    longer ones than 2 s look like a camera that hangs. What the source raises is raised when the context is left.
+    exposure that was set, and bent. It sends no packet twice (behind `serve_behind_network` it does), and does not
+    bin. Nobody is answered during an exposure: longer ones than 2 s look like a camera that hangs. What the source
+    raises is raised when the context is left.
     """
     served = _ServedCamera(
         source, address=address, serial_number=serial_number, faults=faults or GigeFaults(), wait=wait
@@ -67,6 +70,29 @@ def serve_gige_camera(
         served.device.power_down()
     if served.device.failures:
         raise served.device.failures[0]
+
+
+@contextmanager
+def serve_behind_network(
+    source: Camera,
+    *,
+    address: str = "127.0.0.2",
+    serial_number: str = "SIM1",
+    faults: GigeFaults,
+    wait: Callable[[float], None] = time.sleep,
+) -> Iterator[str]:
+    """Serve a camera of this machine behind a network that loses what the faults say; give the address to turn to.
+
+    Parameters are those of `serve_gige_camera`; the camera itself is at 127.0.0.1, and the address is another one of
+    127.0.0.0/8. Raises as that.
+    """
+    with serve_gige_camera(
+        source, serial_number=serial_number, faults=replace(faults, lost_share=0.0), wait=wait
+    ) as device:
+        device.promise_resends(faults.resends)
+        losses = Losses(share=faults.lost_share, resends=faults.resends)
+        with lossy_network(camera=device.address, address=address, losses=losses):
+            yield address
 
 
 class _ServedCamera:

@@ -7,12 +7,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from drivers.cameras.file_folder import open_folder
-from drivers.cameras.gige import open_gige
+from drivers.cameras.gige import open_aravis, open_gige
 from drivers.interfaces import Camera
 from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.drivers.cameras.other_program import other_program
 from tests.sim_devices.camera_builders import mosaic_camera, small_camera
-from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
+from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port, need_aravis
 from tests.sim_devices.cameras.known_pictures import KnownPictures
 
 
@@ -22,6 +22,18 @@ def gige(options: str) -> Callable[[], AbstractContextManager[Camera]]:
     @contextmanager
     def opened() -> Iterator[Camera]:
         with gige_port(), serve_gige_camera(KnownPictures()), open_gige(f"{ADDRESS}?{options}") as camera:
+            yield camera
+
+    return opened
+
+
+def in_library(options: str) -> Callable[[], AbstractContextManager[Camera]]:
+    """Return what opens the camera that libaravis simulates within this program: not of a network, as USB ones are."""
+
+    @contextmanager
+    def opened() -> Iterator[Camera]:
+        need_aravis()
+        with open_aravis(f"Fake_1?width=512&height=512&{options}") as camera:
             yield camera
 
     return opened
@@ -50,5 +62,7 @@ CAMERAS: dict[str, Callable[[], AbstractContextManager[Camera]]] = {
     "gige-mono12packed": gige("pixel_format=Mono12Packed"),
     "gige-polarizemono12p": gige("pixel_format=PolarizeMono12p"),
     "mosaic": mosaic_camera,
+    "fake-mono8": in_library("pixel_format=Mono8"),
+    "fake-mono16": in_library("pixel_format=Mono16"),
     "gige-running": gige("pixel_format=Mono12&trigger=free&frame_rate_hz=30"),
 }

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from drivers.cameras.aravis_library import load_aravis
+from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import GigeCamera, open_gige
+from drivers.cameras.gige_options import read_gige_place
 from drivers.errors import LimitError, NotConnectedError, ProtocolError
 from sim_devices.cameras import gige_feature_list as registers
 from sim_devices.cameras.gige_server import serve_gige_camera
@@ -29,7 +32,7 @@ def device(source):
 def open_camera(device):
     opened = []
 
-    def open_with(options="") -> GigeCamera:
+    def open_with(options="") -> BoundedCamera:
         camera = open_gige(f"{ADDRESS}?{options}")
         opened.append(camera)
         return camera
@@ -204,14 +207,15 @@ def test_triggered_pictures_are_of_after_the_trigger(source, open_camera):
         assert camera.take_frame(timeout_s=TIMEOUT_S).counts[MARK] == turn
 
 
-def test_numbers_go_on_where_the_camera_begins_anew_at_one(open_camera):
+def test_numbers_go_on_where_the_camera_begins_anew_at_one(device):
     # The device begins at 65401 and goes from 65535 to 1, at 1000 pictures a second.
-    camera = open_camera("trigger=free&frame_rate_hz=1000")
-    camera.configure(exposure_s=0.0001, gain_db=0.0)
-    numbers = [camera.take_frame(timeout_s=TIMEOUT_S).sequence]
-    while camera._numbers.last_id > 60000 and len(numbers) < 200:
-        numbers.append(camera.take_frame(timeout_s=TIMEOUT_S).sequence)
-    assert camera._numbers.last_id < 100
+    options = read_gige_place(f"{ADDRESS}?trigger=free&frame_rate_hz=1000")
+    with GigeCamera(load_aravis(), options) as camera:
+        camera.configure(exposure_s=0.0001, gain_db=0.0)
+        numbers = [camera.take_frame(timeout_s=TIMEOUT_S).sequence]
+        while camera._numbers.last_id > 60000 and len(numbers) < 200:
+            numbers.append(camera.take_frame(timeout_s=TIMEOUT_S).sequence)
+        assert camera._numbers.last_id < 100
     assert (np.diff(numbers) > 0).all()
     assert numbers[-1] - numbers[0] < 300
 

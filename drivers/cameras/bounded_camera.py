@@ -1,0 +1,303 @@
+"""A camera whose calls end in time, whatever its library or the system's kernel does with them.
+
+A call to a camera that fell silent may wait for longer than anybody allows: libaravis asks for 2.5 s at each register,
+a request to a video device may not come back at all, and neither can be interrupted. So each call is made in a thread
+of the camera's own. Where it does not come back in time, the thread is left behind with the camera, which it closes
+once the call returns; nobody else touches that camera any more. One thread a camera at most is left so: the camera is
+opened anew only when the earlier one has come back.
+"""
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Protocol, TypeVar
+
+from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError
+from drivers.interfaces import (
+    Camera,
+    CameraFacts,
+    CameraSettings,
+    DeviceIdentity,
+    Frame,
+    FrameTally,
+    ReportingCamera,
+)
+
+Result = TypeVar("Result")
+
+_GRACE_S = 0.3  # for a call that ends by itself just at its deadline
+_OPENING_S = 30.0
+_SETTING_S = 5.0
+_TELLING_S = 3.0
+_CLOSING_S = 2.0
+_SILENT = "It is off, unplugged, or hangs; it is given up, and opened anew once that call has ended"
+
+
+class OpenCamera(Camera, ReportingCamera, Protocol):
+    """What is called in a thread of its own."""
+
+
+class _LeftBehindError(Exception):
+    """A call that has not come back in time."""
+
+
+class _Caller:
+    """A thread that makes calls, one after the other."""
+
+    def __init__(self, name: str) -> None:
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], _Answer] | None] = queue.SimpleQueue()
+        self.thread = threading.Thread(target=self._work, name=f"calls to {name}", daemon=True)
+        self.thread.start()
+
+    def call(self, job: Callable[[], Result], *, within_s: float) -> Result:
+        """Return what a call returns, or raise what it raises; raise _LeftBehindError where it does not end in time."""
+        answer = _Answer()
+        self._jobs.put((job, answer))
+        if not answer.is_there.wait(within_s):
+            raise _LeftBehindError
+        if answer.error is not None:
+            raise answer.error
+        result: Result = answer.result
+        return result
+
+    def end(self, last: Callable[[], None]) -> None:
+        """Make a last call once all others have ended; nobody waits for it."""
+        self._jobs.put((last, _Answer()))
+        self._jobs.put(None)
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            call, answer = job
+            try:
+                answer.result = call()
+            except BaseException as error:
+                answer.error = error
+            answer.is_there.set()
+            del call, answer, job
+
+
+class _Answer:
+    """What a call came to."""
+
+    def __init__(self) -> None:
+        self.is_there = threading.Event()
+        self.result: Any = None
+        self.error: BaseException | None = None
+
+
+# Threads that were left behind, by the camera's name: the next one that opens it waits for them.
+_left: dict[str, threading.Thread] = {}
+
+
+class BoundedCamera:
+    """A camera that is open.
+
+    Parameters
+    ----------
+    open_camera : callable
+        Opens it, again where it was given up.
+    name : str
+        What messages call it; one camera, one name.
+    now_s : callable
+        The time [s].
+
+    Raises
+    ------
+    DeviceError
+        It cannot be opened, or not in time.
+    """
+
+    def __init__(
+        self, open_camera: Callable[[], OpenCamera], *, name: str, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._open_camera, self._name, self._now_s = open_camera, name, now_s
+        self._caller: _Caller | None = None
+        self._camera: OpenCamera | None = None
+        self._is_closed = False
+        self._before = FrameTally()
+        self._first_number = self._last_number = 0
+        self._asked: tuple[float, float] | None = None
+        self._settings: CameraSettings | None = None
+        self._open(deadline_s=self._now_s() + _OPENING_S)
+        self._identity = self._opened().identify()
+        self._facts = self._opened().facts()
+
+    def __enter__(self) -> "BoundedCamera":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the camera said of itself when it was opened."""
+        self._refuse_closed()
+        return self._identity
+
+    def facts(self) -> CameraFacts:
+        """Return how its counts come about."""
+        self._refuse_closed()
+        return self._facts
+
+    def tally(self) -> FrameTally:
+        """Return what became of the pictures so far; of a camera that is gone too."""
+        return self._before if self._camera is None else _sum(self._before, self._camera.tally())
+
+    def features(self) -> dict[str, str]:
+        """Return what was set, what was found and left, and what it measures.
+
+        Raises
+        ------
+        DeviceError
+            The camera does not answer, or not in time.
+        """
+        self._refuse_closed()
+        camera = self._here(deadline_s=self._now_s() + _OPENING_S)
+        return self._call(camera.features, within_s=_TELLING_S, what="telling its features")
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        """Set exposure and gain; return what was read back.
+
+        Raises
+        ------
+        LimitError
+            A value is outside of what the camera allows; then nothing is changed.
+        DeviceError
+            The camera does not answer, or not in time.
+        """
+        self._refuse_closed()
+        camera = self._here(deadline_s=self._now_s() + _SETTING_S)
+        self._settings = self._call(
+            lambda: camera.configure(exposure_s=exposure_s, gain_db=gain_db), within_s=_SETTING_S, what="setting it"
+        )
+        self._asked = (exposure_s, gain_db)
+        return self._settings
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        """Return a picture whose exposure began after this call.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            No picture came in time, or the camera fell silent: then the next call opens it anew.
+        DeviceError
+            As the camera says.
+        """
+        self._refuse_closed()
+        deadline_s = self._now_s() + timeout_s
+        camera = self._here(deadline_s=deadline_s)
+        left_s = max(0.0, deadline_s - self._now_s())
+        frame = self._call(
+            lambda: camera.take_frame(timeout_s=left_s), within_s=left_s + _GRACE_S, what="taking a picture"
+        )
+        self._last_number = self._first_number + frame.sequence
+        return frame if not self._first_number else replace(frame, sequence=self._last_number)
+
+    def close(self) -> None:
+        """Release the camera. May be called twice."""
+        self._is_closed = True
+        caller, camera = self._caller, self._camera
+        if caller is None or camera is None:
+            return
+        self._before = self.tally()
+        self._caller = self._camera = None
+        try:
+            caller.call(camera.close, within_s=_CLOSING_S)
+        except DeviceError:
+            pass  # it was going away
+        except _LeftBehindError:
+            _left[self._name] = caller.thread
+        caller.end(camera.close)
+
+    def _refuse_closed(self) -> None:
+        if self._is_closed:
+            raise NotConnectedError(f"{self._name}: it was closed; open it again")
+
+    def _opened(self) -> OpenCamera:
+        if self._camera is None:
+            raise NotConnectedError(f"{self._name}: it was given up")
+        return self._camera
+
+    def _here(self, *, deadline_s: float) -> OpenCamera:
+        """Return the camera, opened anew with its settings where it was given up."""
+        if self._camera is None:
+            self._open(deadline_s=deadline_s)
+            self._restore(deadline_s=deadline_s)
+        return self._opened()
+
+    def _open(self, *, deadline_s: float) -> None:
+        earlier = _left.get(self._name)
+        if earlier is not None:
+            earlier.join(max(0.0, deadline_s - self._now_s()))
+            if earlier.is_alive():
+                raise NotConnectedError(f"{self._name}: a call to it has not ended yet. {_SILENT}")
+            _left.pop(self._name, None)
+        self._caller = _Caller(self._name)
+        within_s = max(0.0, deadline_s - self._now_s()) + _GRACE_S
+        opened: list[OpenCamera] = []
+
+        def open_and_note() -> OpenCamera:
+            opened.append(self._open_camera())
+            return opened[0]
+
+        try:
+            self._camera = self._caller.call(open_and_note, within_s=within_s)
+        except _LeftBehindError as error:
+            self._leave(lambda: _close_all(opened))
+            raise DeviceTimeoutError(f"{self._name}: opening it took too long. {_SILENT}") from error
+        except BaseException:
+            self._caller.end(_do_nothing)
+            self._caller = None
+            raise
+
+    def _restore(self, *, deadline_s: float) -> None:
+        """Make the camera what it was before it was given up."""
+        camera = self._opened()
+        within_s = max(0.0, deadline_s - self._now_s()) + _GRACE_S
+        if camera.identify() != self._identity:
+            self.close()
+            raise NotConnectedError(f"{self._name}: what came back is {camera.identify()}, and it was {self._identity}")
+        if self._asked is not None:
+            exposure_s, gain_db = self._asked
+            found = self._call(
+                lambda: camera.configure(exposure_s=exposure_s, gain_db=gain_db), within_s=within_s, what="setting it"
+            )
+            if found != self._settings:
+                raise LimitError(f"{self._name}: it came back, and is now {found} instead of {self._settings}")
+        self._first_number = self._last_number
+        self._before = replace(self._before, reopened=self._before.reopened + 1)
+
+    def _call(self, job: Callable[[], Result], *, within_s: float, what: str) -> Result:
+        if self._caller is None:
+            raise NotConnectedError(f"{self._name}: it was given up")
+        start_s = self._now_s()
+        try:
+            return self._caller.call(job, within_s=within_s)
+        except _LeftBehindError as error:
+            camera = self._opened()
+            self._before = self.tally()
+            self._camera = None
+            self._leave(camera.close)
+            waited_s = self._now_s() - start_s
+            raise DeviceTimeoutError(f"{self._name}: {what}: no answer within {waited_s:.2g} s. {_SILENT}") from error
+
+    def _leave(self, last: Callable[[], None]) -> None:
+        if self._caller is not None:
+            _left[self._name] = self._caller.thread
+            self._caller.end(last)
+            self._caller = None
+
+
+def _do_nothing() -> None:
+    """Return: a thread ends with nothing left to do."""
+
+
+def _close_all(cameras: list[OpenCamera]) -> None:
+    for camera in cameras:
+        camera.close()
+
+
+def _sum(first: FrameTally, second: FrameTally) -> FrameTally:
+    counts = {name: getattr(first, name) + getattr(second, name) for name in vars(first)}
+    return FrameTally(**counts)
