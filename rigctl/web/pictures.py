@@ -24,6 +24,8 @@ _SPECK = np.ones((5, 5), np.uint8)
 _ZEBRA_BGR = ((60, 60, 255), (0, 0, 130))
 _GREY = 128.0
 _BINS = 64
+# Times as wide as wanted.
+_LARGE = 3
 _ABOVE_ROUNDING = 1e-6
 _STEP, _MANY_ROWS = 6, 64
 _COLUMN_STEP = 4
@@ -143,7 +145,11 @@ def smaller(picture: NDArray[np.uint16] | NDArray[np.uint8], *, most_width: int)
     if width <= most_width:
         return picture.astype(np.float32)
     size = (most_width, max(1, round(height * most_width / width)))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    large: MatLike = picture
+    if width >= _LARGE * most_width and width % 2 == 0 and height % 2 == 0:
+        # Pairs of pixels are fast to average; what is left takes half the time.
+        large = cv2.resize(picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(large, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def map_pictures(cycle: CyclePictures, *, dolp_top: float) -> dict[str, Picture]:

@@ -33,11 +33,13 @@ class PreviewPage:
         self._changed = threading.Condition()
         self._jpeg, self._number = b"", 0
         page = files("rigctl").joinpath("data", "web")
-        self._html = page.joinpath("preview.html").read_bytes()
-        self._script = page.joinpath("preview.js").read_bytes()
+        self._html, self._script, self._style = (
+            page.joinpath(name).read_bytes() for name in ("preview.html", "preview.js", "style.css")
+        )
         routes = [
             Route("/", lambda _: Response(self._html, media_type="text/html")),
             Route("/preview.js", lambda _: Response(self._script, media_type="text/javascript")),
+            Route("/style.css", lambda _: Response(self._style, media_type="text/css")),
             Route("/picture.jpg", self._picture),
         ]
         self._server = PageServer(Starlette(routes=routes), place, can_act=False)

@@ -96,8 +96,10 @@ def keep_picture(tab: Any, name: str) -> None:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("runs")
-    take_session(small_rig(folder), small_session(cycles=2), folder / "run", files={})
-    with served("watch", str(folder / "run")) as told:
+    # A name that is a script, where somebody forgets to escape it.
+    run = folder / "run<img src=x onerror=alert(1)>"
+    take_session(small_rig(folder), small_session(cycles=2), run, files={})
+    with served("watch", str(run)) as told:
         yield told["look_url"]
 
 
@@ -107,6 +109,7 @@ def test_a_finished_run_is_shown(browser: Any, finished: str, name: str, device:
         tab.wait_for_selector("#aolp[data-sequence]")
         tab.wait_for_selector("#plot-dolp canvas")
         assert tab.inner_text("#state").startswith("finished")
+        assert "onerror" in tab.inner_text("#run")
         assert "token" not in tab.url
         tab.click("#angles button[data-name='90']")
         assert tab.get_attribute("#angles button[data-name='90']", "aria-selected") == "true"
@@ -174,7 +177,7 @@ def test_the_lens_is_focused_by_the_number_on_a_telephone(browser: Any, hands: s
 
 
 class Wire:
-    """A network between a page and a browser that can be cut: what is sent is lost, who connects is refused."""
+    """A network between a page and a browser: it can be cut, and it can swallow what is sent without a word."""
 
     def __init__(self, address: str) -> None:
         self._place = urlsplit(address)
@@ -182,7 +185,15 @@ class Wire:
         self.address = address.replace(str(self._place.port), str(self._listening.getsockname()[1]))
         self._open: list[socket.socket] = []
         self._is_cut = False
+        self._carries = threading.Event()
+        self._carries.set()
         threading.Thread(target=self._accept, daemon=True).start()
+
+    def swallow(self) -> None:
+        self._carries.clear()
+
+    def carry(self) -> None:
+        self._carries.set()
 
     def cut(self) -> None:
         self._is_cut = True
@@ -209,10 +220,10 @@ class Wire:
                 for here, there in ((near, far), (far, near)):
                     threading.Thread(target=self._carry, args=(here, there), daemon=True).start()
 
-    @staticmethod
-    def _carry(here: socket.socket, there: socket.socket) -> None:
+    def _carry(self, here: socket.socket, there: socket.socket) -> None:
         with suppress(OSError), here:
             while data := here.recv(65536):
+                self._carries.wait()
                 there.sendall(data)
             there.shutdown(socket.SHUT_WR)
 
@@ -256,6 +267,10 @@ def test_a_session_is_watched_from_begin_to_end_through_all_that_can_happen(
         for file in run.iterdir():
             os.utime(file, (time.time() - 60.0,) * 2)
         seen("stale since", "stale")
+        wire.swallow()
+        phone.wait_for_selector("#lost:not([hidden])")
+        wire.carry()
+        phone.wait_for_selector("#lost", state="hidden")
         wire.cut()
         phone.wait_for_selector("#lost:not([hidden])")
         assert "nothing heard since" in phone.inner_text("#lost")

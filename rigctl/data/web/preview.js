@@ -2,6 +2,7 @@
 "use strict";
 const picture = document.getElementById("picture"), lost = document.getElementById("lost");
 let number = 0;
+document.documentElement.dataset.look = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 async function next() {
   try {
     const answer = await fetch(`/picture.jpg?after=${number}`, { signal: AbortSignal.timeout(10000) });

@@ -1,7 +1,7 @@
 // The page asks; the server answers one question at a time. A slow link gets fewer pictures, never late ones.
 "use strict";
 const $ = (id) => document.getElementById(id);
-const STATE_MS = 1000, IDLE_MS = 250, STALL_MS = 10000, LIST_MS = 5000;
+const STATE_MS = 1000, IDLE_MS = 250, LATE_MS = 3000, STALL_MS = 10000, LIST_MS = 5000;
 const MAPS = ["s0", "dolp", "aolp"];
 const INKS = ["#0b6fd6", "#d1495b", "#2e933c", "#8d5fd3", "#d98200", "#00838f", "#7a5200", "#5f6b73"];
 let socket = null, run = new URLSearchParams(location.search).get("run") || "", selected = null, isChosen = false, known = {}, lastHeard = 0, newest = null, plots = {}, waiting = null, tries = 0;
@@ -17,26 +17,36 @@ const span = (s) => { const h = Math.floor(s / 3600), m = Math.floor(s / 60) % 6
 const put = (parent, tag, text, attributes = {}) => { const node = document.createElement(tag); if (text !== undefined && text !== null) node.textContent = text; for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value); parent.append(node); return node; };
 
 function connect() {
-  const scheme = location.protocol === "https:" ? "wss" : "ws";
-  socket = new WebSocket(`${scheme}://${location.host}/ws`);
-  socket.binaryType = "arraybuffer";
-  socket.onopen = () => { tries = 0; lastHeard = Date.now(); $("lost").hidden = true; known = {}; work(socket); };
-  socket.onmessage = (event) => { lastHeard = Date.now(); if (waiting) { const tell = waiting; waiting = null; tell(event.data); } };
-  socket.onclose = lost;
+  const own = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  socket = own;
+  own.binaryType = "arraybuffer";
+  own.onopen = () => { tries = 0; known = {}; work(own); };
+  own.onmessage = (event) => { lastHeard = Date.now(); $("lost").hidden = true; if (waiting) { const told = waiting; waiting = null; told.resolve(event.data); } };
+  own.onclose = () => lost(own);
+  setTimeout(() => { if (own.readyState === WebSocket.CONNECTING) lost(own); }, STALL_MS);
 }
-function lost() {
+// Where a network swallows everything the browser does not hear of it: whoever is not answered says so.
+setInterval(() => {
+  const since = waiting ? Date.now() - waiting.asked : 0;
+  if (since > LATE_MS) tellLost();
+  if (since > STALL_MS && socket) lost(socket);
+}, 500);
+function tellLost() {
   const since = lastHeard ? `nothing heard since ${new Date(lastHeard).toLocaleTimeString()}` : "no connection";
   $("lost").textContent = `${since}; trying again. What is shown is old.`;
   $("lost").hidden = false;
+}
+function lost(own) {
+  if (own !== socket) return;
+  socket = null; own.onclose = own.onmessage = null; own.close();
+  tellLost();
   document.body.dataset.link = "lost";
-  waiting = null;
+  if (waiting) { const asked = waiting; waiting = null; asked.reject(new Error("lost")); }
   setTimeout(connect, Math.min(1000 * 2 ** tries++, 5000));
 }
 const ask = (question) => new Promise((resolve, reject) => {
-  waiting = resolve;
-  const own = socket;
-  own.send(JSON.stringify({ run, ...question }));
-  setTimeout(() => { if (waiting === resolve) { own.close(); reject(new Error("stalled")); } }, STALL_MS);
+  waiting = { resolve, reject, asked: Date.now() };
+  socket.send(JSON.stringify({ run, ...question }));
 });
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
@@ -60,7 +70,7 @@ async function work(own) {
       const isNew = newest.runs ? await rigPictures(newest) : await pictures();
       if (!isNew) await pause(IDLE_MS);
     }
-  } catch (error) { if (own.readyState === WebSocket.OPEN) own.close(); }
+  } catch (error) { lost(own); }
 }
 
 async function pictures() {
