@@ -94,6 +94,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "effects": ("rigctl.commands.effects", "Which effects a scene calls for, and why."),
     "predict": ("rigctl.commands.predict", "What the analytical model says that a scene will give."),
     "paper": ("rigctl.commands.paper", "Figures and statements of the paper, with verdicts."),
+    "study": ("rigctl.commands.study", "Predict thousands of cases on dask: grids, draws, which input matters."),
     "tradeoff": ("rigctl.commands.tradeoff", "What accuracy costs in time, computed or on the roof."),
     "detect": ("rigctl.commands.detect", "Detect a target by its polarization: RX map and ROC of a run."),
     "compare": ("rigctl.commands.compare", "Set model and measurement side by side, with a verdict."),

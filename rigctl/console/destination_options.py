@@ -44,6 +44,7 @@ _STOKES = (
     "aolp.png",
 )
 _DETECTED = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
+_STUDIED = ("study.parquet", "detection.parquet", *(f"sensitivity.{end}" for end in ("csv", "json", "png")))
 _TRADED = ("digits.png", *(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png")))
 
 
@@ -96,6 +97,7 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "sky": {"out": _folder("sky.png", "sky.json", "sky-aerosols.png", "sky-aerosols.json")},
     "stage characterise": {"out": _FILE, "plot": _FILE},
     "stokes": {"out": _folder(*_STOKES, "stokes.json")},
+    "study": {"out": _folder(*_STUDIED)},
     "summary": {"out": _FILE},
     "surface": {"out": _folder("surface.png", "hemisphere.png", "surface.json")},
     "tradeoff": {"out": _folder(*_TRADED)},

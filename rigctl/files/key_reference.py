@@ -25,6 +25,7 @@ from rigctl.files.regions import RegionsFile
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import SessionFile
+from rigctl.files.study_file import StudyFile
 from rigctl.files.surface_fit_file import SurfaceFitFile
 
 _FILES: tuple[tuple[str, type[BaseModel]], ...] = (
@@ -34,6 +35,7 @@ _FILES: tuple[tuple[str, type[BaseModel]], ...] = (
     ("Regions file", RegionsFile),
     ("Material file", MaterialFile),
     ("Fit file", SurfaceFitFile),
+    ("Study file", StudyFile),
 )
 _HEAD = """# Keys of the files that one writes
 

@@ -55,6 +55,7 @@ _FEW = 12
 _KINDS: tuple[tuple[str, str, frozenset[str]], ...] = (
     ("RigFile", "a rig file", frozenset({"stage", "camera"})),
     ("SurfaceFitFile", "a fit file", frozenset({"observation"})),
+    ("StudyFile", "a study file", frozenset({"cases"})),
     ("SessionFile", "a session file", frozenset({"take"})),
     ("SceneFile", "a scene file", frozenset({"sensor", "acquisition"})),
     ("MaterialFile", "a material file", frozenset({"n"})),

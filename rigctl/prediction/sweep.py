@@ -22,7 +22,7 @@ from rigctl.scene.scene_record import Scene
 FloatArray = NDArray[np.float64]
 
 # What light and air hang on: these change least often, so that no sky is made twice.
-_SLOW = ("sun.", "atmosphere.", "sensor.")
+SKY_KEYS = ("sun.", "atmosphere.", "sensor.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPai
         There is no such number, or a value is outside its range.
     """
     scenes = swept_scenes(predictor.scene, axes)
-    slow = [k for k, axis in enumerate(axes) if axis.key.startswith(_SLOW)]
+    slow = [k for k, axis in enumerate(axes) if axis.key.startswith(SKY_KEYS)]
     found: dict[tuple[int, ...], dict[str, RegionPrediction]] = {}
     for index in sorted(scenes, key=lambda index: tuple(index[k] for k in slow)):
         found[index] = predictor.predictions_of(scenes[index])

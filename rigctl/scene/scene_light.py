@@ -6,6 +6,7 @@ from model.accuracy.evaluation.light_store import LightStore
 from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS
 from model.atmosphere.profile import column
 from model.atmosphere.sasktran2_engine import sasktran2_solution
+from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.acting import acting_parts
 from model.scene.field_light import FieldLight
@@ -29,8 +30,12 @@ _BY_SASKTRAN2 = (
 class SceneLight:
     """Computes the light of scenes, and keeps what it computed."""
 
-    def __init__(self, store: SkyStore | None = None, *, engine: Engine = "own") -> None:
+    def __init__(
+        self, store: SkyStore | None = None, *, engine: Engine = "own", is_kept_between_runs: bool = True
+    ) -> None:
         """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
+
+        Studies keep none: thousands of skies would be written to throw out those of others.
 
         Raises
         ------
@@ -40,7 +45,8 @@ class SceneLight:
         require_engine(engine)
         self._engine = engine
         self._solved = SkyStore(user_cache_folder()) if store is None else store
-        self._lights = LightStore(solver=self._solved if engine == "own" else sasktran2_solution)
+        own = self._solved if is_kept_between_runs else solve
+        self._lights = LightStore(solver=own if engine == "own" else sasktran2_solution)
 
     @property
     def lights(self) -> LightStore:

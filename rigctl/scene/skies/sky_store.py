@@ -119,15 +119,15 @@ def _code_hash() -> str:
 
 def solver_sources() -> dict[str, Traversable]:
     """Return every source file that a solution depends on, by its path in the package of the atmosphere."""
-    return _sources(files("model.atmosphere"), "")
+    return sources_of(files("model.atmosphere"))
 
 
-def _sources(folder: Traversable, prefix: str) -> dict[str, Traversable]:
+def sources_of(folder: Traversable, prefix: str = "") -> dict[str, Traversable]:
     """Return the sources of a package and of the packages in it, by their paths."""
     found: dict[str, Traversable] = {}
     for entry in folder.iterdir():
         if entry.is_dir():
-            found |= _sources(entry, f"{prefix}{entry.name}/")
+            found |= sources_of(entry, f"{prefix}{entry.name}/")
         elif entry.name.endswith(".py"):
             found[prefix + entry.name] = entry
     return found

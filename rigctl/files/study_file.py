@@ -1,0 +1,117 @@
+"""The study file: which numbers of which scenes are varied, how, and what is wanted of every case."""
+
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field, model_validator
+
+from rigctl.files.config import Section, load
+
+CaseKind = Literal["grid", "list", "latin", "random", "sobol", "morris"]
+# Of these every number is drawn: a parameter needs a law.
+DrawnKind = Literal["latin", "random", "sobol", "morris"]
+DRAWN: tuple[DrawnKind, ...] = get_args(DrawnKind)
+# Of these, how much each input matters is found as well.
+SENSITIVITY_KINDS: tuple[CaseKind, ...] = ("sobol", "morris")
+MOST_CASES = 10_000_000
+
+
+class VariedSection(Section):
+    """How one number is varied: by values, by a range of steps, or by the law of which it is drawn."""
+
+    values: Annotated[tuple[float, ...] | None, Field(min_length=1)] = None
+    """Its values, in the unit of the scene file; drawn kinds take one of them at random. Example: `[10, 30, 50]`."""
+    start: float | None = None
+    """First of `n` values at even steps. Example: `10.0`."""
+    stop: float | None = None
+    """Last of them, included. Example: `70.0`."""
+    n: Annotated[int | None, Field(ge=1)] = None
+    """How many. Example: `7`."""
+    range: tuple[float, float] | None = None
+    """Limits of a rectangular law. Example: `[10.0, 40.0]`."""
+    std: Annotated[float, Field(gt=0)] | Literal["stated"] | None = None
+    """Deviation of a normal law round the scene's number; "stated": as the scene file says. Example: `"stated"`."""
+
+    @model_validator(mode="after")
+    def _one_form(self) -> "VariedSection":
+        steps = (self.start, self.stop, self.n)
+        given = [self.values is not None, any(x is not None for x in steps), self.range is not None]
+        if sum((*given, self.std is not None)) != 1 or (given[1] and None in steps):
+            raise ValueError("needs one of values = [..], start, stop and n together, range = [..], or std")
+        if self.range is not None and not self.range[0] < self.range[1]:
+            raise ValueError(f"range is {list(self.range)}; the first number must be below the second")
+        return self
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether it has a law: a range or a deviation."""
+        return self.range is not None or self.std is not None
+
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """Its values where they are listed or stepped through; empty where it has a law."""
+        if self.values is not None:
+            return self.values
+        if self.start is None or self.stop is None or self.n is None:
+            return ()
+        width = (self.stop - self.start) / max(self.n - 1, 1)
+        return tuple(self.stop if 0 < k == self.n - 1 else self.start + k * width for k in range(self.n))
+
+
+class CasesSection(Section):
+    """Which cases there are."""
+
+    kind: CaseKind
+    """Every combination, lists side by side, or draws; `sobol` and `morris` also rank the inputs. Example: `"grid"`."""
+    n: Annotated[int | None, Field(ge=1, le=MOST_CASES)] = None
+    """Draws; of `sobol` a power of two, of which it takes (inputs + 2) times as many. Example: `256`."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Of the draws. Example: `1`."""
+    parameters: Annotated[dict[str, VariedSection], Field(min_length=1)]
+    """Key of the parameter table to how it is varied. Example: `{ "sun.zenith_deg" = { values = [20, 60] } }`."""
+
+    @model_validator(mode="after")
+    def _fits_kind(self) -> "CasesSection":
+        if (self.kind in DRAWN) != (self.n is not None):
+            raise ValueError(f'kind = "{self.kind}" ' + ("needs n" if self.n is None else "takes no n"))
+        if self.kind == "sobol" and self.n is not None and self.n & (self.n - 1):
+            raise ValueError(f"n is {self.n}; of sobol it must be a power of two, for instance 256")
+        for key, one in self.parameters.items():
+            if self.kind in ("grid", "list") and one.is_drawn:
+                raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs values, or start, stop and n')
+            if self.kind in SENSITIVITY_KINDS and not one.is_drawn:
+                raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs a law: range or std')
+        sizes = {key: len(one.steps) for key, one in self.parameters.items()}
+        if self.kind == "list" and len(set(sizes.values())) > 1:
+            told = ", ".join(f"{key} {size}" for key, size in sizes.items())
+            raise ValueError(f'kind = "list" takes values side by side, as many of each: {told}')
+        return self
+
+
+class StudyFile(Section):
+    """Content of a study file."""
+
+    schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
+    name: Annotated[str, Field(pattern=r"\S")]
+    """Name of the study. Example: `"panels over a year"`."""
+    scenes: Annotated[tuple[Path, ...], Field(min_length=1)]
+    """Scene files, sought beside this one. Example: `["scene-airborne.toml"]`."""
+    quantities: Annotated[tuple[str, ...], Field(min_length=1)]
+    """NAME or NAME.STATISTIC of a region, or p_detection, auc. Example: `["dolp.mean", "dolp_snr", "p_detection"]`."""
+    roc: str | None = None
+    """TARGET,BACKGROUND: the pair of which whole ROC curves are kept. Example: `"black_paint,asphalt"`."""
+    cases: CasesSection
+    """What is varied."""
+
+
+def load_study(path: Path) -> StudyFile:
+    """Return the checked study file, its scenes beside it.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read or has problems: all of them.
+    """
+    study = load(path, StudyFile)
+    return study.model_copy(update={"scenes": tuple((path.parent / scene).resolve() for scene in study.scenes)})

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+
+from rigctl.errors import ConfigError
+from rigctl.files.scene_file import SceneFile
+from rigctl.files.study_file import CasesSection
+from rigctl.prediction.scene_prediction import ScenePredictor
+from rigctl.study.case_list import MORRIS_STEP, cases_of, unit_draws
+from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE
+
+
+@pytest.fixture
+def scene(tmp_path):
+    import tomllib
+
+    from tests.rigctl.example_files import SMALL_SCENE
+
+    return ScenePredictor(SceneFile.model_validate(tomllib.loads(SMALL_SCENE)), None).scene
+
+
+def section(**content):
+    return CasesSection.model_validate(content)
+
+
+def columns(cases):
+    return np.array([[value for _, value in case.values] for case in cases])
+
+
+def test_a_grid_has_every_combination_the_last_fastest(scene):
+    parameters = {EXPOSURE: {"start": 0.01, "stop": 0.03, "n": 3}, EFFICIENCY: {"values": [0.3, 0.5]}}
+    cases = cases_of(section(kind="grid", parameters=parameters), [scene, scene])
+    assert [case.number for case in cases] == list(range(12))
+    assert [case.scene for case in cases] == [0] * 6 + [1] * 6
+    np.testing.assert_allclose(columns(cases)[:4], [[0.01, 0.3], [0.01, 0.5], [0.02, 0.3], [0.02, 0.5]])
+
+
+def test_lists_stand_side_by_side(scene):
+    parameters = {EXPOSURE: {"values": [0.01, 0.02]}, EFFICIENCY: {"values": [0.3, 0.5]}}
+    np.testing.assert_array_equal(
+        columns(cases_of(section(kind="list", parameters=parameters), [scene])), [[0.01, 0.3], [0.02, 0.5]]
+    )
+
+
+@pytest.mark.parametrize("kind", ["latin", "random", "sobol"])
+def test_draws_follow_their_laws(scene, kind):
+    parameters = {EXPOSURE: {"range": [0.01, 0.03]}, EFFICIENCY: {"std": 0.02}}
+    drawn = columns(cases_of(section(kind=kind, n=512, seed=3, parameters=parameters), [scene]))
+    # Five standard errors of mean and deviation of 512 independent draws; the others are spread more evenly.
+    assert drawn[:, 0].mean() == pytest.approx(0.02, abs=5 * 0.02 / np.sqrt(12 * 512))
+    assert drawn[:, 1].mean() == pytest.approx(0.45, abs=5 * 0.02 / np.sqrt(512))
+    assert drawn[:, 1].std() == pytest.approx(0.02, rel=5 / np.sqrt(2 * 512))
+    again = columns(cases_of(section(kind=kind, n=512, seed=3, parameters=parameters), [scene]))
+    np.testing.assert_array_equal(drawn, again)
+
+
+def test_a_normal_law_is_cut_at_the_limits_of_its_number(scene):
+    parameters = {EFFICIENCY: {"std": 1.0}}
+    drawn = columns(cases_of(section(kind="random", n=2000, parameters=parameters), [scene]))
+    assert drawn.min() >= 0.0
+    assert drawn.max() <= 1.0
+    # Within its limits the law is nearly even: were draws outside set to the limits, many would be alike.
+    assert np.unique(drawn).size == 2000
+
+
+def test_blocks_of_sobol_share_columns():
+    cube = unit_draws("sobol", 3, 8, 1).reshape(5, 8, 3)
+    for k in range(3):
+        np.testing.assert_array_equal(cube[2 + k][:, k], cube[1][:, k])
+        others = [j for j in range(3) if j != k]
+        np.testing.assert_array_equal(cube[2 + k][:, others], cube[0][:, others])
+
+
+def test_each_input_of_a_path_of_morris_steps_once():
+    steps = np.diff(unit_draws("morris", 4, 6, 2).reshape(6, 5, 4), axis=1)
+    assert set(np.unique(np.abs(steps))) == {0.0, MORRIS_STEP}
+    np.testing.assert_array_equal(np.count_nonzero(steps, axis=1), 1)
+
+
+def test_all_problems_are_told_at_once(scene):
+    parameters = {EFFICIENCY: {"values": [0.5, 1.5]}, "sun.zenith_deg": {"values": [10]}, "no.such": {"values": [1]}}
+    with pytest.raises(ConfigError) as problem:
+        cases_of(section(kind="grid", parameters=parameters), [scene])
+    for word in (f"{EFFICIENCY} = 1.5", "sun.zenith_deg", "no.such"):
+        assert word in str(problem.value)
+
+
+def test_a_stated_deviation_has_to_be_there(scene):
+    with pytest.raises(ConfigError, match="the scene states none"):
+        cases_of(section(kind="random", n=4, parameters={EFFICIENCY: {"std": "stated"}}), [scene])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"kind": "grid", "parameters": {EXPOSURE: {"std": 0.1}}}, "needs values"),
+        ({"kind": "grid", "n": 4, "parameters": {EXPOSURE: {"values": [1]}}}, "takes no n"),
+        ({"kind": "random", "parameters": {EXPOSURE: {"std": 0.1}}}, "needs n"),
+        ({"kind": "sobol", "n": 100, "parameters": {EXPOSURE: {"std": 0.1}}}, "power of two"),
+        ({"kind": "sobol", "n": 64, "parameters": {EXPOSURE: {"values": [1]}}}, "needs a law"),
+        ({"kind": "list", "parameters": {EXPOSURE: {"values": [1]}, EFFICIENCY: {"values": [0.1, 0.2]}}}, "as many"),
+        ({"kind": "grid", "parameters": {EXPOSURE: {"values": [1], "std": 1}}}, "needs one of"),
+        ({"kind": "grid", "parameters": {EXPOSURE: {"start": 1, "stop": 2}}}, "start, stop and n together"),
+        ({"kind": "random", "n": 3, "parameters": {EXPOSURE: {"range": [2, 1]}}}, "below the second"),
+    ],
+)
+def test_what_a_study_file_cannot_mean_is_refused(content, words):
+    with pytest.raises(ValueError, match=words):
+        CasesSection.model_validate(content)

@@ -1,0 +1,48 @@
+"""Indices against functions whose indices are known in closed form."""
+
+import numpy as np
+import pytest
+
+from rigctl.study.case_list import unit_draws
+from rigctl.study.sensitivity import Number, morris_of, sobol_of
+
+NUMBER = Number(scene="scene", region="region", quantity="dolp_mean")
+KEYS = ("a", "b", "c")
+
+
+def test_sobol_of_ishigami():
+    # f = sin x1 + 7 sin^2 x2 + 0.1 x3^4 sin x1, each even over (-pi, pi) (Saltelli et al. 2010).
+    x = np.pi * (2.0 * unit_draws("sobol", 3, 1024, 7) - 1.0)
+    found = sobol_of(NUMBER, np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]), KEYS)
+    for row, first, total in zip(found, (0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437), strict=True):
+        # The bootstrap's 95 % limits are 1.96 standard errors wide to each side: five of them.
+        assert row.first == pytest.approx(first, abs=5 / 1.96 * (row.first_high - row.first_low) / 2)
+        assert row.total == pytest.approx(total, abs=5 / 1.96 * (row.total_high - row.total_low) / 2)
+        assert row.first_high - row.first_low < 0.3
+        assert row.reason == ""
+
+
+def test_morris_of_a_line_is_exact():
+    u = unit_draws("morris", 3, 5, 1)
+    found = morris_of(NUMBER, 4.0 * u[:, 0] - 2.0 * u[:, 1] + 9.0, KEYS, n=5, seed=1)
+    # Half of the law is half of the unit interval.
+    assert [row.mean for row in found] == pytest.approx([2.0, -1.0, 0.0], abs=1e-12)
+    assert [row.mean_size for row in found] == pytest.approx([2.0, 1.0, 0.0], abs=1e-12)
+    assert [row.deviation for row in found] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_morris_tells_joint_inputs_by_their_deviation():
+    u = unit_draws("morris", 3, 40, 1) - 0.5
+    found = morris_of(NUMBER, u[:, 0] * u[:, 1], KEYS, n=40, seed=1)
+    assert found[0].deviation > 3.0 * abs(found[0].mean)
+    assert found[2].mean_size == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("spoil", "reason"), [(np.nan, "1 of 40 cases"), (None, "no input changes it")])
+def test_where_there_is_none_the_reason_stands(spoil, reason):
+    values = np.ones(8 * 5)
+    if spoil is not None:
+        values[3] = spoil
+    rows = sobol_of(NUMBER, values, KEYS)
+    assert all(reason in row.reason and np.isnan(row.total) for row in rows)
+    assert all(reason in row.reason for row in morris_of(NUMBER, values, KEYS, n=10, seed=1))

@@ -1,0 +1,190 @@
+"""Whole studies, on a scheduler in this process and on processes that are killed."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
+
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.scene_file import load_scene
+from rigctl.jobs.study import StudyRequest, run_study
+from rigctl.prediction.scene_prediction import ScenePredictor
+from rigctl.study import study_case
+from rigctl.study.batch import Batch, compute
+from rigctl.study.kept_parts import PARTS_FOLDER, held_folder
+from rigctl.study.on_dask import Engine, require_same_code
+from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE, GRID, study_file
+
+
+@pytest.fixture
+def engine():
+    """Return an engine on a scheduler and two workers in this process."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
+        yield Engine(scheduler=cluster.scheduler_address, workers=1)
+
+
+def request(path: Path, engine: Engine, **others: float) -> StudyRequest:
+    return StudyRequest(study=path, out=path.parent / "out", engine=engine, **others)
+
+
+def opened(path: Path):
+    import xarray as xr
+
+    return xr.open_zarr(path.parent / "out" / "study.zarr")
+
+
+def test_a_grid_is_what_predict_says_bit_for_bit(tmp_path, engine):
+    path = study_file(tmp_path, GRID)
+    found = run_study(request(path, engine))
+    assert (found.outcome, found.failed, found.done_before) == ("whole", 0, 0)
+    store = opened(path)
+    predictor = ScenePredictor(load_scene(tmp_path / "small.toml"), None)
+    for exposure in store[EXPOSURE].values:
+        for efficiency in store[EFFICIENCY].values:
+            said = predictor.predictions({EXPOSURE: exposure, EFFICIENCY: efficiency})
+            here = store.sel({EXPOSURE: exposure, EFFICIENCY: efficiency, "scene": "small"})
+            for region in ("left", "right"):
+                quantities = said[region].quantities
+                assert float(here.dolp_mean.sel(region=region)) == quantities["dolp"]["mean"]
+                assert float(here.s0_std.sel(region=region)) == quantities["s0"]["std"]
+    assert store[EXPOSURE].attrs["units"] == "ms"
+    assert store.s0_mean.attrs["units"] == "DN"
+    assert "small.toml" in " ".join(store.attrs)
+    assert store.attrs["created_by"] == f"rigctl {study_case.code_version()}"
+
+
+def test_others_read_the_tables(tmp_path, engine):
+    path = study_file(tmp_path, GRID)
+    run_study(request(path, engine))
+    import pandas as pd
+    import polars as pl
+
+    table = pd.read_parquet(tmp_path / "out" / "study.parquet")
+    assert len(table) == 10 * 2
+    assert list(table.columns[:5]) == ["case", "scene", EXPOSURE, EFFICIENCY, "region"]
+    right = table[(table.case == 3) & (table.region == "right")].iloc[0]
+    store = opened(path).sel({EXPOSURE: right[EXPOSURE], EFFICIENCY: right[EFFICIENCY]})
+    assert right["dolp_mean"] == float(store.dolp_mean.sel(region="right").values[0])
+    pairs = pl.read_parquet(tmp_path / "out" / "detection.parquet")
+    assert pairs.shape == (10 * 2 * 4, 8)
+    one = pairs.filter((pl.col("case") == 3) & (pl.col("pair") == "left on right") & (pl.col("p_false_alarm") == 1e-3))
+    assert one["p_detection"][0] == float(store.p_detection.sel(pair="left on right", p_false_alarm=1e-3).values[0])
+
+
+def test_what_is_done_is_not_done_again(tmp_path, engine):
+    path = study_file(tmp_path, GRID)
+    run_study(request(path, engine))
+    parts = sorted((tmp_path / "out" / PARTS_FOLDER).iterdir())
+    times = {part: part.stat().st_mtime_ns for part in parts}
+    study_file(tmp_path, GRID.replace("[0.3, 0.5]", "[0.3, 0.4, 0.5]"))
+    more = run_study(request(path, engine))
+    assert (len(more.table.cases), more.done_before) == (15, 10)
+    assert {part: part.stat().st_mtime_ns for part in parts} == times
+    # Another scene is other cases.
+    (tmp_path / "small.toml").write_text(
+        (tmp_path / "small.toml").read_text().replace("f_number = 2.0", "f_number = 2.8")
+    )
+    assert run_study(request(path, engine)).done_before == 0
+
+
+def test_a_damaged_part_is_computed_again(tmp_path, engine):
+    path = study_file(tmp_path, GRID)
+    before = run_study(request(path, engine))
+    part = min((tmp_path / "out" / PARTS_FOLDER).iterdir())
+    part.write_bytes(part.read_bytes()[:-40])
+    after = run_study(request(path, engine))
+    assert len(after.damaged) == 1
+    assert 0 < after.done_before < 10
+    np.testing.assert_array_equal(after.table.arrays.values, before.table.arrays.values)
+
+
+def test_a_case_that_fails_is_a_row_with_its_reason(tmp_path, engine):
+    # Without light there is no DoLP; the scene's numbers allow it.
+    cases = '\nkind = "list"\n[cases.parameters]\n"regions.left.stokes_radiance.0" = { values = [10.0, 2.0] }\n'
+    path = study_file(tmp_path, cases)
+    found = run_study(request(path, engine))
+    # S0 = 2 with S1 = 3: more polarized light than light.
+    assert found.failed == 1
+    store = opened(path)
+    assert set(store.dims) == {"case", "region", "pair", "p_false_alarm"}
+    assert np.isnan(store.dolp_mean.values[1]).all()
+    assert np.isfinite(store.dolp_mean.values[0]).all()
+    assert "allowed is DoLP <= 1" in str(store.reason.values[1])
+    assert str(store.reason.values[0]) == ""
+
+
+def test_sobol_ranks_what_matters(tmp_path, engine):
+    cases = f'\nkind = "sobol"\nn = 32\n[cases.parameters]\n"{EXPOSURE}" = {{ range = [0.02, 0.03] }}\n'
+    cases += f'"{EFFICIENCY}" = {{ std = 0.001 }}\n'
+    found = run_study(request(study_file(tmp_path, cases, quantities='["s0.mean"]'), engine))
+    by_input = {row.input: row for row in found.sobol if row.number.region == "right"}
+    assert by_input[EXPOSURE].total > 0.9
+    assert by_input[EFFICIENCY].total < 0.1
+    written = json.loads((tmp_path / "out" / "sensitivity.json").read_text())
+    assert {row["input"] for row in written["rows"]} == {EXPOSURE, EFFICIENCY}
+    assert (tmp_path / "out" / "sensitivity.png").stat().st_size > 5000
+
+
+def test_an_unknown_quantity_is_refused_with_what_there_is(tmp_path, engine):
+    with pytest.raises(ConfigError, match=r"no scene gives dolq\.mean; there are .*dolp"):
+        run_study(request(study_file(tmp_path, GRID, quantities='["dolq.mean"]'), engine))
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path):
+    class OldWorkers:
+        def run(self, function):
+            return {"tcp://10.0.0.7:41001": "0.0.1+old", "tcp://10.0.0.8:41001": study_case.code_version()}
+
+    with pytest.raises(ConfigError, match=r"and tcp://10\.0\.0\.7:41001 has 0\.0\.1\+old: install the same"):
+        require_same_code(OldWorkers())
+    # One that comes later refuses its first batch.
+    study = study_file(tmp_path, GRID).parent / "small.toml"
+    wanted = study_case.Wanted(columns=(), detection=False, roc=None, tolerance=None)
+    with pytest.raises(ConfigError, match=r"a worker has rigctl .*, the study 0\.0\.1\+old"):
+        compute(Batch(scene=study_case.study_scene(study), wanted=wanted, cases=(), code="0.0.1+old"))
+
+
+def test_no_scheduler_is_a_clear_error(tmp_path, monkeypatch):
+    monkeypatch.setattr("rigctl.study.on_dask._CONNECT_S", 0.5)
+    with pytest.raises(ConfigError, match="no scheduler of dask answers there"):
+        run_study(request(study_file(tmp_path, GRID), Engine(scheduler="tcp://127.0.0.1:9", workers=1)))
+
+
+def test_a_folder_takes_one_study_at_a_time(tmp_path, engine):
+    with held_folder(tmp_path / "out"), pytest.raises(DataError, match="another study"):
+        run_study(request(study_file(tmp_path, GRID), engine))
+
+
+_SLOW = '\nkind = "random"\nn = 600\n[cases.parameters]\n"acquisition.exposure_ms" = { range = [0.01, 0.03] }\n'
+
+
+@pytest.mark.slow
+def test_a_study_is_stopped_killed_and_gone_on_with(tmp_path):
+    path, out = study_file(tmp_path, _SLOW), tmp_path / "out"
+    words = [sys.executable, "-m", "rigctl", "study", str(path), "--out", str(out), "--workers", "1", "--json"]
+    for ended_by, code in ((signal.SIGINT, 75), (signal.SIGKILL, -signal.SIGKILL)):
+        before = len(list((out / PARTS_FOLDER).glob("*.npz")))
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            end_s = time.monotonic() + 120.0
+            while len(list((out / PARTS_FOLDER).glob("*.npz"))) == before:
+                assert process.poll() is None
+                assert time.monotonic() < end_s
+                time.sleep(0.01)
+            process.send_signal(ended_by)
+            assert process.wait(60) == code
+    kept = {part: part.stat().st_mtime_ns for part in (out / PARTS_FOLDER).glob("*.npz")}
+    done = subprocess.run(words, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert (said["outcome"], said["cases"], said["failed"]) == ("whole", 600, 0)
+    assert 0 < said["done_before"] < 600
+    assert {part: part.stat().st_mtime_ns for part in kept} == kept
