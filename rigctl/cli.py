@@ -76,6 +76,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "hold": ("rigctl.commands.hold", "Ask a running session to hold after this frame."),
     "stop": ("rigctl.commands.stop", "Ask a running session to stop after this frame."),
     "verify": ("rigctl.commands.verify", "Check a run: whole, unfinished or damaged."),
+    "migrate": ("rigctl.commands.migrate", "Copy old runs and calibrations in the schemas of today."),
     "info": ("rigctl.commands.info", "Say what a run holds."),
     "summary": ("rigctl.commands.summary", "Write a page on how a session went."),
     "export": ("rigctl.commands.export", "Write a run as TIFF, HDF5 or Zarr."),

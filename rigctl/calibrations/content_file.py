@@ -15,7 +15,7 @@ from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.console.anonymity import told_content
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.config import describe
+from rigctl.files.config import describe, newer_schema
 from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import MANIFEST_FILE, Run
@@ -184,6 +184,9 @@ def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
         other = _other_kind(text, made_by)
         if other is not None:
             raise DataError(f"{path}: this is {other}; {made_by}") from error
+        later = newer_schema(json.loads(text), record)
+        if later is not None:
+            raise DataError(f"{path}: {later}\n  {made_by}") from error
         raise DataError(f"{describe(path, error)}\n  {made_by}") from error
 
 
@@ -195,4 +198,4 @@ def _other_kind(text: bytes, made_by: str) -> str | None:
         return "no JSON file"
     kind = content.get("kind") if isinstance(content, dict) else None
     is_known = isinstance(kind, str) and re.fullmatch(r"[a-z_]{3,20}", kind)
-    return f"a {kind} calibration" if is_known and f"a {kind} calibration" not in made_by else None
+    return f"a {kind} calibration" if is_known and f"a {kind} " not in made_by else None

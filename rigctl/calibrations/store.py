@@ -94,7 +94,7 @@ def read_store(folder: Path) -> CalibrationStore:
     unread: list[UnreadFile] = []
     for file in files:
         try:
-            found.append(_read(file))
+            found.append(read_stored(file))
         except DataError as error:
             unread.append(UnreadFile(file=file, problem=str(error).removeprefix(f"{file}: ")))
     found.sort(key=lambda one: (one.made_for.taken_utc or "", str(one.file)))
@@ -111,7 +111,16 @@ def _files(folder: Path, depth: int = _DEPTH) -> Iterator[Path]:
             yield path
 
 
-def _read(file: Path) -> StoredCalibration:
+def read_stored(file: Path) -> StoredCalibration:
+    """Return a calibration of any kind, without what only its own reader needs.
+
+    Raises
+    ------
+    DataError
+        It cannot be read, or is none.
+    """
+    if file.suffix not in _READERS:
+        raise DataError(f"{file}: is no calibration; they are .json files, flat fields .npz")
     return _READERS[file.suffix](file)
 
 

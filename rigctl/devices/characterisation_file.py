@@ -13,7 +13,7 @@ from drivers.interfaces import DeviceIdentity
 from rigctl.calibrations.checked_values import Measured
 from rigctl.devices.characterise import Characterisation, Visit
 from rigctl.errors import DataError
-from rigctl.files.config import describe
+from rigctl.files.config import describe, newer_schema
 from rigctl.numbers.utc_time import utc_text
 from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.version import VERSION
@@ -96,11 +96,16 @@ def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
     NotConnectedError
         Another stage was measured.
     """
+    found: object = None
     try:
-        content = _Content.model_validate(json.loads(read_bounded(path, MOST_TEXT_BYTES)))
+        found = json.loads(read_bounded(path, MOST_TEXT_BYTES))
+        content = _Content.model_validate(found)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
+        later = newer_schema(found, _Content)
+        if later is not None:
+            raise DataError(f"{path}: {later}") from error
         problem = describe(path, error) if isinstance(error, ValidationError) else f"{path}: is no JSON: {error}"
         raise DataError(f"{problem}\n  this file is made by `rigctl stage characterise`") from error
     if content.stage.serial_number != identity.serial_number:

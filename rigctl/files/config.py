@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -16,6 +16,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.problem_words import Key, demands, meant, needed, other_kind, place_text
 from rigctl.numbers.number_range import shown, wild_numbers
 from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
+from rigctl.version import VERSION
 
 
 class Section(BaseModel):
@@ -123,7 +124,38 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        raise ConfigError(describe(path, error, model)) from error
+        later = newer_schema(table, model)
+        raise ConfigError(f"{path}: {later}" if later else describe(path, error, model)) from error
+
+
+def newer_schema(content: object, model: type[object]) -> str | None:
+    """Return in words that a file is of a later schema than a record reads; None where it is not.
+
+    Parameters
+    ----------
+    content : object
+        Content of the file, whatever it is.
+    model : type
+        The record: its `schema_version` says what it reads.
+    """
+    found = content if isinstance(content, dict) else {}
+    version, newest = found.get("schema_version"), _newest_schema(model)
+    if not isinstance(version, int) or isinstance(version, bool) or newest is None or version <= newest:
+        return None
+    by = found.get("created_by")
+    known = isinstance(by, str) and re.fullmatch(r"rigctl [\w.+-]{1,40}", by)
+    reads = f"1 to {newest}" if newest > 1 else "1"
+    advice = f"{by} wrote it: use that, or a later one" if known else "a later rigctl reads it: use that which wrote it"
+    return f"schema_version is {version}, and rigctl {VERSION} reads {reads}; {advice}"
+
+
+def _newest_schema(model: type[object]) -> int | None:
+    kind = get_type_hints(model, include_extras=True).get("schema_version")
+    if get_origin(kind) is Literal:
+        return int(max(get_args(kind)))
+    limits = (one for field in getattr(kind, "__metadata__", ()) for one in getattr(field, "metadata", ()))
+    newest: int | None = next((limit.le for limit in limits if hasattr(limit, "le")), None)
+    return newest
 
 
 def has_any_key(path: Path, *keys: str) -> bool:

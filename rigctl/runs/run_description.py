@@ -4,10 +4,12 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import ConfigDict, JsonValue, TypeAdapter, ValidationError, with_config
+from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError, with_config
 
 from rigctl.errors import DataError
+from rigctl.files.config import newer_schema
 from rigctl.runs.session_record import SessionRecord, session_record
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
@@ -36,7 +38,7 @@ class RunDescription:
         ``sha256:`` and 64 hexadecimal digits over the rest of the file; None in runs of layout 1, which have none.
     """
 
-    schema_version: int
+    schema_version: Annotated[int, Field(le=SCHEMA_VERSION)]
     created_by: str
     created_utc: str
     session: dict[str, JsonValue]
@@ -77,16 +79,16 @@ def read_description(file: Path) -> RunDescription:
         the layout.
     """
     try:
-        description = _DESCRIPTION.validate_json(read_bounded(file, MOST_RECORD_BYTES))
+        text = read_bounded(file, MOST_RECORD_BYTES)
     except OSError as error:
         raise DataError(f"cannot be read: {error.strerror}") from error
+    try:
+        description = _DESCRIPTION.validate_json(text)
     except ValidationError as error:
-        raise DataError(explain_invalid(error)) from error
-    if description.schema_version not in (_UNSEALED_VERSION, SCHEMA_VERSION):
-        raise DataError(
-            f"schema_version is {description.schema_version}, this program reads {SCHEMA_VERSION}. "
-            f"The folder was made by {description.created_by}: try that"
-        )
+        later = _later_layout(text)
+        raise DataError(later if later is not None else explain_invalid(error)) from error
+    if description.schema_version < _UNSEALED_VERSION:
+        raise DataError(f"schema_version is {description.schema_version}; it begins with {_UNSEALED_VERSION}")
     if description.checksum != (_checksum(description) if description.is_sealed else None):
         raise DataError("damaged or edited: its checksum is another")
     try:
@@ -94,6 +96,14 @@ def read_description(file: Path) -> RunDescription:
     except ValidationError as error:
         raise DataError(explain_invalid(error, within="session")) from error
     return description
+
+
+def _later_layout(text: bytes) -> str | None:
+    """Return in words that a session file is of a later layout than this program reads; None where it is not."""
+    try:
+        return newer_schema(json.loads(text), RunDescription)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _checksum(description: RunDescription) -> str:

@@ -97,13 +97,18 @@ def wholeness(path: Path, contents: Contents) -> Wholeness:
     description = contents.description
     if description is None:
         return Wholeness(state="damaged", problems=tuple(problems))
-    problems += _input_problems(path, description, any_frames=bool(contents.frames))
+    keeps_none = not description.is_sealed and not (path / INPUTS_FOLDER).exists()
+    if not keeps_none:
+        problems += _input_problems(path, description, any_frames=bool(contents.frames))
     if description.is_sealed:
         is_closed, contradictions = _closing(events, contents)
         unchecked: tuple[str, ...] = ()
     else:
         is_closed, contradictions = _closing_of_old(events, description), []
         unchecked = (f"{MANIFEST_FILE}, {EVENTS_FILE} and {SESSION_FILE} carry no checksums: {description.created_by}",)
+        if keeps_none and _stated_inputs(description):
+            # The first programs kept none; a folder that was taken away later looks the same.
+            unchecked += (f"{INPUTS_FOLDER}/ is not there: the program that made the run kept no copy of its files",)
     problems += contradictions
     if is_closed and (contents.torn_manifest_line or is_torn):
         problems.append((EVENTS_FILE if is_torn else MANIFEST_FILE, "goes on after the session had finished"))

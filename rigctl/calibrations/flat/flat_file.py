@@ -16,7 +16,7 @@ from rigctl.calibrations.fitness import require_fit
 from rigctl.calibrations.flat.run_flat import FlatAngle, RunFlat
 from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
 from rigctl.errors import DataError
-from rigctl.files.config import describe
+from rigctl.files.config import describe, newer_schema
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.run_folder import Run
 from rigctl.storage.array_archive import read_arrays
@@ -158,9 +158,7 @@ def read_flat_facts(path: Path) -> FlatFacts:
         The file cannot be read, is none, or is of another version.
     """
     try:
-        return TypeAdapter(FlatFacts).validate_json(read_arrays(path, only=("facts",))["facts"].tobytes())
-    except ValidationError as error:
-        raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
+        return _facts(path, read_arrays(path, only=("facts",))["facts"].tobytes())
     except KeyError as error:
         raise DataError(f"{path}: holds no flat fields; they are made by `rigctl calibrate flat`") from error
 
@@ -171,10 +169,27 @@ def _read(path: Path) -> FlatFields:
     except DataError as error:
         raise DataError(f"{error}; flat fields are made by `rigctl calibrate flat`") from error
     try:
-        facts = TypeAdapter(FlatFacts).validate_json(kept["facts"].tobytes())
+        facts = _facts(path, kept["facts"].tobytes())
         arrays = {name: kept[name].astype(np.float64) for name in ("angles_deg", "response", "std_error")}
         return FlatFields(facts=facts, **arrays)
-    except ValidationError as error:
-        raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
+    except DataError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path}: holds no flat fields ({error}); they are made by `rigctl calibrate flat`") from error
+
+
+def _facts(path: Path, text: bytes) -> FlatFacts:
+    try:
+        return TypeAdapter(FlatFacts).validate_json(text)
+    except ValidationError as error:
+        later = newer_schema(_json(text), FlatFacts)
+        if later is not None:
+            raise DataError(f"{path}: {later}\n  flat fields are made by `rigctl calibrate flat`") from error
+        raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
+
+
+def _json(text: bytes) -> object:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return None
