@@ -66,7 +66,7 @@ def _show(pictures: Iterable["PreviewPicture"], page: "PreviewPage | None", file
     said_s = float("-inf")
     for picture in pictures:
         if page is not None:
-            page.show(picture.jpeg)
+            page.show(picture.jpeg, picture.text)
         if file is not None:
             _write(file, picture.jpeg)
         if picture.is_last or time.monotonic() - said_s >= _LINE_EACH_S:

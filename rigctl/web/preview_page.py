@@ -31,7 +31,7 @@ class PreviewPage:
 
     def __init__(self, place: Place) -> None:
         self._changed = threading.Condition()
-        self._jpeg, self._number = b"", 0
+        self._jpeg, self._text, self._number = b"", "", 0
         page = files("rigctl").joinpath("data", "web")
         self._html, self._script, self._style = (
             page.joinpath(name).read_bytes() for name in ("preview.html", "preview.js", "style.css")
@@ -56,19 +56,19 @@ class PreviewPage:
         """Address to type into the browser."""
         return self._server.addresses.look_url
 
-    def show(self, jpeg: bytes) -> None:
-        """Show this picture from now on."""
+    def show(self, jpeg: bytes, text: str = "") -> None:
+        """Show this picture from now on, and its numbers in words."""
         with self._changed:
-            self._jpeg, self._number = jpeg, self._number + 1
+            self._jpeg, self._text, self._number = jpeg, text, self._number + 1
             self._changed.notify_all()
 
     async def _picture(self, request: Request) -> Response:
         """Answer with the newest picture, once it is another than the one that the page has, or a second is over."""
         text = request.query_params.get("after", "0")
-        jpeg, number = await asyncio.to_thread(self._after, int(text) if text.isdecimal() else 0)
-        return Response(jpeg, media_type="image/jpeg", headers={"x-number": str(number)})
+        jpeg, told, number = await asyncio.to_thread(self._after, int(text) if text.isdecimal() else 0)
+        return Response(jpeg, media_type="image/jpeg", headers={"x-number": str(number), "x-told": told})
 
-    def _after(self, known: int) -> tuple[bytes, int]:
+    def _after(self, known: int) -> tuple[bytes, str, int]:
         with self._changed:
             self._changed.wait_for(lambda: self._number != known, timeout=_WAIT_S)
-            return self._jpeg, self._number
+            return self._jpeg, self._text, self._number

@@ -12,6 +12,7 @@ async function next() {
       picture.src = URL.createObjectURL(await answer.blob());
       if (old) URL.revokeObjectURL(old);
       number = newest;
+      document.getElementById("told").textContent = answer.headers.get("x-told");
     }
     lost.hidden = answer.ok;
     setTimeout(next, answer.ok ? 0 : 1000);
