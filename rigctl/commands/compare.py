@@ -52,13 +52,13 @@ def command(
     correct: Faults = None,
     store: CalibrationStore = None,
     rule: Annotated[
-        EffectRule,
+        EffectRule | None,
         typer.Option(
             "--effects",
             metavar="RULE",
-            help="Leave effects out of the prediction by bounds (safe), by estimates (estimated), or none (all).",
+            help="Leave effects of the light out by bounds (safe, the default), by estimates (estimated), none (all).",
         ),
-    ] = "all",
+    ] = None,
     switched_on: Annotated[list[str] | None, typer.Option("--with", metavar="NAME", help="Let an effect act.")] = None,
     left_out: Annotated[
         list[str] | None, typer.Option("--without", metavar="NAME", help="Leave an effect out, whatever its bound.")
@@ -80,9 +80,9 @@ def command(
     Several runs of one rig, such as an afternoon, share a scene file; each has its own sun: series.html has both sides
     against time and sun, a folder for each run has its own report. A run of another camera, gain or axis is refused.
 
-    Every effect of the model is taken, since its errors stand beside those of the measurement; the report says which
-    the scene calls for. --effects safe leaves out what changes no number by more than 0.005, --effects estimated what a
-    coarse evaluation says does not.
+    Numerical settings are chosen so that no numerical error is above 0.3 of its row's standard error; that and the
+    tolerance are printed. Effects of the light are left out within a half of it: by their bounds, with --effects
+    estimated by a coarse evaluation, with --effects all none. The report says which the scene calls for.
 
     Calibrations that are not named are picked from the store beside the rig file, if there is one (`calibrations`).
 
@@ -146,8 +146,9 @@ def _compare_many(runs: list[Path], request: "CompareRequest", *, out: Path, as_
     if as_json:
         print_json(series_json(series))
     else:
-        for point in series.points:
-            results().print(f"{point.name}: {_in_short(point.comparison)}", markup=False)
+        for point, run in zip(series.points, series.runs, strict=True):
+            accuracy = "" if run.accuracy is None else f"; numerical tolerance {run.accuracy.tolerance:.1e}"
+            results().print(f"{point.name}: {_in_short(point.comparison)}{accuracy}", markup=False)
         results().print(f"report: {out / 'series.html'}, {out / 'series.pdf'}", markup=False)
     exit_by(series.agrees)
 
@@ -183,6 +184,8 @@ def show(compared: "ComparedRun", out: Path) -> None:
     if comparison.scale is not None:
         console.print(comparison.scale.remark)
     _show_run(comparison)
+    if compared.accuracy is not None:
+        console.print(compared.accuracy.remark, markup=False)
     for weak in comparison.weak:
         console.print(f"hardly tested: {weak}", markup=False)
     tests = sum(row.agrees is not None for row in comparison.rows)

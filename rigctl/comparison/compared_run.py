@@ -7,6 +7,7 @@ from model.effects.names import Effect
 from model.effects.planner import EffectPlan
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.numerical_accuracy import NumericalAccuracy
 from rigctl.comparison.series import SeriesDrift, SeriesPoint
 from rigctl.comparison.trends import Trend
 from rigctl.files.choices import ScaleKind
@@ -82,6 +83,8 @@ class ComparedRun:
         None without a scene.
     picked : PickedCalibrations or None
         Which calibrations were picked from the store.
+    accuracy : NumericalAccuracy or None
+        The numerical settings that it chose; None without a scene.
     """
 
     comparison: Comparison
@@ -92,6 +95,7 @@ class ComparedRun:
     noise: NoiseParameters | None = None
     effects: EffectsTaken | None = None
     picked: PickedCalibrations | None = None
+    accuracy: NumericalAccuracy | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

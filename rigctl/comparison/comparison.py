@@ -1,12 +1,13 @@
 """Model beside measurement, row by row, with a decision over all rows."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.accuracy.evaluation.settings import Settings
 from model.prediction.prediction import RegionPrediction
 from model.processing.input_propagation import Propagation
 from model.scene.field_light import FieldLight
@@ -29,6 +30,7 @@ from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.prediction.propagated_inputs import curved_inputs, propagate_numbers
 from rigctl.scene.scene_inputs import Inputs, only_uncertain
+from rigctl.scene.scene_light import SceneLight
 
 FloatArray = NDArray[np.float64]
 
@@ -149,6 +151,8 @@ def compare_with_scene(
     alpha: float,
     scale: ScaleKind = "absolute",
     radiometric: RadiometricResponse | None = None,
+    settings: Settings | None = None,
+    light: SceneLight | None = None,
 ) -> Comparison:
     """Return what a scene file predicts for a run beside what the run shows.
 
@@ -166,6 +170,10 @@ def compare_with_scene(
         What the counts are scaled by: the scene file, a radiometric calibration, or the run itself.
     radiometric : RadiometricResponse or None
         A radiometric calibration, for "panel".
+    settings : Settings or None
+        Numerical settings in place of those of the scene file.
+    light : SceneLight or None
+        Keeps skies between calls.
 
     Raises
     ------
@@ -175,6 +183,7 @@ def compare_with_scene(
         The run cannot be predicted: exposures differ or are not known.
     """
     predictor = run_predictor(measurement, scene=scene, noise=noise)
+    predictor = replace(predictor, settings=settings, light=predictor.light if light is None else light)
     predicted = predictor.predictions
     inputs, scaled_by = scale_inputs(
         scale, predictor.inputs, measurement=measurement, radiometric=radiometric, predicted=predicted

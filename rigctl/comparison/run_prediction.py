@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.accuracy.evaluation.settings import Settings
 from model.prediction.prediction import RegionPrediction, predict
 from model.prediction.quantity_table import angle_of
 from model.prediction.rig_errors import predict_with_errors
@@ -40,6 +41,8 @@ class RunPredictor:
         Of each frame [s].
     light : SceneLight
         Computes the light of materials, and keeps it.
+    settings : Settings or None
+        Numerical settings in place of those of the file.
     moved : tuple of str
         Which sun is taken, and what the run says of sun and geometry otherwise than the file.
     """
@@ -49,6 +52,7 @@ class RunPredictor:
     exposure_s: float
     light: SceneLight
     moved: tuple[str, ...]
+    settings: Settings | None = None
 
     def predictions(self, values: FloatArray) -> dict[str, RegionPrediction]:
         """Return what the model says of each region, at values of the inputs.
@@ -61,7 +65,9 @@ class RunPredictor:
         scene = self.inputs.at(values)
         errors = rig_errors(scene)
         try:
-            scenario = build_scenario(scene, readout=self.readout, exposure_s=self.exposure_s, light=self.light)
+            scenario = build_scenario(
+                scene, readout=self.readout, exposure_s=self.exposure_s, light=self.light, settings=self.settings
+            )
             return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
@@ -69,7 +75,7 @@ class RunPredictor:
     def lights(self, scene: Scene) -> dict[str, FieldLight]:
         """Return the light of each region that is given by a material."""
         named = [region for region in scene.regions if region.material is not None]
-        return {region.name: self.light.region(scene, region) for region in named}
+        return {region.name: self.light.region(scene, region, self.settings) for region in named}
 
 
 def run_predictor(measurement: Measurement, *, scene: SceneFile, noise: NoiseParameters | None) -> RunPredictor:

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from model.effects.names import ALL
 from rigctl.calibrations.store import CalibrationKind
 from rigctl.comparison.checks import nothing_tested, registration_of, run_checks
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken, Provenance, used_file
 from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.comparison.numerical_accuracy import FIRST_TOLERANCE, NumericalAccuracy, accuracy_at
 from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registration
 from rigctl.comparison.verdict import refused_regions, without_decisions
@@ -27,10 +27,7 @@ from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import MANIFEST_FILE
 from rigctl.runs.wholeness import used_run
 from rigctl.scene.effect_choice import acting_effects, with_choices, without_effects
-from rigctl.scene.effect_plan import plan_effects
 
-# Of a prediction: at this an effect is said to be called for or not, and left out where that is asked for.
-_EFFECTS_TOLERANCE = 0.01
 # What is picked from the store; the last one where counts are scaled by a panel.
 _KINDS: tuple[CalibrationKind, ...] = ("noise", "polarizer", "flat", "registration", "radiometric")
 # What a regions file says of a region beside its name.
@@ -56,8 +53,8 @@ class CompareRequest:
         Faults that frames are corrected by, as the run itself shows them: "throughput", "dark-level", "shift".
     anonymous : bool
         The report says no serial numbers, ports, site and folders.
-    rule : {"safe", "estimated", "all"}
-        Which effects are left out of the prediction: by bounds, by estimates, or none ("all").
+    rule : {"safe", "estimated", "all"} or None
+        Which effects of the light are left out of the prediction: by bounds (None too), by estimates, or none ("all").
     switched_on, left_out : tuple of str
         Effects that act, or do not, whatever they change.
     """
@@ -69,12 +66,14 @@ class CompareRequest:
     scale: ScaleKind = "absolute"
     correct: tuple[str, ...] = ()
     anonymous: bool = False
-    rule: EffectRule = "all"
+    rule: EffectRule | None = None
     switched_on: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
 
 
-def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = None) -> ComparedRun:
+def compare_run(
+    run_path: Path, request: CompareRequest, *, out: Path | None = None, tolerance: float = FIRST_TOLERANCE
+) -> ComparedRun:
     """Return a run beside what the model says of it.
 
     Parameters
@@ -85,6 +84,8 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
         What it is compared with.
     out : Path or None
         Folder for report.html, report.pdf and the numbers as JSON and CSV.
+    tolerance : float
+        Numerical tolerance to begin with; a smaller one is taken where the errors of the rows ask for it.
 
     Raises
     ------
@@ -98,10 +99,12 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
     given = read_calibrations(picked.paths, run)
     seen = diagnosed(run, regions, given, correct=request.correct)
     measurement = seen.measurement
-    effects = None if scene is None else _effects(scene, measurement, given, request.rule)
-    if scene is not None and effects is not None:
-        scene = without_effects(scene, acting_effects(scene) - effects.taken)
-    comparison = _judged(_comparison(measurement, scene, given, request), seen, regions)
+    effects, accuracy = None, None
+    if scene is None:
+        made = _closed_loop(measurement, given, request)
+    else:
+        made, effects, accuracy = _to_its_errors(measurement, scene, given, request, tolerance)
+    comparison = _judged(made, seen, regions)
     beside = (monitor_line(trace) for trace in monitor_traces(read_events(run.path)))
     corrected = correction_remarks(measurement, regions)
     remarks = (*picked.lines, *given.doubts, *seen.remarks, *corrected, *beside, *comparison.remarks)
@@ -114,6 +117,7 @@ def compare_run(run_path: Path, request: CompareRequest, *, out: Path | None = N
         noise=given.noise,
         effects=effects,
         picked=picked,
+        accuracy=accuracy,
     )
     if out is not None:
         write_comparison(found, out)
@@ -125,22 +129,11 @@ def _require_possible(request: CompareRequest) -> None:
         raise ConfigError(f"--alpha: is {request.alpha:g}; allowed is above 0 and below 1, for instance 0.001")
     if request.scene is None and request.regions is None:
         raise ConfigError("give a scene file, or --regions FILE for a comparison without a scene")
-    if request.scene is None and (request.rule != "all" or request.switched_on or request.left_out):
+    if request.scene is None and (request.rule is not None or request.switched_on or request.left_out):
         raise ConfigError("--effects, --with and --without: are of a prediction from a scene file; give one")
 
 
-def _comparison(
-    measurement: Measurement, scene: SceneFile | None, given: RunCalibrations, request: CompareRequest
-) -> Comparison:
-    if scene is not None:
-        return compare_with_scene(
-            measurement,
-            scene=scene,
-            noise=given.noise,
-            alpha=request.alpha,
-            scale=request.scale,
-            radiometric=given.radiometric,
-        )
+def _closed_loop(measurement: Measurement, given: RunCalibrations, request: CompareRequest) -> Comparison:
     if request.scale == "absolute" and given.radiometric is None:
         return compare_closed_loop(measurement, noise=given.noise, alpha=request.alpha)
     raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
@@ -164,20 +157,28 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
     )
 
 
-def _effects(scene: SceneFile, measurement: Measurement, given: RunCalibrations, rule: EffectRule) -> EffectsTaken:
-    """Return the decisions for the run, and what is taken: by the rule "all" whatever the bounds say."""
+def _to_its_errors(
+    measurement: Measurement, scene: SceneFile, given: RunCalibrations, request: CompareRequest, tolerance: float
+) -> tuple[Comparison, EffectsTaken, NumericalAccuracy]:
+    """Return a comparison with a scene whose numerical errors are far below those of its rows, and what it took."""
     run = run_predictor(measurement, scene=scene, noise=given.noise)
-    planned = plan_effects(
-        run.inputs.scene,
-        tolerance=_EFFECTS_TOLERANCE,
-        rule="safe" if rule == "all" else rule,
-        light=run.light,
-        readout=run.readout,
-        exposure_s=run.exposure_s,
-    )
-    there = {one.effect for one in planned.plan.decisions if one.bound.largest > 0.0}
-    left_out = frozenset() if rule == "all" else (ALL - planned.plan.active) & there
-    return EffectsTaken(plan=planned.plan, taken=acting_effects(scene) - left_out)
+    while True:
+        tried = accuracy_at(run, tolerance, request.rule or "safe")
+        comparison = compare_with_scene(
+            measurement,
+            scene=without_effects(scene, tried.left_out),
+            noise=given.noise,
+            alpha=request.alpha,
+            scale=request.scale,
+            radiometric=given.radiometric,
+            settings=tried.found.result.settings,
+            light=run.light,
+        )
+        found = tried.beside(comparison.rows, comparison.predictions)
+        if found.next_tolerance is None:
+            taken = EffectsTaken(plan=found.effects, taken=acting_effects(scene) - found.left_out)
+            return replace(comparison, remarks=(*comparison.remarks, found.remark)), taken, found
+        tolerance = found.next_tolerance
 
 
 def _outlined(request: CompareRequest) -> tuple[SceneFile | None, list[Region]]:

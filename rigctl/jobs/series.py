@@ -6,6 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 from rigctl.comparison.compared_run import ComparedRun, ComparedSeries, used_file
+from rigctl.comparison.numerical_accuracy import FIRST_TOLERANCE
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.series import SeriesPoint, drifts_of, require_one_instrument, trends_over_runs
 from rigctl.errors import ConfigError
@@ -42,7 +43,11 @@ def compare_series(run_paths: Sequence[Path], request: CompareRequest, *, out: P
     require_one_instrument([used_run(path) for path in run_paths])
     scene = load_scene(request.scene)
     shared = replace(request, alpha=request.alpha / len(run_paths))
-    runs = [compare_run(path, shared) for path in run_paths]
+    runs = [compare_run(run_paths[0], shared)]
+    for path in run_paths[1:]:
+        # What the errors of one run asked for, those of its neighbour are likely to ask for too.
+        accuracy = runs[-1].accuracy
+        runs.append(compare_run(path, shared, tolerance=FIRST_TOLERANCE if accuracy is None else accuracy.tolerance))
     points = tuple(_point(name, run, scene) for name, run in zip(names, runs, strict=True))
     found = ComparedSeries(
         runs=tuple(runs),

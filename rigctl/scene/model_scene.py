@@ -5,6 +5,7 @@ from itertools import permutations
 import numpy as np
 
 from model.accuracy.evaluation.chain import scenario_of
+from model.accuracy.evaluation.settings import Settings
 from model.prediction.quantity_table import counts_name
 from model.scene.field_light import Source
 from model.scene.lit_scene import LitScene
@@ -29,7 +30,13 @@ from rigctl.scene.scene_record import Scene
 
 
 def build_scenario(
-    scene: Scene, *, readout: Readout, exposure_s: float, light: SceneLight | None = None, source: Source = "total"
+    scene: Scene,
+    *,
+    readout: Readout,
+    exposure_s: float,
+    light: SceneLight | None = None,
+    source: Source = "total",
+    settings: Settings | None = None,
 ) -> Scenario:
     """Return the scenario of a scene.
 
@@ -45,20 +52,23 @@ def build_scenario(
         Computes the light of materials; whoever asks more than once gives the same one.
     source : str
         Which light of the regions that are given by a material.
+    settings : Settings or None
+        Numerical settings in place of those of the file.
 
     Raises
     ------
     ConfigError
         The light of a material cannot be computed.
     """
+    used = settings_of(scene) if settings is None else settings
     sensor = sensor_of(scene, exposure_s)
     lit = lit_scene(scene, sensor=sensor, readout=readout, source=source)
     effects = acting_effects(scene)
     if not scene.has_materials:
-        return scenario_of(lit, settings_of(scene), effects=effects)
+        return scenario_of(lit, used, effects=effects)
     computer = SceneLight() if light is None else light
     try:
-        return scenario_of(lit, settings_of(scene), effects=effects, store=computer.lights)
+        return scenario_of(lit, used, effects=effects, store=computer.lights)
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}: {error}") from error
 

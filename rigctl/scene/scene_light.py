@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS
 from model.atmosphere.profile import column
 from model.atmosphere.sasktran2_engine import sasktran2_solution
@@ -71,8 +72,15 @@ class SceneLight:
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
-    def region(self, scene: Scene, region: SceneRegionRecord) -> FieldLight:
+    def region(self, scene: Scene, region: SceneRegionRecord, settings: Settings | None = None) -> FieldLight:
         """Return the light of a region that is given by its material.
+
+        Parameters
+        ----------
+        scene, region
+            The region of a scene.
+        settings
+            Numerical settings in place of those of the file.
 
         Raises
         ------
@@ -82,7 +90,7 @@ class SceneLight:
         try:
             return self._lights.region(
                 lit_region(scene, region),
-                settings_of(scene),
+                settings_of(scene) if settings is None else settings,
                 air=air_of(scene),
                 view=camera_view(scene),
                 sun_azimuth_rad=sun_azimuth_rad(scene),

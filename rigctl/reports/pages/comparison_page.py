@@ -202,8 +202,9 @@ def _effects(effects: EffectsTaken | None) -> Iterable[Section]:
         return
     note = Paragraph(
         text="The most that leaving an effect out can change: of DoLP, s1 and s2 absolute, of the counts relative. "
-        "Called for: whether leaving it out could cost more than half a per cent. A comparison takes every effect that "
-        "nobody left out by request (rigctl effects, --without)."
+        "Called for: whether leaving it out could cost more than half of the numerical tolerance. A comparison takes "
+        "every effect behind the lens, and those of the light that are called for, but for what somebody left out by "
+        "request (rigctl effects, --without)."
     )
     yield Section(title="Effects taken and skipped", blocks=(taken_table(effects), note))
 

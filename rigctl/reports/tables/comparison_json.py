@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
 from rigctl.comparison.compared_run import ComparedRun
+from rigctl.comparison.numerical_accuracy import ALLOWED_SHARE, NumericalAccuracy
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.comparison.verdict import RegionVerdict
@@ -40,9 +41,24 @@ def compared_json(found: ComparedRun) -> dict[str, Json]:
         "checks": [asdict(check) for check in comparison.checks],
         "remarks": list(comparison.remarks),
         "not_tested": list(comparison.not_tested),
+        "accuracy": None if found.accuracy is None else _accuracy(found.accuracy),
         "provenance": provenance_json(found),
         **({} if found.picked is None else found.picked.as_json()),
         **annotations_of(measurement.run, measurement.grid.left_out),
+    }
+
+
+def _accuracy(found: NumericalAccuracy) -> Json:
+    """Return the numerical settings that a comparison chose, and their errors beside those of its rows."""
+    return {
+        "tolerance": found.tolerance,
+        "settings": found.settings,
+        "share_of_standard_error": found.share,
+        "row": None if found.row is None else "/".join(found.row),
+        "allowed_share": ALLOWED_SHARE,
+        "is_kept": found.is_kept,
+        "is_promised": not found.found.estimated_only,
+        "left_out": sorted(found.left_out),
     }
 
 

@@ -3,6 +3,7 @@ import json
 import pytest
 
 from model.effects.names import ALL, Effect
+from model.effects.planner import LIGHT
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
@@ -84,12 +85,12 @@ def test_a_file_that_is_no_calibration_is_refused(folder):
         _compare(folder, calibrations=CalibrationPaths(noise=folder / "bad.json"))
 
 
-def test_effects_are_all_taken_unless_a_rule_or_a_name_leaves_them_out(folder):
+def test_effects_of_the_light_are_left_out_by_a_rule_and_any_by_name(folder):
     whole, safe = (_compare(folder, rule=rule).effects for rule in ("all", "safe"))
     assert whole.taken == ALL
     assert [one.acts_by_bound for one in safe.plan.decisions] == [one.acts_by_bound for one in whole.plan.decisions]
     there = {one.effect for one in safe.plan.decisions if one.bound.largest > 0.0}
-    assert safe.taken == ALL - (there - safe.plan.active)
+    assert safe.taken == ALL - ((there & LIGHT) - safe.plan.active)
     assert Effect.TEXTURE not in _compare(folder, left_out=("texture",)).effects.taken
     assert safe.taken <= _compare(folder, rule="safe", switched_on=("dark-current",)).effects.taken
 
