@@ -2,6 +2,8 @@
 
 import errno
 import termios
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NoReturn, Protocol
 
 import serial
@@ -16,6 +18,26 @@ ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}=
 """Lets those at the computer, and the group dialout, use the ports of the supported stages, without long waits."""
 
 _NO_MODEM_LINES = (errno.ENOTTY, errno.EINVAL)
+
+
+class Heard(Protocol):
+    """Told of what goes over a line, both ways; empty bytes from the device: the port has gone away."""
+
+    def __call__(self, data: bytes, *, from_host: bool) -> None:
+        """Take in some bytes."""
+
+
+_LISTENERS: list[Heard] = []
+
+
+@contextmanager
+def heard_by(listener: Heard) -> Iterator[None]:
+    """Have a listener told of every byte of the ports that are opened until the context is left."""
+    _LISTENERS.append(listener)
+    try:
+        yield
+    finally:
+        _LISTENERS.remove(listener)
 
 
 class BytePort(Protocol):
@@ -38,8 +60,8 @@ class BytePort(Protocol):
 class SerialPort:
     """A serial port, or a pseudo-terminal, held by this program alone."""
 
-    def __init__(self, port: serial.Serial) -> None:
-        self._port = port
+    def __init__(self, port: serial.Serial, listeners: Sequence[Heard] = ()) -> None:
+        self._port, self._listeners = port, tuple(listeners)
 
     @property
     def name(self) -> str:
@@ -57,9 +79,12 @@ class SerialPort:
         try:
             self._port.timeout = timeout_s
             first = self._port.read(1)
-            return first + self._port.read(self._port.in_waiting) if first else b""
+            came = first + self._port.read(self._port.in_waiting) if first else b""
         except (OSError, termios.error) as error:
             self._gone(error)
+        if came:
+            self._tell(came, from_host=False)
+        return came
 
     def write(self, data: bytes) -> None:
         """Send all of it.
@@ -71,6 +96,7 @@ class SerialPort:
         DeviceTimeoutError
             The port did not take the bytes within a second.
         """
+        self._tell(data, from_host=True)
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as error:
@@ -91,7 +117,12 @@ class SerialPort:
         """Release the port. May be called twice."""
         self._port.close()
 
+    def _tell(self, data: bytes, *, from_host: bool) -> None:
+        for listener in self._listeners:
+            listener(data, from_host=from_host)
+
     def _gone(self, error: Exception) -> NoReturn:
+        self._tell(b"", from_host=False)
         if not self._port.is_open:
             raise NotConnectedError(f"{self.name}: this connection was closed; open it again") from error
         raise NotConnectedError(
@@ -115,7 +146,7 @@ def open_serial_port(path: str, *, baud: int) -> SerialPort:
         There is no such port, or it may not be opened, or another program holds it.
     """
     try:
-        return SerialPort(serial.Serial(path, baud, exclusive=True, write_timeout=_WRITE_TIMEOUT_S))
+        return SerialPort(serial.Serial(path, baud, exclusive=True, write_timeout=_WRITE_TIMEOUT_S), _LISTENERS)
     except (OSError, termios.error, ValueError) as error:
         raise NotConnectedError(_why_not_opened(path, error)) from error
 

@@ -64,6 +64,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "sim": ("rigctl.commands.sim", "Serve simulated devices to other programs."),
     "plan": ("rigctl.commands.plan", "Print the steps of a session, and what it can give."),
     "acquire": ("rigctl.commands.acquire", "Take a session: durable frames at measured polarizer angles."),
+    "record": ("rigctl.commands.record", "Write down what a session's devices say, for a replay without them."),
     "resume": ("rigctl.commands.resume", "Go on with a session that holds or was interrupted."),
     "status": ("rigctl.commands.status", "Say where a session stands."),
     "notify": ("rigctl.commands.notify", "Try the notices that a session sends."),

@@ -71,6 +71,7 @@ _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*
 DESTINATIONS: dict[str, dict[str, _Place]] = {
     "acquire": {"out": _NEW},
     "bundle": {"out": _FILE},
+    "record": {"out": _FILE},
     "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE, "write": _Place(kind="edited")},
     "calibrate flat": {"out": _FILE},
     "calibrate noise": {"out": _FILE, "plot": _FILE, "report": _FILE, "defects": _FILE},

@@ -1,6 +1,7 @@
 """Opens the devices of a rig file: the one place where a rig is put together."""
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -8,18 +9,24 @@ from pathlib import Path
 from typing import Literal
 
 from drivers.interfaces import Camera, CameraWithFacts, DeviceIdentity, RotationStage
+from drivers.recording import read_recording
 from drivers.serial_ports import resolve_port
 from rigctl.console.terminal import warn
 from rigctl.devices.stages import SIMULATED, connect_stage, find_driver, require_serial
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
-from rigctl.files.rig_file import RigFile
+from rigctl.files.rig_file import REPLAY, RigFile
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.simulated.camera_address import require_known_camera
 from rigctl.simulated.simulated_clock import SimulatedClock
 from rigctl.simulated.simulation import Simulation, simulate
+from sim_devices.clock import SimClock
+from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of
 
+# How often each recording's stage was opened in this program.
+_REPLAYED: Counter[Path] = Counter()
 # A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
 _CELL_TOLERANCE_DEG = 22.5
 REQUESTS: dict[FrameKind, str] = {
@@ -52,8 +59,8 @@ class Rig:
         Puts scene, dark or flat before the camera where the world is simulated; else does nothing.
     ask : callable
         Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
-    origin : {"simulated", "device"}
-        Where the frames come from.
+    origin : {"simulated", "device", "replay"}
+        Where the frames come from; "replay" of a recording.
     begin_step : callable
         To be told of each step, by its sequence number, before its first frame; says whether the numbers of the
         camera's frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
@@ -67,7 +74,7 @@ class Rig:
     camera_identity: DeviceIdentity
     present: Callable[[FrameKind], None]
     ask: Callable[[FrameKind], None] = _ask_nobody
-    origin: Literal["simulated", "device"]
+    origin: Literal["simulated", "device", "replay"]
     begin_step: Callable[[int], bool] = _do_nothing
     light: SimulatedLight | None = None
 
@@ -130,8 +137,8 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
             stage_identity=None if stage is None else stage.identify(),
             camera_identity=camera_identity,
             present=_ask_nobody if simulation is None else simulation.world.present,
-            ask=_ask_operator if simulation is None else _ask_nobody,
-            origin="device" if simulation is None else "simulated",
+            ask=_ask_operator if simulation is None and not rig.is_replayed else _ask_nobody,
+            origin="replay" if rig.is_replayed else "device" if simulation is None else "simulated",
             begin_step=_do_nothing if simulation is None else simulation.begin_step,
             light=None if simulation is None else simulation.light,
         )
@@ -142,11 +149,27 @@ def _stage(rig: RigFile, simulation: Simulation | None) -> Iterator[RotationStag
     if rig.stage is None:
         yield None
         return
+    if rig.stage.port.startswith(REPLAY):
+        clock = SimClock(speed=1.0)
+        device = _replayed_line(rig.stage.port.removeprefix(REPLAY), clock)
+        with serve_on_pty(device, clock=clock) as port, connect_stage(rig.stage, port) as stage:
+            yield stage
+        return
     simulated_port = None if simulation is None else simulation.stage_port
     is_real = simulated_port is None or not rig.stage.port.startswith(SIMULATED)
     port = resolve_port(rig.stage.port, warn=warn) if is_real or simulated_port is None else simulated_port
     with connect_stage(rig.stage, port) as stage:
         yield stage
+
+
+def _replayed_line(place: str, clock: SimClock) -> ReplayedDevice:
+    """Return what answers as a recorded stage did; each opening is the next one that was recorded."""
+    path = Path(place)
+    opened = read_recording(path).opened
+    number = _REPLAYED[path.resolve()]
+    _REPLAYED[path.resolve()] += 1
+    line = opened[number % len(opened)].line if opened else ()
+    return ReplayedDevice(exchanges_of((one.time_s, one.heard, one.data) for one in line), clock=clock)
 
 
 def require_cell(rig: RigFile, camera: Camera) -> None:

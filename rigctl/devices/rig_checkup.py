@@ -17,7 +17,7 @@ from rigctl.devices.cell_check import cell_problem
 from rigctl.devices.host_checkup import Finding
 from rigctl.devices.rig import open_rig
 from rigctl.devices.stages import SIMULATED, find_driver
-from rigctl.files.rig_file import RigFile
+from rigctl.files.rig_file import REPLAY, RigFile
 from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE
 
 _EXPOSURE_S = 0.01
@@ -80,7 +80,7 @@ class RigCheckup:
     def _ways(self) -> Iterator[Finding]:
         """Give what there is to say of the ways to the devices."""
         stage = self._rig.stage
-        if stage is not None and not stage.port.startswith(SIMULATED):
+        if stage is not None and not stage.port.startswith((SIMULATED, REPLAY)):
             adapter = adapter_wait(resolve_port(stage.port, warn=warn))
             if adapter is not None:
                 yield adapter

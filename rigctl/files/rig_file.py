@@ -114,6 +114,8 @@ class SimulatedPolarizer(Section):
     """Transmittance along the axis over that across. Example: `5000.0`."""
 
 
+# Begins the address of a device that a recording stands for.
+REPLAY = "replay:"
 # Axes of one cell that are closer than this are one.
 _HALF_TURN_DEG, _LEAST_GAP_DEG = 180.0, 5.0
 # Pixels along a side of a picture: beyond any sensor.
@@ -241,6 +243,12 @@ class RigFile(Section):
         return polarizer_axes_deg(
             self.camera.mosaic_deg, sense=self.polarizer.sense, offset_deg=self.polarizer.offset_deg
         )
+
+    @property
+    def is_replayed(self) -> bool:
+        """True if a recording stands for any device of the rig."""
+        ports = () if self.stage is None else (self.stage.port,)
+        return any(address.startswith(REPLAY) for address in (*ports, self.camera.address))
 
     @property
     def has_simulated_clock(self) -> bool:

@@ -207,7 +207,8 @@ def require_takeable(
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
-    require_hands(steps, are_asked=rig_file.is_simulated or prepared.request.asks_by_hold)
+    needs_nobody = rig_file.is_simulated or rig_file.is_replayed
+    require_hands(steps, are_asked=needs_nobody or prepared.request.asks_by_hold)
     require_drivers(rig_file)
     doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))
     if rig_file.simulation is None:

@@ -82,7 +82,7 @@ def take_session(
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
     with notices(rig_file.notify, out) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
-        require_hands(steps, are_asked=rig.origin == "simulated" or asks_by_hold)
+        require_hands(steps, are_asked=rig.origin != "device" or asks_by_hold)
         inputs = read_inputs(rig_file, files)
         description = describe_session(rig, rig_file, session, files, inputs) | {
             "rounds_ns": list(rounds),
@@ -145,7 +145,7 @@ def resume_session(
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
     with notices(rig_file.notify, path) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
-        require_hands(rest.steps, are_asked=rig.origin == "simulated" or asks_by_hold)
+        require_hands(rest.steps, are_asked=rig.origin != "device" or asks_by_hold)
         require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             writer.listener = None if notifier is None else notifier.tell
