@@ -14,7 +14,7 @@ from calibration.sensor.rounding_error import least_noise_dn2, variance_rounding
 FloatArray = NDArray[np.float64]
 
 # Chances that a sound set has a dark named on one axis; with those of the flats below 1 %.
-_FALSE_MEAN, _FALSE_VARIANCE = 1e-3, 5e-4
+_FALSE_MEAN, _FALSE_VARIANCE = 5e-4, 5e-4
 _LEAST_LEVELS = 5
 # Terms against exposure; how large each may be at least, in errors of a level, and over the one before it.
 _MOST_TERMS, _LEAST_TERM, _NEXT_TERM = 6, 10.0, 0.5

@@ -118,8 +118,8 @@ def _advice_on_mixing(levels: Sequence[LevelStatistics]) -> str:
     if any(level.exposure_s is None for level in levels):
         return (
             "no exposure was recognised for them, so that frames of all exposures count as one level: write it in "
-            "their names with its unit (flat_10ms_001.png, exp000522us), or give a table (--table FILE.csv with the "
-            "columns file, kind, exposure_ms)"
+            "their names with its unit (flat_10ms_001.png, exp000522us), state that of bare numbers (exp000522) with "
+            "--exposure-unit, or give a table (--table FILE.csv with the columns file, kind, exposure_ms)"
         )
     return "keep automatic exposure and gain off, and give frames of different light as different levels"
 

@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 LightName = Literal["exposure", "photons"]
 
 # Chances that a sound set has a flat named on one axis; with those of the darks below 1 %.
-_FALSE_VARIANCE, _FALSE_LIGHT = 1.5e-3, 2.5e-3
+_FALSE_VARIANCE, _FALSE_LIGHT = 1e-3, 1.5e-3
 _LEAST_LEVELS = 5
 # Exposures are longer or shorter than stated by a fixed time: some microseconds of a sweep of ten milliseconds.
 _USUAL_OFFSET = 3e-4

@@ -13,6 +13,8 @@ Mask = NDArray[np.bool_]
 
 # A point more that is taken to be wrong has to explain as much as odds of 1 to 100 against it.
 _ODDS_COST = 2.0 * np.log(100.0)
+# Odds of less than 1 to 10 between two curves do not tell which it is.
+_AS_WELL = 2.0 * np.log(10.0)
 # A wrong point may be anywhere within its own size.
 _LARGEST_SHARE = 0.25
 _LEAST_FREEDOM = 3
@@ -72,8 +74,8 @@ class PointInfluence:
     cost : float
         That cost: twice the negative logarithm of the likelihood, with Occam's factors.
     rival : PointInfluence or None
-        A simpler curve with outlying points, where this one has none and would not be believed either but for the odds
-        against a wrong point: which of the two it is cannot be told.
+        Another curve with outlying points that explains all as well, where this one has none: which of the two it is
+        cannot be told.
     """
 
     abscissa: FloatArray
@@ -137,8 +139,8 @@ def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
 
 
 def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
-    """Return the best curve with the best one that has outlying points, where the two differ by less than the odds."""
-    others = [one for one in found if one.outlying.any() and one.cost < best.cost + _ODDS_COST]
+    """Return the best curve with the best one that has outlying points, where that explains all as well."""
+    others = [one for one in found if one.outlying.any() and one.cost < best.cost + _AS_WELL]
     return best if best.outlying.any() or not others else replace(best, rival=_cheapest(others))
 
 

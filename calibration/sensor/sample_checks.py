@@ -14,6 +14,7 @@ from calibration.sensor.level_names import level_names
 # The standard's own limit: more zeros than this in a dark frame and its lower half is cut off.
 _ZERO_FRACTION = 0.005
 _PILED_FRACTION = 0.5
+_EIGHT_BITS = 255
 _MISSING_CODES, _STRETCHED = 0.05, 0.5
 
 
@@ -31,6 +32,7 @@ def sample_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[
     found = (
         _left_justified(levels),
         _wrong_bit_depth(levels, bit_depth),
+        _mixed_bit_depth(levels),
         _low_ceiling(levels, ceiling_dn, bit_depth),
         _clipped_black(levels),
         _repeated_frames(levels),
@@ -88,6 +90,33 @@ def _wrong_bit_depth(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag 
         f"go unseen: state the camera's own bit depth (these samples fit into {largest.bit_length()} bits)"
         + ("" if real_ceiling else ", or take brighter flats"),
         refuses=real_ceiling,
+    )
+
+
+def _of_fewer_bits(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
+    """Return flats most of whose samples are at full scale of fewer bits than others have."""
+    largest = max(level.samples.max_dn for level in levels)
+    return [
+        level
+        for level in levels
+        if level.kind == "flat"
+        and level.samples.max_fraction > _PILED_FRACTION
+        and _EIGHT_BITS <= level.samples.max_dn < largest
+        and level.samples.max_dn & (level.samples.max_dn + 1) == 0
+    ]
+
+
+def _mixed_bit_depth(levels: Sequence[LevelStatistics]) -> Flag | None:
+    cut = _of_fewer_bits(levels)
+    if not cut:
+        return None
+    bits, largest = cut[0].samples.max_dn.bit_length(), max(level.samples.max_dn for level in levels)
+    return Flag(
+        name="mixed_bit_depth",
+        message=f"most samples are {cut[0].samples.max_dn}, full scale of {bits} bits, in {level_names(cut)}, while "
+        f"others reach {largest}: some of the files were saved with {bits} bits and the others with more: save all "
+        f"frames with the camera's own",
+        refuses=True,
     )
 
 
@@ -172,6 +201,7 @@ def _no_noise(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None
         level
         for level in levels
         if level.temporal_variance_dn2 == 0.0
+        and not any(level is one for one in _of_fewer_bits(levels))
         and not (level.kind == "flat" and (is_saturated(level, ceiling_dn=ceiling_dn) or level.mean_dn > peak_dn))
         and not (level.kind == "dark" and _rounding_hides_noise(level))
     ]
@@ -188,7 +218,7 @@ def _no_noise(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None
 def _missing_codes(levels: Sequence[LevelStatistics]) -> Flag | None:
     combed = [level for level in levels if level.samples.missing_codes > _MISSING_CODES]
     # One level may stand where a converter of its own has gaps.
-    if len(combed) <= len(levels) // 2:
+    if len(combed) <= len(levels) // 2 or _unused_low_bits(levels):
         return None
     share = float(np.median([level.samples.missing_codes for level in combed]))
     return Flag(

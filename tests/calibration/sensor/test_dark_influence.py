@@ -12,7 +12,7 @@ from calibration.sensor.frame_statistics import LevelStatistics, level_statistic
 FloatArray = NDArray[np.float64]
 N_PIXELS = 7680
 # What the limits of mean and variance of darks allow together.
-FALSE_NAMES = 1.5e-3
+FALSE_NAMES = 1e-3
 
 
 def template() -> LevelStatistics:

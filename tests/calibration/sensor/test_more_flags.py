@@ -210,6 +210,16 @@ def test_a_lamp_that_flickers_a_little_is_flagged(flicker: float, flagged: bool)
     assert ("lamp_flicker" in flags(sweep)) is flagged
 
 
+def test_files_of_eight_bits_among_others_are_no_copies_of_one_frame() -> None:
+    def saved(frame: Frame) -> Frame:
+        return np.full_like(frame, 255) if frame.mean() > 3000.0 else frame
+
+    found = flags(levels(saved))
+    assert found["mixed_bit_depth"].refuses
+    assert "full scale of 8 bits" in found["mixed_bit_depth"].message
+    assert "no_noise" not in found
+
+
 def test_a_digital_gain_is_flagged() -> None:
     flag = flags(levels(lambda frame: np.floor(1.5 * frame).astype(np.uint16)), bit_depth=13)["missing_codes"]
     assert "digital gain" in flag.message

@@ -146,10 +146,10 @@ def test_a_wrong_photon_number_is_left_out_of_the_light_and_not_of_the_gain() ->
 
 
 def test_what_a_bend_explains_as_well_as_a_wrong_level_is_named_with_both() -> None:
-    given = noise_sets.good_lamp(104)
+    given = noise_sets.good_lamp(105)
     faintest = min((level for level in given.levels if level.kind == "flat"), key=lambda level: level.mean_dn)
     assert faintest.photons is not None
-    off = replace(faintest, photons=faintest.photons / 0.988)
+    off = replace(faintest, photons=faintest.photons / 1.012)
     found = calibrate_noise([off if level is faintest else level for level in given.levels], bit_depth=given.bits)
     flags = named(found)
     assert [flag.name for flag in flags] == ["unclear_level"]
