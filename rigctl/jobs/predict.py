@@ -20,6 +20,7 @@ from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radio
 from rigctl.calibrations.rig_picks import NONE, RigPicks, picked_for_scene
 from rigctl.comparison.remarks import model_warnings
 from rigctl.comparison.scale import with_panel_scale
+from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, Engine, LightPart, RocKind, SnrKind
 from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.numbers.utc_time import utc_text
@@ -258,6 +259,9 @@ def _swept(
     tolerance: float | None,
     estimated_only: bool,
 ) -> SweptScene:
+    twice = [axis.key for axis in axes if axis.key in request.changes]
+    if twice:
+        raise ConfigError(f"--sweep: {twice[0]} is set by --set as well; leave one of them out")
     predictor, doubts, picked = _predictor(request)
     pair, accuracy = _pair(request, predictor), None
     if tolerance is None:

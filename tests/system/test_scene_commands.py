@@ -111,6 +111,7 @@ def test_a_number_set_stands_in_place_of_the_files(scene, capsys):
         (("--sweep", "sun.zenith_deg=1:2:3", "--sweep", "sun.zenith_deg=2:3:2"), "sun.zenith_deg is given 2 times"),
         (("--sweep", "sun.zenit=1:2", "--sweep", "sun.zenith_deg=20:30:2"), "KEY=start:stop:n"),
         (("--set", "sun.zenith_deg=1", "--set", "sun.zenith_deg=2"), "given twice"),
+        (("--set", "sun.zenith_deg=20", "--sweep", "sun.zenith_deg=20:30:2"), "set by --set as well"),
         (("--set", "sensor.optics_transmittance=1.5"), "allowed is 0 to 1"),
         (("--set", "sun.zenit_deg=3"), "did you mean"),
         (("--set", "sun.zenith_deg"), "KEY=VALUE"),
