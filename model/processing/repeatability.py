@@ -49,6 +49,9 @@ def repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeat
     degrees of freedom, is each angle's own. A factor that drifts reaches the angles of one cycle one after the other:
     in which order is not asked, so its slope counts for each angle as if it came at a time of its own.
 
+    What cannot be below 0 is on average 0.4 standard errors too large where there is nothing; half of one, that which
+    noise alone gives, is taken off. It is missed where as little is there: errors of means are 3 % too small at most.
+
     References
     ----------
     Definition; analysis of variance of a two-way layout.
@@ -65,8 +68,12 @@ def repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeat
     share = float(np.sum(level**4)) / light**2
     factor = (means - level) @ level / light
     left = means - level * (1.0 + factor[:, np.newaxis])
-    excess = float(np.sum(left**2)) / (cycles - 1) - (float(noise.sum()) - noise_of_factor * light)
-    own = max(excess, 0.0) / (light * (1.0 - share)) if angles > 1 else 0.0
+    noise_left = float(noise.sum()) - noise_of_factor * light
+    own = 0.0
+    if angles > 1:
+        by_chance = 0.5 * noise_left * np.sqrt(2.0 / ((cycles - 1) * (angles - 1)))
+        excess = float(np.sum(left**2)) / (cycles - 1) - noise_left - by_chance
+        own = max(excess, 0.0) / (light * (1.0 - share))
     # Of the factor's variance, what the angles' own errors and the noise leave.
     of_others = noise_of_factor + own * share
     common = max(float(np.var(factor, ddof=1)) - of_others, 0.0)
