@@ -1,9 +1,10 @@
-"""Every fault of the simulated stages, at every operation, in every family: what the drivers make of it.
+"""Every fault of the simulated stages and cameras, at every operation, in every family: what the drivers make of it.
 
     python -m benchmarks.fault_matrix > docs/fault-matrix.md
 
 A cell is right when its operation ends in the right angle, or in an error of the right type, within its deadline. All
-time is simulated. `tests/contracts/test_fault_matrix.py` runs the same cells with fewer seeds.
+time of stages is simulated; for cameras see `camera_faults`. `tests/contracts/test_fault_matrix.py` runs the same cells
+of stages with fewer seeds.
 """
 
 import sys
@@ -11,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from benchmarks.camera_faults import GRACE_S, camera_table
 from drivers.errors import (
     DeviceError,
     DeviceFaultError,
@@ -305,7 +307,7 @@ def _table(family: str) -> tuple[list[str], int, int]:
     return lines, cells, wrong
 
 
-_HEAD = f"""# Fault matrix of the rotation stages
+_HEAD = f"""# Fault matrix of rotation stages and cameras
 
 Printed by `python -m benchmarks.fault_matrix`; do not edit. Every fault that the simulated stages can have, at every
 operation, in every family. A cell says how the operation ended and how long that took at most, in simulated time.
@@ -313,6 +315,13 @@ operation, in every family. A cell says how the operation ended and how long tha
 {TOLERANCE_DEG:g} deg. Else the driver raised an error of the type that belongs to the fault, with the device's own
 code. Faults that are random were tried with {_SEEDS} seeds; the numbers count how often each end came. "not reached":
 the fault struck before, where it is counted. A cell in **bold** is wrong."""
+_CAMERA_HEAD = f"""## GigE Vision cameras
+
+In seconds of the clock, over this machine's own network; a camera that falls silent is a process that is stopped.
+"right" means that the call ended as it should, a picture bit for bit as it was sent. Else the driver raised an error of
+a type that belongs to the fault, not later than {GRACE_S:g} s after its deadline: what the caller allows for a picture
+(2 s here), 5 s for settings, 3 s for telling its features, 2 s for closing, 30 s for opening. Calls that never return,
+to video devices too, are tried in tests/drivers/cameras/test_bounded_camera.py."""
 _TITLES = {"ellx": "Elliptec ELLx", "zaber": "Zaber ASCII", "apt": "Thorlabs APT"}
 
 
@@ -324,6 +333,9 @@ def main() -> int:
         lines, cells, wrong_here = _table(family)
         total, wrong = total + cells, wrong + wrong_here
         print(f"\n## {_TITLES[family]}\n", *lines, sep="\n")
+    lines, cells, wrong_here = camera_table()
+    total, wrong = total + cells, wrong + wrong_here
+    print(f"\n{_CAMERA_HEAD}\n", *lines, sep="\n")
     print(f"\n{total} cells, {wrong} of them wrong.")
     return wrong
 

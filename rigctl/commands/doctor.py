@@ -28,16 +28,22 @@ def command(
 
     Example: rigctl doctor examples/rig-sim.toml examples/session.toml --folder /data/runs
     """
-    from rigctl.jobs.doctor import DoctorRequest, check_up
+    from rigctl.jobs.doctor import DoctorRequest, check_up, most_important_first
 
     found = []
     for finding in check_up(DoctorRequest(rig=rig, session=session, folder=folder, frames=frames)):
         found.append(finding)
         if not as_json:
             _show(finding)
+    changes = most_important_first(found)
     if as_json:
-        print_json({"findings": [vars(finding) for finding in found]})
-    if any(finding.advice is not None for finding in found):
+        told = [vars(finding) for finding in found]
+        print_json({"findings": told, "to_change": [vars(finding) for finding in changes]})
+    elif len(changes) > 1:
+        results().print("To change, what stops a session first:", markup=False)
+        for number, finding in enumerate(changes, 1):
+            results().print(f"  {number}. {finding.what}: {finding.advice}", markup=False)
+    if changes:
         raise typer.Exit(EXIT_DEVICE)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.errors import LimitError
 from drivers.interfaces import Camera, CameraWithFacts, Frame, ReportingCamera, RotationStage
-from drivers.network_path import path_mtu
+from drivers.network_path import interface_of, path_mtu
 from drivers.serial_ports import resolve_port
 from rigctl.console.terminal import warn
 from rigctl.devices.cell_check import cell_problem
@@ -27,6 +27,7 @@ _READINGS = 20
 _SLOW_ANSWER_S = 0.05
 _SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
 _ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
+_USUAL_LOSS = 1e-4  # of packets; a cable and a switch that are well lose none
 
 
 class RigCheckup:
@@ -162,14 +163,19 @@ def camera_frames(camera: Camera, times_s: Sequence[float]) -> Iterator[Finding]
     bent = {True: "linear: what bends counts is off", None: "linear: it does not tell", False: "its counts are bent"}
     yield Finding(what="samples", found=f"{facts.sample_format}, {facts.justified}-justified; {bent[facts.linear]}")
     lost = tally.damaged + tally.never_came
+    share = tally.packets_lost / tally.packets if tally.packets else 0.0
     advice = None
     # The first one after a start is often damaged.
-    if lost > 1:
+    if lost > 1 or share > _USUAL_LOSS:
         advice = (
             "packets are lost: raise the receive buffer, connect the camera without a switch or with jumbo packets, "
             "use a shorter or better cable, and let nothing else use this interface"
         )
-    yield Finding(what="loss", found=f"{tally.damaged} damaged, {tally.never_came} never came", advice=advice)
+    found = f"{tally.damaged} damaged, {tally.never_came} never came"
+    if tally.packets:
+        again = f"{tally.packets_resent} of them came when asked for again"
+        found += f"; {100 * share:.2g} % of {tally.packets} packets lost, {again}"
+    yield Finding(what="loss", found=found, advice=advice)
     for name, value in camera.features().items():
         yield Finding(what=f"  {name}", found=value)
 
@@ -184,7 +190,7 @@ def interface_mtu(address: str) -> Finding:
         hint = (
             f"if camera and switch can: ip link set IFACE mtu {_JUMBO_MTU}, and packet_size={_JUMBO_MTU}, load it less"
         )
-    return Finding(what="MTU", found=f"{mtu} bytes", advice=advice, hint=hint)
+    return Finding(what="MTU", found=f"{mtu} bytes on interface {interface_of(address)}", advice=advice, hint=hint)
 
 
 def _timed(ask: Callable[[], object]) -> float:

@@ -61,6 +61,20 @@ def monitor_findings(sections: Sequence[MonitorSection]) -> Iterator[Finding]:
             yield Finding(what="monitor", found=f"{facts.monitor}: {'; '.join(trace.problems)}", advice=advice)
 
 
+# What a finding is of, what stops a session first.
+_ORDER = ("devices", "room", "loss", "disk", "receive buffer", "MTU", "stage", "serial adapter", "clock", "monitor")
+
+
+def most_important_first(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return those findings that ask for a change: what would stop a session first, then what would spoil it."""
+
+    def rank(finding: Finding) -> int:
+        places = (place for place, name in enumerate(_ORDER) if finding.what.startswith(name))
+        return next(places, len(_ORDER))
+
+    return tuple(sorted((finding for finding in findings if finding.advice is not None), key=rank))
+
+
 def check_up(request: DoctorRequest) -> Iterator[Finding]:
     """Give what is found, as it is found; files that are wrong are said to be so before anything else.
 

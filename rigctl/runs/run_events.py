@@ -1,5 +1,6 @@
 """The file ``events.jsonl`` of a run folder: what happened, and when."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -82,6 +83,28 @@ def metered_exposures(events: Iterable[RunEvent]) -> tuple[Metered, ...]:
         return tuple(_METERED.validate_python(event.facts) for event in events if event.event == METERED_EVENT)
     except ValidationError as error:
         raise RunFolderError(f"{EVENTS_FILE}: a metered exposure: {explain_invalid(error)}") from error
+
+
+def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
+    """Return what became of pictures and their packets on the way from the camera; nothing where it counts none."""
+    sums: Counter[str] = Counter()
+    for event in events:
+        if event.event == TALLY_EVENT:
+            sums.update({name: int(count) for name, count in event.facts.items() if isinstance(count, int)})
+    if not sums:
+        return ()
+    pictures = (
+        f"Of the camera's pictures {sums['accepted']} were taken; {sums['damaged']} were damaged, {sums['too_old']} "
+        f"began too early, {sums['never_came']} never came. The connection was made anew {sums['reopened']} times."
+    )
+    if not sums["packets"]:
+        return (pictures,)
+    share = 100.0 * sums["packets_lost"] / sums["packets"]
+    packets = (
+        f"The network lost {share:.2g} % of their packets ({sums['packets_lost']} of {sums['packets']}); "
+        f"{sums['packets_resent']} of these came when they were asked for again."
+    )
+    return (pictures, packets)
 
 
 def read_events(path: Path) -> list[RunEvent]:

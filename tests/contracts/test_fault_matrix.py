@@ -1,8 +1,10 @@
-"""The fault matrix of the stages, with few seeds; `python -m benchmarks.fault_matrix` runs it with many."""
+"""The fault matrix of stages, with few seeds, and some cells of cameras; `benchmarks.fault_matrix` runs all."""
 
 import pytest
 
+from benchmarks.camera_faults import CAMERA_FAULTS, run_camera_cell
 from benchmarks.fault_matrix import FAMILIES, FAULTS, OPERATIONS, Fault, run_cell
+from tests.sim_devices.cameras.gige_port import gige_port
 
 CELLS = [(family, fault) for family in FAMILIES for fault in FAULTS if family in fault.keys]
 
@@ -21,3 +23,21 @@ def test_a_wrong_angle_would_be_seen() -> None:
     outcome = run_cell("ellx", fault, "move", seed=0)
     assert outcome is not None
     assert not outcome.is_right  # LimitError, which this fault does not allow
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("silent from here on", "take"),
+        ("its power goes and comes back here", "set"),
+        ("1 % of packets lost, sent again", "take"),
+        ("5 % of packets lost, not sent again", "open"),
+    ],
+)
+def test_a_camera_gives_the_right_picture_or_the_right_error_in_time(name: str, call: str) -> None:
+    (fault,) = (fault for fault in CAMERA_FAULTS if fault.name == name)
+    with gige_port():
+        outcome = run_camera_cell(fault, call)
+    assert outcome is not None
+    assert outcome.is_right, outcome

@@ -21,7 +21,7 @@ from rigctl.reports.table import Column, Table, text_columns
 from rigctl.reports.tables.annotation_tables import annotation_sections
 from rigctl.reports.tables.comparison_tables import fault_table
 from rigctl.runs.monitor_readings import READINGS_EVENT, monitor_line
-from rigctl.runs.run_events import RunEvent, event_facts
+from rigctl.runs.run_events import RunEvent, event_facts, pictures_lost
 from rigctl.runs.session_record import SessionRecord
 
 _SHOWN_EVENTS = 200
@@ -38,7 +38,8 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
     events = Section(title="Events", blocks=(times, _event_table(told[-_SHOWN_EVENTS:])))
     noted = annotation_sections(session.run.annotations)
     faults, beside = _faults(session.run.session, diagnosis), _monitors(session)
-    sections = [*_simulation(session.run.session), *noted, *pictures, *beside, faults, events]
+    way = _way(session.events)
+    sections = [*_simulation(session.run.session), *noted, *pictures, *beside, faults, *way, events]
     return Report(title=session.run.path.name, source=_source(session), sections=sections)
 
 
@@ -58,6 +59,12 @@ def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
     said = Bullets(items=(*unset, *fault_lines(found)))
     table = (fault_table(found.terms),) if found.terms else ()
     return Section(title="The frames by themselves", blocks=(said, *table))
+
+
+def _way(events: Sequence[RunEvent]) -> Iterable[Section]:
+    """Yield what became of pictures on their way from the camera, where it counts them."""
+    if lines := pictures_lost(events):
+        yield Section(title="Pictures on their way", blocks=(Bullets(items=lines),))
 
 
 def _monitors(session: SessionHistory) -> Iterable[Section]:

@@ -6,11 +6,13 @@ import pytest
 
 from drivers.cameras.gige import open_gige
 from drivers.errors import NotConnectedError
+from drivers.interfaces import FrameTally
 from rigctl.cli import main
-from rigctl.devices.host_checkup import clock, disk, receive_buffer, room
+from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
 from rigctl.devices.rig_checkup import adapter_wait, camera_frames, frame_times_s, interface_mtu
 from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
+from rigctl.jobs.doctor import most_important_first
 from rigctl.session.planning.disk_demand import demand_of
 from rigctl.simulated.serving import serve_rig_camera
 from tests.rigctl.example_files import EXAMPLES, small_rig
@@ -121,6 +123,29 @@ def test_the_session_decides_what_the_disk_is_held_against(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "the session takes" in told
     assert "every 16.7 ms" not in told
+
+
+def test_what_stops_a_session_comes_first():
+    findings = [
+        Finding(what="clock", found="-", advice="set it"),
+        Finding(what="MTU", found="-"),
+        Finding(what="loss", found="-", advice="mend the cable"),
+        Finding(what="disk of /data", found="-", advice="another"),
+        Finding(what="devices", found="-", advice="plug it in"),
+        Finding(what="something else", found="-", advice="look"),
+    ]
+    order = [finding.what for finding in most_important_first(findings)]
+    assert order == ["devices", "loss", "disk of /data", "clock", "something else"]
+
+
+def test_packets_that_are_lost_are_told_with_their_share(monkeypatch):
+    camera = small_camera()
+    monkeypatch.setattr(
+        camera, "tally", lambda: FrameTally(accepted=20, packets=10000, packets_lost=50, packets_resent=49)
+    )
+    loss = next(finding for finding in camera_frames(camera, [0.1]) if finding.what == "loss")
+    assert "0.5 % of 10000 packets lost, 49 of them came" in loss.found
+    assert loss.advice is not None
 
 
 def test_the_doctor_answers_on_the_command_line(tmp_path, capsys):

@@ -14,6 +14,7 @@ from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus
 from rigctl.devices.rig import Rig
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_description import read_description
+from rigctl.runs.run_events import pictures_lost, read_events
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.verification import verify_run
 from rigctl.session.take_session import resume_session, take_session
@@ -173,6 +174,9 @@ def test_with_packets_sent_again_a_session_is_complete_and_bit_exact(tmp_path, s
     assert tally["accepted"] == 8 + 1
     # 470 packets a picture, 9 pictures: 42 or 211 are lost, 26 and 139 with five standard deviations less.
     assert tally["packets_resent"] >= {0.01: 10, 0.05: 139}[share]
+    pictures, packets = pictures_lost(read_events(run.path))
+    assert "9 were taken" in pictures
+    assert f"{tally['packets_resent']} of these came" in packets
 
 
 def test_a_network_that_loses_every_picture_ends_the_session_with_that_error_and_the_counts(tmp_path):

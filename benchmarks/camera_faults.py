@@ -1,0 +1,196 @@
+"""Every fault of a simulated GigE camera and its network, at every call: what the driver makes of it, and when.
+
+A cell is right when its call ends in a picture that is bit for bit one that was sent, or in an error of the right type,
+within its deadline and half a second. `python -m benchmarks.fault_matrix` prints the table; `python -m
+benchmarks.camera_faults --serve` is the camera's own process.
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.trial_lossy_network import NumberedPictures, picture
+from drivers.cameras.bounded_camera import BoundedCamera
+from drivers.cameras.gige import open_gige
+from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, ProtocolError
+from sim_devices.cameras.gige_faults import GigeFaults
+from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
+
+ADDRESS = "127.0.0.1"
+GRACE_S = 0.5
+_OPTIONS = "pixel_format=Mono12Packed&retakes=5"
+_EXPOSURE_S = 0.002
+# What each call is allowed; taking a picture is told by the caller, the others by the driver.
+CALLS = {"open": 30.0, "set": 5.0, "take": 2.0, "tell": 3.0, "close": 2.0}
+_GONE = (NotConnectedError, DeviceTimeoutError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFault:
+    """A fault.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    strikes : callable or None
+        What happens to the camera's process just before the call; None: it is there from the start.
+    faults : GigeFaults
+        What its network does; these cameras are served in this process.
+    errors : tuple of type
+        Those that are right; of an empty one every call has to succeed.
+    """
+
+    name: str
+    strikes: Callable[["CameraProcess"], None] | None = None
+    faults: GigeFaults | None = None
+    errors: tuple[type[DeviceError], ...] = ()
+
+
+class CameraProcess:
+    """A camera in a process of its own."""
+
+    def __init__(self) -> None:
+        self.start()
+
+    def start(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.camera_faults", "--serve"], stdout=subprocess.PIPE, text=True
+        )
+        if self._process.stdout is None or self._process.stdout.readline() != "ready\n":
+            raise RuntimeError("the camera's process did not start")
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def stop(self) -> None:
+        self._process.send_signal(signal.SIGSTOP)
+
+    def restart(self) -> None:
+        self.kill()
+        self.start()
+
+
+CAMERA_FAULTS = (
+    CameraFault(name="none", strikes=lambda _: None),
+    CameraFault(name="silent from here on", strikes=CameraProcess.stop, errors=_GONE),
+    CameraFault(name="its power goes here", strikes=CameraProcess.kill, errors=_GONE),
+    CameraFault(name="its power goes and comes back here", strikes=CameraProcess.restart, errors=_GONE),
+    CameraFault(name="0.1 % of packets lost, sent again", faults=GigeFaults(lost_share=0.001)),
+    CameraFault(name="1 % of packets lost, sent again", faults=GigeFaults(lost_share=0.01)),
+    CameraFault(name="5 % of packets lost, sent again", faults=GigeFaults(lost_share=0.05)),
+    CameraFault(
+        name="0.1 % of packets lost, not sent again",
+        faults=GigeFaults(lost_share=0.001, resends=False),
+        errors=(ProtocolError, DeviceTimeoutError),
+    ),
+    CameraFault(
+        name="5 % of packets lost, not sent again",
+        faults=GigeFaults(lost_share=0.05, resends=False),
+        errors=(ProtocolError, DeviceTimeoutError),
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOutcome:
+    """How a call ended, after how long [s], and whether that is right."""
+
+    word: str
+    duration_s: float
+    is_right: bool
+
+
+def run_camera_cell(fault: CameraFault, call: str) -> CameraOutcome | None:
+    """Return how a call ended; None where the camera could not be opened before, as the fault makes it."""
+    with _place_of(fault) as (place, strike):
+        if call == "open":
+            strike()
+            return _judged(fault, call, lambda: open_gige(place).close())
+        try:
+            camera = open_gige(place)
+            camera.configure(exposure_s=_EXPOSURE_S, gain_db=0.0)
+        except fault.errors:
+            return None
+        strike()
+        try:
+            return _judged(fault, call, lambda: _make(camera, call))
+        finally:
+            camera.close()
+
+
+@contextmanager
+def _place_of(fault: CameraFault) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Give the address of a camera, and what lets the fault strike."""
+    if fault.faults is not None:
+        with serve_behind_network(NumberedPictures(), faults=fault.faults) as address:
+            yield f"{address}?{_OPTIONS}", lambda: None
+        return
+    process, strikes = CameraProcess(), fault.strikes
+    try:
+        yield f"{ADDRESS}?{_OPTIONS}", lambda: None if strikes is None else strikes(process)
+    finally:
+        process.kill()
+
+
+def _make(camera: BoundedCamera, call: str) -> None:
+    if call == "take":
+        counts = camera.take_frame(timeout_s=CALLS["take"]).counts
+        if not np.array_equal(counts, picture(int(counts[0, 0]))):
+            raise AssertionError("this picture was never sent")
+    elif call == "set":
+        camera.configure(exposure_s=2.0 * _EXPOSURE_S, gain_db=1.0)
+    elif call == "tell":
+        camera.features()
+    else:
+        camera.close()
+
+
+def _judged(fault: CameraFault, call: str, make: Callable[[], None]) -> CameraOutcome:
+    start_s = time.monotonic()
+    word, is_right = "right", True
+    try:
+        make()
+    except DeviceError as error:
+        word, is_right = type(error).__name__.removesuffix("Error"), isinstance(error, fault.errors)
+    except AssertionError as error:
+        word, is_right = str(error), False
+    duration_s = time.monotonic() - start_s
+    return CameraOutcome(word=word, duration_s=duration_s, is_right=is_right and duration_s <= CALLS[call] + GRACE_S)
+
+
+def camera_table() -> tuple[list[str], int, int]:
+    """Return the lines of the table, how many cells it has, and how many of them are wrong."""
+    lines = [f"| fault | {' | '.join(CALLS)} |", f"| --- |{' --- |' * len(CALLS)}"]
+    cells = wrong = 0
+    for fault in CAMERA_FAULTS:
+        texts = []
+        for call in CALLS:
+            outcome = run_camera_cell(fault, call)
+            cells += 1
+            text = "not reached" if outcome is None else f"{outcome.word}; {outcome.duration_s:.1f} s"
+            is_right = outcome is None or outcome.is_right
+            wrong += not is_right
+            texts.append(text if is_right else f"**{text}**")
+        lines.append(f"| {fault.name} | {' | '.join(texts)} |")
+    return lines, cells, wrong
+
+
+def _serve() -> None:
+    with serve_gige_camera(NumberedPictures(), address=ADDRESS):
+        sys.stdout.write("ready\n")
+        sys.stdout.flush()
+        signal.pause()
+
+
+if __name__ == "__main__" and sys.argv[1:] == ["--serve"]:
+    _serve()
