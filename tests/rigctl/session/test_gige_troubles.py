@@ -26,8 +26,8 @@ from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictur
 
 EXPOSURE_MS = 4.0
 OPTIONS = "pixel_format=Mono12Packed&retakes=10"
-# Of a dead camera's session: what stands around the picture that does not come (opening, first frames, closing).
-GRACE_S = 5.0
+# Around the picture that does not come: opening, the first frames, closing, on a machine with other work to do.
+GRACE_S = 10.0
 
 
 class MarkingStage:
