@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.registration import moved_back
+from calibration.polarimeter.picture_walk import moved_back
 from model.processing.diagnosis.causes import PER_FRAME
 from rigctl.errors import ConfigError
 from rigctl.measurement.corrections import FoundCorrections

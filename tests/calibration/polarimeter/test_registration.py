@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.polarimeter.registration import Registration, fit_wander, moved_back, register
+from calibration.polarimeter.picture_walk import fit_wander, moved_back
+from calibration.polarimeter.registration import Registration, register
 
 FloatArray = NDArray[np.float64]
 
