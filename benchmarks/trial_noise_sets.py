@@ -16,6 +16,7 @@ from scipy.stats import binom
 from calibration.errors import RefusedFramesError
 from calibration.estimate import Estimate
 from calibration.flags import Flag
+from calibration.sensor.noise import NoiseCalibration
 from tests.calibration.sensor.drawn_sets import DRAWN_GOOD, DRAWN_OUTSIDE, DRAWN_WRONG
 from tests.calibration.sensor.noise_sets import GOOD, ONE_WRONG, OUTSIDE, SetMaker, calibrated, names_level
 
@@ -31,6 +32,7 @@ class Count:
     """What was found over the seeds of one kind of set."""
 
     refused: int = 0
+    not_judged: int = 0
     named: int = 0
     falsely_named: int = 0
     scores: dict[str, list[float]] = field(default_factory=partial(defaultdict, list))
@@ -49,9 +51,9 @@ def count(make: SetMaker, seeds: range) -> Count:
             continue
         named = [flag for flag in noise.flags if flag.level is not None]
         found.causes.update({flag.name for flag in named})
-        found.named += bool(one.wrong_means_dn) and all(
-            any(names_level(flag, mean_dn) for flag in named) for mean_dn in one.wrong_means_dn[: one.n_to_name]
-        )
+        wrong = [mean_dn for mean_dn in one.wrong_means_dn[: one.n_to_name] if _is_judged(noise, mean_dn)]
+        found.not_judged += not wrong
+        found.named += bool(wrong) and all(any(names_level(flag, mean_dn) for flag in named) for mean_dn in wrong)
         found.falsely_named += any(not _is_of(one.wrong_means_dn, flag) for flag in named)
         for name, truth in one.truth.items():
             estimate: Estimate | None = getattr(noise, name)
@@ -60,13 +62,21 @@ def count(make: SetMaker, seeds: range) -> Count:
     return found
 
 
+def _is_judged(noise: NoiseCalibration, mean_dn: float) -> bool:
+    """Whether a level is judged: all but flats above 95 % of saturation, which are in no number."""
+    return all(
+        flat.mean_dn != mean_dn or one.mean_off is not None or one.variance_off is not None
+        for flat, one in zip(noise.flats, noise.influence, strict=True)
+    )
+
+
 def _is_of(means_dn: tuple[float, ...], flag: Flag) -> bool:
     return any(names_level(flag, mean_dn) for mean_dn in means_dn)
 
 
 def misses(found: Count, seeds: int, *, has_wrong: bool) -> list[str]:
     """Return what is not as stated, for one kind of set."""
-    left = seeds - found.refused
+    left = seeds - found.refused - found.not_judged
     said = []
     if found.falsely_named > binom.ppf(1.0 - _CHANCE, seeds, _FALSELY_NAMED):
         said.append(f"false names in {found.falsely_named}")
@@ -89,7 +99,7 @@ def run_noise_sets(seeds: int, *, processes: int, first_seed: int = 0, sets: Seq
     every = (*GOOD, *DRAWN_GOOD, *ONE_WRONG, *DRAWN_WRONG, *OUTSIDE, *DRAWN_OUTSIDE)
     makers = [make for make in every if not sets or make.__name__ in sets]
     print(f"{seeds} sets of each kind from seed {first_seed}; inside: the least share of any number within its 95 %")
-    print(f"{'set':20s}{'refused':>8s}{'named':>7s}{'false':>7s}{'given':>7s}{'inside':>8s}{'furthest':>10s}  causes")
+    print(f"{'set':20s}{'refused':>8s}{'named':>9s}{'false':>7s}{'given':>7s}{'inside':>8s}{'furthest':>10s}  causes")
     with ProcessPoolExecutor(max_workers=processes) as pool:
         counts = pool.map(count, makers, [range(first_seed, first_seed + seeds)] * len(makers))
         for make, found in zip(makers, counts, strict=True):
@@ -105,10 +115,10 @@ def _told(make: SetMaker, found: Count, seeds: int) -> bool:
     given = sum(len(listed) for listed in scores)
     inside = f"{min(float(np.mean(one < _INTERVAL)) for one in scores):.3f}" if given else "-"
     furthest = f"{max(float(one.max()) for one in scores):.1f}" if given else "-"
-    named = str(found.named) if has_wrong else "-"
+    named = f"{found.named}/{seeds - found.refused - found.not_judged}" if has_wrong else "-"
     causes = ", ".join(f"{name} {n}" for name, n in found.causes.most_common())
     print(
-        f"{make.__name__:20s}{found.refused:8d}{named:>7s}{found.falsely_named:7d}{given:7d}{inside:>8s}{furthest:>10s}"
+        f"{make.__name__:20s}{found.refused:8d}{named:>9s}{found.falsely_named:7d}{given:7d}{inside:>8s}{furthest:>10s}"
         f"  {causes}"
     )
     missed = misses(found, seeds, has_wrong=has_wrong)
