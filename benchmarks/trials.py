@@ -19,6 +19,7 @@ from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_inputs import run_inputs
 from benchmarks.trial_kills import run_kills, run_lost_terminals
 from benchmarks.trial_lossy_network import run_losses
+from benchmarks.trial_mosaic import run_mosaic
 from benchmarks.trial_noise_sets import run_noise_sets
 from benchmarks.trial_odd_runs import run_odd
 from benchmarks.trial_paper import run_paper
@@ -50,6 +51,7 @@ def main() -> int:
     parser.add_argument("--effect-scenes", type=int, default=1000)
     parser.add_argument("--tolerance-scenes", type=int, default=1000)
     parser.add_argument("--sweeps", type=int, default=100)
+    parser.add_argument("--mosaic-seeds", type=int, default=30)
     parser.add_argument("--turns", type=int, default=100)
     parser.add_argument("--lossy-frames", type=int, default=100)
     parser.add_argument("--processes", type=int, default=3)
@@ -71,6 +73,7 @@ def main() -> int:
     sound &= run_tolerance(arguments.tolerance_scenes, [0.1, 0.03, 0.01, 0.003])
     sound &= run_sweeps(arguments.sweeps)
     sound &= run_paper()
+    sound &= run_mosaic(arguments.mosaic_seeds)
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder
     )

@@ -1,14 +1,20 @@
 """Sessions of a simulated camera with polarizers on its pixels: one exposure, four frames, no stage."""
 
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
 from rigctl.calibrations.noise.noise_frames import run_frames
 from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.devices.rig import open_rig, require_cell
+from rigctl.devices.rig import Rig, open_rig, require_cell
 from rigctl.devices.rig_checkup import RigCheckup
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import RigFile, load_rig
@@ -26,6 +32,7 @@ from rigctl.web.live_rig import LiveRig
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.session.made_rig import events_of
 
+REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 TAKES = [
     {"kind": "dark", "exposure_ms": 0.03, "cycles": 2},
     {"kind": "flat", "exposure_ms": 0.03, "cycles": 2},
@@ -243,3 +250,60 @@ def test_each_picture_has_its_maps_in_the_browser(tmp_path: Path) -> None:
     assert abs(look.maps_sequence - look.sequence) <= 1
     assert rig.picture("dolp") is not None
     assert rig.picture("aolp") is not None
+
+
+class _RealMosaic:
+    """A camera that gives a part of a real frame, taken anew each time."""
+
+    def __init__(self, counts: np.ndarray) -> None:
+        self._counts, self._number = counts, 0
+
+    def identify(self) -> DeviceIdentity:
+        return DeviceIdentity(model="IMX250MZR", serial_number="1", firmware="0")
+
+    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
+        height, width = self._counts.shape
+        self._settings = CameraSettings(exposure_s=exposure_s, gain_db=gain_db, width=width, height=height, bit_depth=8)
+        return self._settings
+
+    def take_frame(self, *, timeout_s: float) -> Frame:
+        self._number += 1
+        counts = self._counts.copy()
+        counts[0, 0] = self._number  # a sensor never gives one picture twice
+        return Frame(
+            counts=counts,
+            settings=self._settings,
+            sequence=self._number,
+            start_utc_ns=time.time_ns(),
+            end_utc_ns=time.time_ns(),
+            start_monotonic_ns=time.monotonic_ns(),
+        )
+
+
+@pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames (imx250_fruits, ...)")
+def test_a_real_frame_gives_live_what_its_import_gives(tmp_path: Path) -> None:
+    file = Path(REAL_DATA or "") / "imx250_fruits" / "fruits_IMX250MZR.png"
+    picture = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED))[800:1000, 1000:1300].astype(np.uint16)
+    rig = RigFile.model_validate(
+        {"name": "real", "camera": {"address": "none:", "mosaic_deg": [90, 45, 135, 0]}, "site": None}
+    )
+    camera = _RealMosaic(picture)
+
+    @contextmanager
+    def opened() -> Iterator[Rig]:
+        yield Rig(
+            stage=None,
+            camera=camera,
+            stage_identity=None,
+            camera_identity=camera.identify(),
+            present=lambda _: None,
+            origin="device",
+        )
+
+    take_session(rig, mosaic_session(take=[{**TAKES[2], "cycles": 1}]), tmp_path / "run", files={}, opener=opened)
+    run = read_run(tmp_path / "run")
+    for record, (row, column) in zip(run.frames, ((0, 0), (0, 1), (1, 0), (1, 1)), strict=True):
+        np.testing.assert_array_equal(run.counts(record)[1:], picture[row::2, column::2][1:])
+    swapped = rig.model_copy(update={"camera": rig.camera.model_copy(update={"mosaic_deg": [0, 90, 45, 135]})})
+    with pytest.raises(DataError, match="does not fit the light"):
+        take_session(swapped, mosaic_session(take=TAKES[2:]), tmp_path / "swapped", files={}, opener=opened)
