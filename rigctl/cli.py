@@ -80,6 +80,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "migrate": ("rigctl.commands.migrate", "Copy old runs and calibrations in the schemas of today."),
     "info": ("rigctl.commands.info", "Say what a run holds."),
     "summary": ("rigctl.commands.summary", "Write a page on how a session went."),
+    "archive": ("rigctl.commands.archive", "Index an archive of runs, and find runs in it."),
     "export": ("rigctl.commands.export", "Write a run as TIFF, HDF5 or Zarr."),
     "import": ("rigctl.commands.import_images", "Make a run out of images that exist."),
     "regions": ("rigctl.commands.regions", "Draw regions on a picture; find them again by markers."),

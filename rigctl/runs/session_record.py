@@ -44,6 +44,7 @@ class SimulationAsTaken:
 class RigAsTaken:
     """The rig file of a run, as far as runs of older programs have it too."""
 
+    name: str | None = None
     polarizer: PolarizerAsTaken | None = None
     camera: CameraAsTaken | None = None
     simulation: SimulationAsTaken | None = None
@@ -55,6 +56,7 @@ class RigAsTaken:
 class SessionAsTaken:
     """The session file of a run, likewise."""
 
+    name: str | None = None
     site: SiteSection | None = None
 
 

@@ -1,0 +1,68 @@
+"""``rigctl archive``: an index of many runs, and questions to it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigctl.console.terminal import print_json, print_json_list, progress, results
+
+app = typer.Typer(no_args_is_help=True, help="Index an archive of runs, and find runs in it.")
+
+_Root = Annotated[Path, typer.Argument(metavar="ROOT", help="Folder with runs at any depth below it.")]
+_Json = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
+
+
+@app.command()
+def index(root: _Root, as_json: _Json = False) -> None:
+    """Make or update the index, ROOT/.rigctl-index.sqlite: of each run time, sun, devices, state, verdict, regions.
+
+    Run folders remain the truth, and are not changed: the index can be removed and made anew. Only runs that changed
+    are read again. Verdicts and regions come from the comparison.json files that lie below ROOT, the newest of a run.
+
+    Example: rigctl archive index runs
+    """
+    from dataclasses import asdict
+
+    from rigctl.jobs.archive import index_archive
+
+    found = index_archive(root)
+    if as_json:
+        print_json({"schema_version": 1, **asdict(found)})
+        return
+    results().print(
+        f"{found.runs} runs: {found.new} new, {found.changed} changed, {found.gone} gone, {found.damaged} damaged; "
+        f"{found.comparisons} comparisons"
+    )
+
+
+@app.command("find")
+def find_command(
+    root: _Root,
+    expression: Annotated[str, typer.Argument(metavar="EXPR", help="Comparisons joined by and, or, not.")],
+    as_csv: Annotated[bool, typer.Option("--csv", help="Answer in CSV, all columns.")] = False,
+    as_json: _Json = False,
+) -> None:
+    """Print the runs and regions of which an expression holds.
+
+    < <= > >= = != compare a column with a number or a text in quotes; and, or, not and brackets join. Columns are in
+    docs/how-to/archives.md. A run without a comparison has no region, and no comparison of a region holds of it.
+
+    Example: rigctl archive find runs "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagree'"
+    """
+    from rigctl.errors import ConfigError
+    from rigctl.jobs.archive import find_runs
+    from rigctl.reports.tables.archive_tables import found_table
+    from rigctl.reports.writers.data_files import csv_rows
+    from rigctl.reports.writers.terminal_table import terminal_table
+
+    if as_csv and as_json:
+        raise ConfigError("--csv and --json: give one of them")
+    found = find_runs(root, expression)
+    if as_json:
+        print_json_list(found.rows)
+    elif as_csv:
+        typer.echo(csv_rows(found_table(found.rows)).decode(), nl=False)
+    else:
+        results().print(terminal_table(found_table(found.rows)))
+        progress().print(f"{len(found.rows)} rows of {len(found.runs)} runs")

@@ -1,0 +1,118 @@
+import hashlib
+import json
+import os
+import shutil
+import sqlite3
+
+import numpy as np
+import pytest
+
+from rigctl.archive.expression import parse
+from rigctl.archive.run_index import INDEX_FILE, find, update_index
+from rigctl.errors import ConfigError, DataError
+from rigctl.jobs.annotate import note_run
+from tests.rigctl.made_runs import at, make_run
+
+COUNTS = np.full((4, 6), 100)
+
+
+def runs_of(root, expression):
+    return [row["run"] for row in find(root, parse(expression))]
+
+
+@pytest.fixture
+def archive(tmp_path):
+    for name in ("a", "b", "deep/c"):
+        make_run(tmp_path / name, [(at(angle), COUNTS) for angle in (0, 45, 90, 135)])
+    return tmp_path
+
+
+def compare(root, run, name, *, verdict="agrees", dolp=0.3):
+    """Write a comparison as `rigctl compare` has it, as far as the index reads it."""
+    manifest = hashlib.sha256((root / run / "manifest.jsonl").read_bytes()).hexdigest()
+    row = {"region": "panel", "statistic": "mean", "predicted": 0.31, "std_error": 0.01, "z": -1.0}
+    content = {
+        "verdict": verdict,
+        "flags": ["drift"],
+        "checks": [{"verdict": "sound"}, {"verdict": "flagged"}],
+        "regions": {"panel": {"verdict": verdict}},
+        "rows": [row | {"quantity": "dolp", "measured": dolp}, row | {"quantity": "aolp_deg", "measured": 12.0}],
+        "provenance": {"files": {"manifest": {"sha256": manifest}, "scene": {"sha256": "5" * 64}}},
+    }
+    (root / name).mkdir()
+    (root / name / "comparison.json").write_text(json.dumps(content))
+
+
+def test_runs_at_any_depth_are_indexed_and_only_changes_are_read_again(archive):
+    first = update_index(archive)
+    assert (first.runs, first.new, first.changed, first.gone, first.damaged) == (3, 3, 0, 0, 0)
+    assert runs_of(archive, "scenes = 4") == ["a", "b", "deep/c"]
+    again = update_index(archive)
+    assert (again.new, again.changed) == (0, 0)
+    shutil.rmtree(archive / "b")
+    note_run(archive / "a", "a cloud", at=None, by="me")
+    make_run(archive / "d", [(at(0), COUNTS)])
+    later = update_index(archive)
+    assert (later.runs, later.new, later.changed, later.gone) == (3, 1, 1, 1)
+    assert runs_of(archive, "notes = 1") == ["a"]
+
+
+def test_a_damaged_run_is_a_row(archive):
+    manifest = archive / "b" / "manifest.jsonl"
+    manifest.write_bytes(manifest.read_bytes().replace(b'"kind"', b'"kinb"', 1))
+    (archive / "a" / "session.json").unlink()
+    (archive / "deep" / "c" / "frames" / "000000.fits").unlink(missing_ok=True)
+    assert update_index(archive).damaged >= 2
+    rows = find(archive, parse("state = 'damaged'"))
+    assert {"a", "b"} <= {row["run"] for row in rows}
+    assert all(row["problem"] for row in rows)
+
+
+def test_the_newest_comparison_of_a_run_counts(archive):
+    compare(archive, "a", "old", verdict="disagrees", dolp=0.2)
+    compare(archive, "a", "new", verdict="agrees", dolp=0.3)
+    compare(archive, "b", "other", verdict="disagrees", dolp=0.1)
+    os.utime(archive / "old" / "comparison.json", ns=(1, 1))
+    update_index(archive)
+    assert runs_of(archive, "verdict = 'disagree'") == ["b"]
+    (row,) = find(archive, parse("region = 'panel' and dolp > 0.25"))
+    assert (row["run"], row["dolp"], row["dolp_sigma"], row["aolp_deg"]) == ("a", 0.3, 0.01, 12.0)
+    assert (row["flags"], row["unsound"], row["report"]) == (1, 1, "new")
+    # A run that nobody compared has no verdict: neither this nor its contrary holds.
+    assert runs_of(archive, "not verdict = 'agrees'") == ["b"]
+
+
+def test_others_files_among_the_runs_do_no_harm(archive):
+    (archive / "x").mkdir()
+    (archive / "x" / "comparison.json").write_text("{not json")
+    assert update_index(archive).comparisons == 1
+    assert runs_of(archive, "frames > 0") == ["a", "b", "deep/c"]
+
+
+def test_no_index_no_folder_and_a_spoilt_index_are_told(archive):
+    with pytest.raises(ConfigError, match="rigctl archive index"):
+        find(archive, parse("frames > 0"))
+    with pytest.raises(ConfigError, match="there is no such folder"):
+        update_index(archive / "nowhere")
+    update_index(archive)
+    (archive / INDEX_FILE).write_bytes(b"no database at all, but long enough to be read as the head of one" * 20)
+    with pytest.raises(DataError, match="can be removed and made anew"):
+        update_index(archive)
+
+
+def test_a_database_of_another_program_is_left_alone(archive):
+    other = sqlite3.connect(archive / INDEX_FILE)
+    other.execute("CREATE TABLE theirs (x)")
+    other.commit()
+    other.close()
+    with pytest.raises(DataError, match="another program"):
+        update_index(archive)
+
+
+def test_an_index_of_an_older_layout_is_made_anew(archive):
+    update_index(archive)
+    older = sqlite3.connect(archive / INDEX_FILE)
+    older.execute("PRAGMA user_version = 0")
+    older.commit()
+    older.close()
+    assert update_index(archive).new == 3
