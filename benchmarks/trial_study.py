@@ -85,11 +85,10 @@ def against_loops(cases: int) -> bool:
         dolp[k::WORKERS] = found
     overhead_ms = 1e3 * WORKERS * (span_s - loop_s) / cases
     same = bool(np.array_equal(dolp, store.dolp_mean.values[:, 0]))
-    print(
-        f"{cases} cases: from command to files {whole_s:.1f} s, from first part to last {span_s:.1f} s; two loops "
-        f"{loop_s:.1f} s: {loop_s / span_s:.2f} of their rate; overhead {overhead_ms:.2f} ms a case; most memory of a worker {most_mb:.0f} MB; {said.get('failed')} failed; "
-        f"{'bit for bit the same' if same else 'NUMBERS DIFFER'}"
-    )
+    print(f"{cases} cases: from command to files {whole_s:.1f} s, from first part to last {span_s:.1f} s")
+    print(f"two loops {loop_s:.1f} s: {loop_s / span_s:.2f} of their rate; overhead {overhead_ms:.2f} ms a case")
+    print(f"most memory of a worker {most_mb:.0f} MB; {said.get('failed')} failed")
+    print("bit for bit the same" if same else "NUMBERS DIFFER", flush=True)
     return same
 
 
