@@ -231,13 +231,17 @@ def _both(ax: "Axes", at: Sequence[float], rows: Sequence[Row]) -> None:
     order = np.argsort(at)
     x = np.asarray(at)[order]
     predicted = np.array([rows[k].predicted for k in order])
+    if rows[0].quantity == "aolp_deg":
+        # From 2 to 179 deg is a way of 3, not of 177.
+        predicted = np.unwrap(predicted, period=180.0)
+    measured = predicted + [off_prediction(rows[k], rows[k].measured) for k in order]
     error = np.array([rows[k].std_error_inputs or 0.0 for k in order])
     ax.fill_between(x, predicted - error, predicted + error, color=PREDICTED, alpha=0.2, label="its std by the inputs")
     ax.plot(x, predicted, color=PREDICTED, marker="s", markersize=4, linewidth=1.2, label="predicted")
     ax.errorbar(
-        at,
-        [row.measured for row in rows],
-        yerr=[row.std_error or 0.0 for row in rows],
+        x,
+        measured,
+        yerr=[rows[k].std_error or 0.0 for k in order],
         fmt="o",
         markersize=4,
         color=MEASURED,
