@@ -49,6 +49,8 @@ _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "camera_stop_acquisition": (None, (_POINTER,)),
     "camera_gv_set_packet_size": (None, (_POINTER, _INT)),
     "camera_gv_get_packet_size": (_UINT, (_POINTER,)),
+    "camera_gv_set_packet_delay": (None, (_POINTER, _INT64)),
+    "camera_gv_get_packet_delay": (_INT64, (_POINTER,)),
     "device_is_feature_available": (_INT, (_POINTER, _TEXT)),
     "device_execute_command": (None, (_POINTER, _TEXT)),
     "device_get_boolean_feature_value": (_INT, (_POINTER, _TEXT)),

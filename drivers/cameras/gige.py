@@ -15,6 +15,7 @@ from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Fram
 
 _FIRST_EXPOSURE_S = 0.01
 _PROBE_TIMEOUT_S = 5.0
+_PROBE_PICTURE_S, _PROBE_PICTURES = 1.5, 2  # for each size of packets that is tried; the first picture may be damaged
 _REOPENINGS = 3  # in one picture
 _LOOK_S = 0.2  # how often a wait looks whether the camera is still there
 _DELIVERY_S = 1.0  # beyond exposure (and frame period): a picture that takes longer does not come any more
@@ -64,6 +65,8 @@ class GigeCamera:
         self._identity = self._link.identity
         try:
             self._settings = self._link.configure(exposure_s=_FIRST_EXPOSURE_S, gain_db=0.0)
+            if options.packet_size == "probe" and self._link.packet_size is not None:
+                self._options = replace(options, packet_size=self._largest_packets(self._link))
             self._link.restart()
             self.take_frame(timeout_s=_PROBE_TIMEOUT_S)  # the first one is often damaged, and a firewall shows here
         except BaseException:
@@ -162,6 +165,18 @@ class GigeCamera:
                 link.close(answers=link.is_controlled())
             except DeviceError:
                 link.close(answers=False)  # it was already going away; there is nothing left to stop
+
+    def _largest_packets(self, link: GigeLink) -> int:
+        """Return the largest size of packets with which a whole picture comes; the camera has it then."""
+        sizes = link.packet_sizes()
+        for size in sizes[:-1]:
+            link.set_packet_size(size)
+            link.restart()
+            deadline_s = self._now_s() + _PROBE_PICTURE_S
+            if any(self._attempt(deadline_s) is not None for _ in range(_PROBE_PICTURES)):
+                return size
+        link.set_packet_size(sizes[-1])
+        return sizes[-1]
 
     @property
     def _name(self) -> str:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from drivers.cameras.aravis_library import AravisError, AravisLibrary
 from drivers.cameras.gige_features import GigeFeatures, device_error
 from drivers.cameras.gige_options import GigeOptions, Link
-from drivers.cameras.gige_setup import GigeSetup, set_packet_size, set_up
+from drivers.cameras.gige_setup import GigeSetup, set_bandwidth, set_packet_size, set_up
 from drivers.cameras.gige_stream import GigeStream, PacketCounts
 from drivers.errors import DeviceError, LimitError, NotConnectedError
 from drivers.interfaces import CameraSettings, DeviceIdentity
+from drivers.network_path import path_mtu
 
 _PROTOCOLS: dict[Link, tuple[bytes, ...]] = {
     "gige": (b"GigEVision",),
@@ -19,6 +20,7 @@ _PROTOCOLS: dict[Link, tuple[bytes, ...]] = {
 _NETWORK = "GigEVision"
 _IN_LIBRARY = "Fake"  # cameras that the library simulates within this program, and lists only when told to
 _EXPOSURE_TOLERANCE = 0.01
+_PACKET_SIZES = (9000, 8192, 4096, 1500)  # that are tried where the largest is asked for
 _US_PER_S = 1e6
 
 
@@ -74,9 +76,16 @@ class GigeLink:
             self.features = GigeFeatures(library, self._device, name=self.name)
             self.identity = _identity(self.features)
             self.setup: GigeSetup = set_up(self.features, options)
+            self._place = place
             if self._is_network:
-                self.packet_size = set_packet_size(
-                    library, self._camera, self.features, address=place, asked=options.packet_size
+                self.set_packet_size(None if options.packet_size == "probe" else options.packet_size)
+            if options.bandwidth_mb_per_s is not None:
+                set_bandwidth(
+                    library,
+                    self._camera,
+                    self.features,
+                    asked_mb_per_s=options.bandwidth_mb_per_s,
+                    packet_size=self.packet_size,
                 )
         except BaseException:
             self.close(answers=False)
@@ -98,6 +107,17 @@ class GigeLink:
         except DeviceError:
             return False
         return True
+
+    def set_packet_size(self, asked: int | None) -> None:
+        """Set how large packets are, before the stream is started; None: as every Ethernet carries them."""
+        self.packet_size = set_packet_size(
+            self._library, self._opened(), self.features, address=self._place, asked=asked
+        )
+
+    def packet_sizes(self) -> tuple[int, ...]:
+        """Return sizes that the interface to the camera sends in one piece, the largest first."""
+        mtu = path_mtu(self._place)
+        return tuple(size for size in _PACKET_SIZES if size <= mtu)
 
     def packets(self) -> PacketCounts:
         """Return what became of the packets of all pictures since the camera was opened."""

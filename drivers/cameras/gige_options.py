@@ -42,8 +42,11 @@ class GigeOptions:
         Each picture is asked for, or the camera runs by itself and pictures that began too early are thrown away.
     frame_rate_hz : float
         Where it runs by itself.
-    packet_size : int or None
-        Bytes of a packet with all its headers; at most what the interface sends in one piece.
+    packet_size : int, "probe" or None
+        Bytes of a packet with all its headers; at most what the interface sends in one piece. "probe": the largest
+        with which a whole picture comes.
+    bandwidth_mb_per_s : float or None
+        How much of the line the camera may take, where several share it [MB/s].
     bit_depth : int or None
         True bits of a sample where the format has room for more, as Mono16 has.
     justified, byte_order : str
@@ -70,7 +73,8 @@ class GigeOptions:
     black_level_dn: int | None = None
     trigger: Trigger = "software"
     frame_rate_hz: float = 20.0
-    packet_size: int | None = None
+    packet_size: int | Literal["probe"] | None = None
+    bandwidth_mb_per_s: float | None = None
     bit_depth: int | None = None
     justified: Justified = "right"
     byte_order: ByteOrder = "little"
@@ -84,6 +88,11 @@ class GigeOptions:
         return f"{_NAMES[self.link]} {self.place}"
 
 
+def _packet_size(text: str) -> int | str:
+    return text if text == "probe" else whole(*_PACKET_BYTES)(text)
+
+
+_PACKET_BYTES = (576, 16384)
 _NAMES: dict[Link, str] = {"gige": "GigE camera", "usb3": "USB3 camera", "any": "camera"}
 _READERS: dict[str, Callable[[str], Any]] = {
     "pixel_format": str,
@@ -98,7 +107,8 @@ _READERS: dict[str, Callable[[str], Any]] = {
     "black_level_dn": whole(0, 65535),
     "trigger": one_of("software", "free"),
     "frame_rate_hz": positive,
-    "packet_size": whole(576, 16384),
+    "packet_size": _packet_size,
+    "bandwidth_mb_per_s": positive,
     "bit_depth": whole(8, 16),
     "justified": one_of("right", "left"),
     "byte_order": one_of("little", "big"),

@@ -25,6 +25,9 @@ _BEST_FIRST = ("Mono14", "Mono12", "Mono12p", "Mono12Packed", "Mono10", "Mono10p
 _RATE = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _RATE_TOLERANCE = 0.01
 _ETHERNET_MTU = 1500
+# Where a camera limits what it takes of its line [bytes/s]: by the standard's name, or by Prosilica's.
+_BANDWIDTH, _BANDWIDTH_MODE = ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"), "DeviceLinkThroughputLimitMode"
+_GIGABIT_NS_PER_BYTE, _PAUSE_TOLERANCE = 8.0, 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +132,36 @@ def set_packet_size(
         taken = int(library.call("camera_gv_get_packet_size", camera))
     features.used["GevSCPSPacketSize"] = str(taken)
     return taken
+
+
+def set_bandwidth(
+    library: AravisLibrary, camera: int, features: GigeFeatures, *, asked_mb_per_s: float, packet_size: int | None
+) -> None:
+    """Let the camera take a part of its line only, by a limit of its own, or by pauses between packets.
+
+    Raises
+    ------
+    LimitError
+        It has neither, or takes another value.
+    """
+    limit = features.first_of(*_BANDWIDTH)
+    if limit is not None:
+        if features.has(_BANDWIDTH_MODE):
+            features.set_text(_BANDWIDTH_MODE, "On")
+        features.set_whole(limit, round(asked_mb_per_s * 1e6))
+        return
+    if packet_size is None:
+        raise LimitError(f"its bandwidth cannot be set ({', '.join(_BANDWIDTH)})")
+    pause_ns = max(0, round(packet_size * 1e3 / asked_mb_per_s - packet_size * _GIGABIT_NS_PER_BYTE))
+    with features.told("packet delay"):
+        library.call("camera_gv_set_packet_delay", camera, pause_ns)
+        taken_ns = int(library.call("camera_gv_get_packet_delay", camera))
+    if abs(taken_ns - pause_ns) > _PAUSE_TOLERANCE * pause_ns:
+        raise LimitError(
+            f"its packets were to be {pause_ns} ns apart, for {asked_mb_per_s:g} MB/s, and are {taken_ns} ns apart: "
+            "it cannot share its line, leave bandwidth_mb_per_s out"
+        )
+    features.used["GevSCPD"] = f"{taken_ns} ns"
 
 
 def _switch_off(features: GigeFeatures) -> bool | None:

@@ -3,6 +3,7 @@
 import errno
 import queue
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from rigctl.session.session_context import SessionContext
 from rigctl.session.timing import StopAskedError
 
 _RETRY_S = 1.0
+_STALLED_S, _LOOK_S = 30.0, 0.2
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 # Frames that may wait for the disk: enough to ride over one slow flush, few enough to lose little in a power cut.
 QUEUE_FRAMES = 4
@@ -43,14 +45,24 @@ class WriterThread:
     ----------
     store : callable
         Returns once the frames of an exposure are durable. Called in the other thread, one exposure at a time.
+    stalled_s : float
+        A disk that takes longer than this for the frames of an exposure hangs, and is not waited for any more.
+    last_sign_s : callable
+        When the store said last that it is only waiting, as it does for a full disk [s of the monotonic clock].
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(
+        self, store: Store, *, stalled_s: float = _STALLED_S, last_sign_s: Callable[[], float] = lambda: 0.0
+    ) -> None:
         self._store = store
+        self._stalled_s, self._last_sign_s = stalled_s, last_sign_s
+        self._busy_since_s: float | None = None
         self._queue: queue.Queue[Frames | None] = queue.Queue(maxsize=QUEUE_FRAMES)
         self._error: Exception | None = None
         self._dropped: list[int] = []
-        self._thread = threading.Thread(target=self._run, name="frame writer")
+        self._is_stall_told = False
+        # A daemon: one that hangs in the system's kernel is left behind.
+        self._thread = threading.Thread(target=self._run, name="frame writer", daemon=True)
 
     def __enter__(self) -> "WriterThread":
         self._thread.start()
@@ -59,10 +71,22 @@ class WriterThread:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._queue.put(None)
-        self._thread.join()
+        try:
+            self._put(None)
+            while self._thread.is_alive():
+                self._thread.join(_LOOK_S)
+                self._raise_stall()
+        except RunFolderError:
+            if kind is None:
+                raise
         if kind is None:
             self._raise_failure()
+
+    @property
+    def is_stalled(self) -> bool:
+        """True where the disk has hung for so long that nothing more is written."""
+        busy_s = self._busy_since_s
+        return busy_s is not None and time.monotonic() - max(busy_s, self._last_sign_s()) > self._stalled_s
 
     @property
     def is_full(self) -> bool:
@@ -79,11 +103,13 @@ class WriterThread:
 
         Raises
         ------
+        RunFolderError
+            The disk hangs.
         Exception
             What the store raised at an earlier frame: none is taken any more.
         """
         self._raise_failure()
-        self._queue.put(frames)
+        self._put(frames)
 
     def flush(self) -> None:
         """Return once every frame is durable.
@@ -93,7 +119,7 @@ class WriterThread:
         Exception
             What the store raised.
         """
-        self._queue.join()
+        self._wait_for_all()
         self._raise_failure()
 
     def flush_or_drop(self) -> tuple[int, ...]:
@@ -104,11 +130,41 @@ class WriterThread:
         Exception
             What the store raised otherwise.
         """
-        self._queue.join()
+        self._wait_for_all()
         if not isinstance(self._error, StopAskedError):
             self._raise_failure()
         self._error = None
         return tuple(self._dropped)
+
+    def _put(self, frames: Frames | None) -> None:
+        while True:
+            try:
+                self._queue.put(frames, timeout=_LOOK_S)
+                return
+            except queue.Full:
+                self._raise_failure()
+                self._raise_stall()
+
+    def _wait_for_all(self) -> None:
+        with self._queue.all_tasks_done:
+            while self._queue.unfinished_tasks:
+                self._queue.all_tasks_done.wait(_LOOK_S)
+                self._raise_stall()
+
+    def _raise_stall(self) -> None:
+        if not self.is_stalled:
+            return
+        if not self._is_stall_told:
+            self._is_stall_told = True
+            warn(f"{self._stall()}: the session ends")  # now: what has to be closed on this disk may hang too
+        raise RunFolderError(self._stall())
+
+    def _stall(self) -> str:
+        waiting = self._queue.unfinished_tasks
+        return (
+            f"the disk hangs: it has not taken a frame for {self._stalled_s:g} s, and {waiting} frames are not stored. "
+            "Look at its cable and at `dmesg`, then `rigctl resume`"
+        )
 
     def _raise_failure(self) -> None:
         if self._error is not None:
@@ -117,6 +173,7 @@ class WriterThread:
     def _run(self) -> None:
         while True:
             job = self._queue.get()
+            self._busy_since_s = time.monotonic()
             try:
                 # After a failure the rest is taken off the queue, so that nobody waits for ever.
                 if job is not None and self._error is None:
@@ -127,6 +184,7 @@ class WriterThread:
                 self._error = error
                 self._dropped += _sequences(job)
             finally:
+                self._busy_since_s = None
                 self._queue.task_done()
             if job is None:
                 return
@@ -152,6 +210,11 @@ class FrameStore:
     def __init__(self, writer: RunWriter, context: SessionContext, stored: Callable[[FrameRecord], None]) -> None:
         self._writer, self._context, self._stored = writer, context, stored
         self.frames = 0
+        self._waited_s = 0.0
+
+    def last_sign_s(self) -> float:
+        """Return when it said last that it waits for a full disk [s of the monotonic clock]."""
+        return self._waited_s
 
     def store(self, frames: Frames) -> None:
         """Return once the frames of an exposure are durable.
@@ -178,6 +241,7 @@ class FrameStore:
                     warn(f"holding: {error}: make room, or stop")
                     self._note("hold", reason="the disk is full", sequence=first.sequence)
                 waited += 1
+                self._waited_s = time.monotonic()
                 self._context.clock.sleep(_RETRY_S)
         if waited:
             self._note("disk was full", sequence=first.sequence, tries=waited + 1)

@@ -26,6 +26,7 @@ _STREAM_PORT, _STREAM_ADDRESS = 0x0D00, 0x0D18
 _ADDRESS_IN_DISCOVERY = 36  # of its data, the last four of 16 bytes
 _PICTURE = struct.Struct(">HHI")  # status, picture, kind and number of the packet
 _NUMBER = 0xFFFFFF
+_HEADERS_BYTES = 28  # IP and UDP
 _KEPT_PICTURES = 8
 _SOCKET_BYTES = 2**22
 _LARGEST = 2**16
@@ -42,10 +43,13 @@ class Losses:
         Of the packets of pictures, sent again or not, that are lost, 0 to 1.
     resends : bool
         Whether packets that are asked for again are sent again.
+    largest_bytes : int or None
+        Larger packets (with their headers) do not pass, as behind a switch without jumbo frames.
     """
 
     share: float = 0.0
     resends: bool = True
+    largest_bytes: int | None = None
 
 
 @dataclass
@@ -115,7 +119,9 @@ class LossyNetwork:
         self._pass_on(packet)
 
     def _pass_on(self, packet: bytes) -> bool:
-        if self._random.random() < self.losses.share:
+        largest = self.losses.largest_bytes
+        is_too_large = largest is not None and len(packet) + _HEADERS_BYTES > largest
+        if is_too_large or self._random.random() < self.losses.share:
             self.passed.lost += 1
             return False
         if self._host is not None:

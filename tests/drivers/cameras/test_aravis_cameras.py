@@ -159,6 +159,28 @@ def test_what_some_send_behind_their_pixels_is_switched_off(features_of):
         assert camera.take_frame(timeout_s=TIMEOUT_S).counts.shape == (512, 512)
 
 
+def limited(name):
+    return (
+        f'<Integer Name="{name}"><pValue>{name}Register</pValue><Min>1000000</Min><Max>400000000</Max></Integer>'
+        f'<IntReg Name="{name}Register"><Address>{UNUSED_MEMORY:#x}</Address><Length>4</Length>'
+        "<AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>"
+    )
+
+
+@pytest.mark.parametrize("name", ["DeviceLinkThroughputLimit", "StreamBytesPerSecond"])
+def test_cameras_that_share_a_line_take_what_is_stated(features_of, name):
+    features_of(lambda xml: added(xml, limited(name), name))
+    with open_aravis(f"{PLACE}&bandwidth_mb_per_s=62.5") as camera:
+        assert camera.features()[name] == "62500000"
+    with pytest.raises(LimitError, match=name):
+        open_aravis(f"{PLACE}&bandwidth_mb_per_s=1000")
+
+
+def test_one_without_a_limit_says_so():
+    with pytest.raises(LimitError, match="bandwidth cannot be set"):
+        open_aravis(f"{PLACE}&bandwidth_mb_per_s=60")
+
+
 def test_the_library_is_told_apart_from_the_device_by_its_words():
     with pytest.raises(LimitError, match="NoSuchFormat"):
         open_aravis(f"{PLACE}&pixel_format=NoSuchFormat")

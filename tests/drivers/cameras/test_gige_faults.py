@@ -6,9 +6,10 @@ import time
 import pytest
 
 from drivers.cameras.gige import open_gige
-from drivers.errors import DeviceError, NotConnectedError, ProtocolError
+from drivers.errors import DeviceError, LimitError, NotConnectedError, ProtocolError
 from sim_devices.cameras.gige_faults import GigeFaults
 from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
+from sim_devices.cameras.lossy_network import Losses, lossy_network
 from tests.sim_devices.cameras.camera_process import camera_process
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, KnownPictures, assert_known
@@ -136,3 +137,26 @@ def test_a_network_that_damages_all_pictures_is_an_error_with_what_was_measured(
     ):
         # At 3 % a picture is whole with p = 0.97^626 = 5e-9; the driver's first one came before.
         take_with_loss(lost_share=0.03, pictures=1, options="retakes=20")
+
+
+@pytest.mark.parametrize(("largest_bytes", "found"), [(None, 9000), (1500, 1500)])
+def test_the_largest_packets_that_pass_are_found_by_pictures(largest_bytes, found):
+    losses = Losses(largest_bytes=largest_bytes)
+    with (
+        gige_port(),
+        serve_gige_camera(KnownPictures()) as device,
+        lossy_network(camera=device.address, losses=losses),
+        open_gige("127.0.0.2?pixel_format=Mono12&packet_size=probe") as camera,
+    ):
+        assert camera.features()["GevSCPSPacketSize"] == str(found)
+        assert_known(camera.take_frame(timeout_s=5.0).counts)
+
+
+def test_a_camera_without_a_limit_shares_its_line_by_pauses_between_packets():
+    # 1500 bytes take 12 us of a gigabit line, and 12.71 us at 118 MB/s. The device pauses for 1 us at most.
+    with gige_port(), serve_gige_camera(KnownPictures()):
+        with open_gige(f"{ADDRESS}?bandwidth_mb_per_s=118") as camera:
+            assert camera.features()["GevSCPD"] == "712 ns"
+            assert_known(camera.take_frame(timeout_s=5.0).counts)
+        with pytest.raises(LimitError, match="packet delay"):
+            open_gige(f"{ADDRESS}?bandwidth_mb_per_s=60")

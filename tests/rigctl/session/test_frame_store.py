@@ -1,10 +1,12 @@
 """The writer's thread: order, waiting, and failures that are not swallowed; who watches costs no frame."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
 
+from rigctl.errors import RunFolderError
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_status import read_status
 from rigctl.session.frame_store import QUEUE_FRAMES, StoredFrame, WriterThread
@@ -97,3 +99,56 @@ def test_live_numbers_that_cannot_be_computed_stop_nothing(tmp_path, monkeypatch
             watch.stored(step)
     assert read_status(tmp_path).frames == len(steps)
     assert capsys.readouterr().err.count("no live numbers: AttributeError") == 1
+
+
+class HangingStore:
+    """A disk that takes one frame and then hangs, until a test lets it go on."""
+
+    def __init__(self):
+        self.goes_on, self.stored = threading.Event(), []
+
+    def __call__(self, frames):
+        if self.stored:
+            assert self.goes_on.wait(_PATIENCE_S)
+        self.stored.append(frames[0].record.sequence)
+
+
+@pytest.fixture
+def hanging():
+    store = HangingStore()
+    yield store
+    store.goes_on.set()
+
+
+@pytest.mark.parametrize("frames", [3, QUEUE_FRAMES + 3], ids=["while flushing", "while taking"])
+def test_a_disk_that_hangs_ends_the_session_in_time(hanging, frames):
+    start_s = time.monotonic()
+    thread = WriterThread(hanging, stalled_s=0.3)
+
+    def store_all():
+        with thread:
+            for k in range(frames):
+                thread.put(made_frame(k))
+            thread.flush()
+
+    with pytest.raises(RunFolderError, match="the disk hangs"):
+        store_all()
+    assert time.monotonic() - start_s < 0.3 + 1.0
+    assert thread.is_stalled
+
+
+def test_a_disk_that_hangs_for_a_while_costs_no_frame(hanging):
+    threading.Timer(0.2, hanging.goes_on.set).start()
+    with WriterThread(hanging, stalled_s=5.0) as thread:
+        for k in range(3):
+            thread.put(made_frame(k))
+    assert hanging.stored == [0, 1, 2]
+
+
+def test_waiting_for_a_full_disk_is_no_hanging(hanging):
+    threading.Timer(0.5, hanging.goes_on.set).start()
+    with WriterThread(hanging, stalled_s=0.2, last_sign_s=time.monotonic) as thread:
+        for k in range(3):
+            thread.put(made_frame(k))
+        thread.flush()
+    assert hanging.stored == [0, 1, 2]
