@@ -158,6 +158,16 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     return _without_dark_current(calibration, _untestable_flag(current), bound=current)
 
 
+def _share_of_flat(calibration: NoiseCalibration) -> float:
+    """Return the dark signal within the flat of the fixed pattern over that of the dark stack, 1 where not known."""
+    flat_s = calibration.flats[calibration.spatial.flat].exposure_s
+    stack_s = calibration.darks[calibration.spatial.dark].exposure_s
+    if flat_s is None or stack_s is None or not calibration.dark.has_slope:
+        return 1.0
+    of_flat, of_stack = calibration.dark.mean_at(np.array([flat_s, stack_s])) - calibration.black_level_dn.value
+    return float(of_flat / of_stack) if of_stack > 0.0 and of_flat > 0.0 else 1.0
+
+
 def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> NoiseCalibration:
     """Return a calibration whose PRNU is of the light alone, where dark signal and response go together.
 
@@ -167,7 +177,7 @@ def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> N
     prnu = calibration.prnu
     if prnu is None or abs(covariance.value) < _GAIN_SIGMA * covariance.std_error:
         return calibration
-    square = prnu.value**2 - 2.0 * covariance.value
+    square = prnu.value**2 - 2.0 * _share_of_flat(calibration) * covariance.value
     if square <= 0.0:
         return calibration
     value = float(np.sqrt(square))

@@ -90,7 +90,7 @@ def wander_variance_dn2(
     window = np.ones(min(_NEIGHBOURS, len(flats)))
     seen, expected = (np.convolve(one * freedom, window, "same") for one in (between - noise, model + noise))
     # Neighbours wander by more or less counts as they are brighter or fainter: what is compared is what was expected.
-    excess = seen / expected
+    excess = seen / np.maximum(expected, np.finfo(float).tiny)
     local = np.where(excess > _TWICE, _FEW * excess * (model + noise), model)
     # Light that wanders by so much follows no normal law.
     wild = local > np.square(_WILD * signal_dn)

@@ -66,10 +66,12 @@ def drawn_sweep(sensor: Sensor, seed: int, *, drift: float = 0.0, least: int = 6
     return found
 
 
-def _set(sensor: Sensor, exposures: list[Exposure], *, wrong: Sequence[Exposure] = ()) -> NoiseSet:
+def _set(
+    sensor: Sensor, exposures: list[Exposure], *, wrong: Sequence[Exposure] = (), stated_over_true: float = 1.0
+) -> NoiseSet:
     """Levels and truth; where pixels have gains of their own, dark current adds to what they differ by in the dark."""
     stack = max((one for one in exposures if one.kind == "dark"), key=lambda one: len(one.frames))
-    of_gains_e = sensor.gain_spread * sensor.dark_e_per_s * stack.time_s
+    of_gains_e = sensor.gain_spread * sensor.dark_e_per_s * stack.time_s / stated_over_true
     found = noise_set(sensor, exposures, wrong=wrong)
     return replace(found, truth=found.truth | {"dsnu_e": float(np.hypot(sensor.dsnu_e, of_gains_e))})
 
@@ -91,7 +93,7 @@ def drawn_unit(seed: int) -> NoiseSet:
     exposures, factor = drawn_sweep(sensor, seed), 1e-3 if seed % 2 else 1e3
     for one in exposures:
         one.time_s *= factor
-    found = _set(sensor, exposures)
+    found = _set(sensor, exposures, stated_over_true=factor)
     truth = {name: value for name, value in found.truth.items() if name != "dark_current_e_per_s"}
     return replace(found, truth=truth | {"dark_current_e_per_s": sensor.dark_e_per_s / factor})
 
