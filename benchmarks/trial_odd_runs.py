@@ -2,7 +2,8 @@
 
 Usage: python -m benchmarks.trial_odd_runs [--seeds 300] [--first-seed 0] [--processes 2]
 
-Pictures are small; regions are of one pixel, in the border, clipped, off the objects, or anywhere.
+Pictures are small; regions are of one pixel, in the border, clipped, off the objects, or anywhere. Numbers, FITS and
+JSON files are made for every run; pages and pictures, which take most of the time, are drawn for every sixteenth.
 """
 
 import argparse
@@ -13,21 +14,26 @@ import os
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_USAGE
 from rigctl.cli import main as rigctl
+from rigctl.reports.outputs import comparison_files, measurement_files
 from tests.rigctl.made_runs import at, make_run
 from tests.worldlike import Faults, expose, other_world, random_world
 
 _STATED = (0, EXIT_USAGE, EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE)
 _SIDES_PIXELS = (6, 9, 16, 24, 40, 64, 96)
+_DRAWN_EVERY = 16
+_KINDS = ("pixel", "border", "clipped", "all clipped", "dark", "any", "whole")
 _CORRECTIONS = ("", "", "throughput", "dark-level", "shift", "throughput,dark-level,shift")
 
 
@@ -62,7 +68,22 @@ def one_run(seed: int) -> list[Ended]:
         (top / "regions.toml").write_text(text)
         correct = _CORRECTIONS[int(rng.integers(len(_CORRECTIONS)))]
         words = ["--regions", str(top / "regions.toml"), *(["--correct", correct] if correct else [])]
-        return [_ended(seed, verb, kinds, top, words) for verb in ("stokes", "compare")]
+        with contextlib.nullcontext() if seed % _DRAWN_EVERY == 0 else _without_pictures():
+            return [_ended(seed, verb, kinds, top, words) for verb in ("stokes", "compare")]
+
+
+@contextlib.contextmanager
+def _without_pictures() -> Iterator[None]:
+    """Let the commands write no page and draw no picture."""
+    figures = patch.multiple(
+        measurement_files,
+        scene_pictures=lambda *_, **__: b"",
+        aolp_picture=lambda *_: b"",
+        residual_picture=lambda *_: b"",
+    )
+    pages = patch.multiple(comparison_files, comparison_report=lambda _: None, html=lambda _: "", pdf=lambda _: b"")
+    with figures, pages:
+        yield
 
 
 def _ended(seed: int, verb: str, kinds: tuple[str, ...], top: Path, words: list[str]) -> Ended:
@@ -104,15 +125,13 @@ def _faults(rng: np.random.Generator, frames: int) -> Faults:
 def _regions(rng: np.random.Generator, frames: NDArray[np.uint16], border: int) -> tuple[tuple[str, ...], str]:
     """Return one to four regions of random kinds, and the file that says so."""
     height, width = frames.shape[1:]
-    kinds = tuple(
-        str(kind) for kind in rng.choice(["pixel", "border", "clipped", "dark", "any", "whole"], rng.integers(1, 5))
-    )
+    kinds = tuple(str(kind) for kind in rng.choice(_KINDS, rng.integers(1, 5)))
     text = ""
     for number, kind in enumerate(kinds):
         x, y, wide, tall = _rectangle(rng, kind, frames, border)
         wide, tall = min(wide, width - x), min(tall, height - y)
         text += (
-            f'[[regions]]\nname = "{kind}-{number}"\n'
+            f'[[regions]]\nname = "{kind.replace(" ", "-")}-{number}"\n'
             f"rectangle = {{ x = {x}, y = {y}, width = {wide}, height = {tall} }}\n"
         )
     return kinds, text
@@ -130,10 +149,12 @@ def _rectangle(
     if kind == "whole":
         return 0, 0, width, height
     light = frames.max(axis=0)
-    if kind == "clipped":
+    if kind in ("clipped", "all clipped"):
         y, x = (int(at) for at in np.unravel_index(np.argmax(light), light.shape))
     elif kind == "dark":
         y, x = (int(at) for at in np.unravel_index(np.argmin(light), light.shape))
+    if kind == "all clipped":
+        return x, y, 2, 2
     return x, y, int(rng.integers(1, width + 1)), int(rng.integers(1, height + 1))
 
 

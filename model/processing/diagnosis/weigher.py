@@ -93,13 +93,8 @@ class Weigher:
 
     def correlation(self, one: int, other: int) -> float:
         """Return how far two causes do the same to a run, from 0 to 1 (the largest canonical correlation)."""
-        mine, its = (self._starts[at] + np.arange(self._widths[at]) for at in (one, other))
-        own, cross = self._gram[np.ix_(mine, mine)], self._gram[np.ix_(mine, its)]
-        second = self._gram[np.ix_(its, its)]
-        if not (np.all(np.diag(own) > 0.0) and np.all(np.diag(second) > 0.0)):
-            return 0.0
-        share = np.linalg.pinv(own) @ cross @ np.linalg.pinv(second) @ cross.T
-        return float(np.sqrt(np.clip(np.max(np.linalg.eigvals(share).real), 0.0, 1.0)))
+        mine, its = (slice(self._starts[at], self._starts[at] + self._widths[at]) for at in (one, other))
+        return min(float(np.linalg.norm(self._close[mine, its], 2)), 1.0)
 
 
 def best_set(weigher: Weigher, candidates: NDArray[np.intp], *, most: int) -> tuple[int, ...]:
