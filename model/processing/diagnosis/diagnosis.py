@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.processing.diagnosis.causes import SHARED, Cause, known_causes
 from model.processing.diagnosis.correction import FrameFaults, frame_faults
-from model.processing.diagnosis.evidence import estimates
+from model.processing.diagnosis.evidence import estimates, is_useful
 from model.processing.diagnosis.joint_fit import LEAST_SHARE_LEFT, JointFit, fit_faults, share_left
 from model.processing.diagnosis.rounding import rounding_offsets
 from model.processing.reconstruction import Design
@@ -17,8 +17,6 @@ FloatArray = NDArray[np.float64]
 
 # Correlation of what two causes do to a run, from which they are the same to it.
 _SAME = 0.99
-# Errors of a fault that are this much larger than any rig's faults tell nothing.
-_USELESS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,7 +143,7 @@ def _term(fit: JointFit, index: int) -> Term:
         together = _in_its_place(fit, index)
         fitted = estimates(fit.evidence, together)
     part = fitted.parts[together.index(index)]
-    size, error = _length(fitted.values[part], fitted.covariance[part, part])
+    size, error = fitted.size_of(together.index(index))
     reason = _why_not(fit, index, fitted.is_determined, error)
     return Term(
         name=cause.name,
@@ -169,22 +167,6 @@ def _in_its_place(fit: JointFit, index: int) -> tuple[int, ...]:
     return tuple(index if other == alike else other for other in fit.named)
 
 
-def _length(values: FloatArray, covariance: FloatArray) -> tuple[float, float]:
-    """Return a number with its error, or the length of a vector with the error along it."""
-    if len(values) == 1:
-        return float(values[0]), _root(covariance[0, 0])
-    length = float(np.linalg.norm(values))
-    if not length > 0.0:
-        return length, _root(np.max(np.diag(covariance)))
-    along = values / length
-    return length, _root(float(along @ covariance @ along))
-
-
-def _root(variance: float) -> float:
-    """Return a standard error; infinite where rounding left no variance of a fault that is hardly there."""
-    return float(np.sqrt(variance)) if variance >= 0.0 else np.inf
-
-
 def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> str:
     cause = fit.evidence.causes[index]
     if cause.name in SHARED:
@@ -198,7 +180,7 @@ def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> st
         return (
             "nothing in these pictures tells it from what was named" if fit.named else "these pictures do not show it"
         )
-    if not error < _USELESS * float(cause.expected.max()):
+    if not is_useful(cause, error):
         return "these pictures hardly determine it"
     return ""
 

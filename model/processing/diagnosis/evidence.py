@@ -11,6 +11,8 @@ from model.processing.diagnosis.causes import Cause
 
 FloatArray = NDArray[np.float64]
 
+# Errors of a fault that are this much larger than any rig's faults tell nothing.
+_USELESS = 4.0
 # Share of a regressor's size that is left after others, below which it is one of them.
 _NOTHING_LEFT = 1e-6
 
@@ -59,6 +61,18 @@ class Estimates:
     parts: tuple[slice, ...]
     is_determined: bool
 
+    def size_of(self, which: int) -> tuple[float, float]:
+        """Return a number with its error, or the length of a vector with the error along it."""
+        part = self.parts[which]
+        values, covariance = self.values[part], self.covariance[part, part]
+        if len(values) == 1:
+            return float(values[0]), _root(covariance[0, 0])
+        length = float(np.linalg.norm(values))
+        if not length > 0.0:
+            return length, _root(np.max(np.diag(covariance)))
+        along = values / length
+        return length, _root(float(along @ covariance @ along))
+
 
 def estimates(evidence: Evidence, chosen: Sequence[int]) -> Estimates:
     """Return the sizes of some causes, fitted together, the others being nothing.
@@ -82,13 +96,25 @@ def estimates(evidence: Evidence, chosen: Sequence[int]) -> Estimates:
 
 
 def significances(evidence: Evidence, chosen: tuple[int, ...]) -> list[float]:
-    """Return the chance of each estimate of a set, so far from nothing, were there nothing; 1 if not determined."""
+    """Return the chance of each estimate of a set, so far from nothing, were there nothing; 1 if hardly determined."""
     fitted = estimates(evidence, chosen)
     freedom = max(evidence.freedom - len(fitted.values) - 1, 1)
     return [
         float(fdtrc(part.stop - part.start, freedom, _statistic(fitted, which)))
-        for which, part in enumerate(fitted.parts)
+        if is_useful(evidence.causes[index], fitted.size_of(which)[1])
+        else 1.0
+        for which, (index, part) in enumerate(zip(chosen, fitted.parts, strict=True))
     ]
+
+
+def is_useful(cause: Cause, error: float) -> bool:
+    """Return whether the error of a fault is below what tells nothing."""
+    return error < _USELESS * float(cause.expected.max())
+
+
+def _root(variance: float) -> float:
+    """Return a standard error; infinite where rounding left no variance of a fault that is hardly there."""
+    return float(np.sqrt(variance)) if variance >= 0.0 else np.inf
 
 
 def _statistic(fitted: Estimates, which: int) -> float:

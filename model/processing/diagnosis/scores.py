@@ -100,9 +100,10 @@ def _of_noise_in_slopes(
         noise = float(np.median(squares)) / (1.0 - 2.0 / (9.0 * redundancy)) ** 3 if held.any() else 0.0
         own = slice(first + way * frames, first + (way + 1) * frames)
         share = noise * (np.eye(frames) - onto) * onto
-        whole = np.diag(products[:, own, own].sum(axis=0))
-        most = np.where(whole > 0.0, _MOST_NOISE * whole, 0.0) / np.maximum(np.diag(share) * blocks.sum(), 1e-300)
-        added[:, own, own] = blocks[:, None, None] * share * min(1.0, float(most.min()))
+        most = _MOST_NOISE * np.maximum(np.diag(products[:, own, own].sum(axis=0)), 0.0)
+        wanted = np.diag(share) * blocks.sum()
+        kept = np.divide(most, wanted, out=np.ones_like(wanted), where=wanted > most)
+        added[:, own, own] = blocks[:, None, None] * share * float(kept.min())
     return added
 
 
