@@ -96,19 +96,29 @@ def fit_faults(
     near = usable_with_neighbours(usable)
     parameters = np.zeros(parameter_count(len(pictures)))
     named: tuple[int, ...] | None = None
-    before: set[int] = set()
     for _ in range(_PASSES):
         scores = _scores_about(system, pictures, near, parameters, light)
         if scores.tiles < _LEAST_TILES:
             return None
         fit = _fit_about(scores, parameters, causes, light, offsets, named or ())
         settled = fit.named == named and _is_settled(fit, parameters)
-        before |= set(named or ())
-        named, parameters = fit.named, fit.parameters
+        before, named, parameters = named or (), fit.named, fit.parameters
         if settled or not named:
-            return fit
-    # Sets that each explain a run best once they were taken out: none of them can be told from the other.
-    return replace(fit, stand_ins={index: same | (before - set(fit.named)) for index, same in fit.stand_ins.items()})
+            break
+    return _with_twins(fit, before)
+
+
+def _with_twins(fit: JointFit, before: tuple[int, ...]) -> JointFit:
+    """Return a fit whose causes cannot be told from those of the pass before, where these are others.
+
+    Notes
+    -----
+    Sets that follow one another, each the best once the other was taken out, are the same to a run.
+    """
+    same = {index: set(others) for index, others in fit.stand_ins.items()}
+    for twin in set(before) - set(fit.named) if fit.named else ():
+        same[max(fit.named, key=lambda index: fit.weigher.correlation(index, twin))].add(twin)
+    return replace(fit, stand_ins=same)
 
 
 def share_left(evidence: Evidence, index: int) -> float:

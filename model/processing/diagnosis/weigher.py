@@ -1,7 +1,7 @@
 """The evidence for sets of causes, and the search for the best."""
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Iterable, Sequence
+from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,7 +184,7 @@ def stand_ins(
 
     Notes
     -----
-    One or two of the set are exchanged for one or two others.
+    One or two of the set are exchanged for one or two others; of two for two, each stands in for what it is most like.
     """
     found: dict[int, set[int]] = {index: set() for index in named}
     others = np.setdiff1d(candidates, named)
@@ -197,9 +197,17 @@ def stand_ins(
         for leaving in combinations(named, count):
             staying = tuple(index for index in named if index not in leaving)
             alike = sets[weigher.of_sets(_each_with(staying, sets), is_even=True) > least] if sets.size else sets
-            for index in leaving:
-                found[index].update(alike.ravel().tolist())
+            for arriving in alike.tolist():
+                for index, other in _in_place_of(weigher, leaving, tuple(arriving)):
+                    found[index].add(other)
     return found
+
+
+def _in_place_of(weigher: Weigher, leaving: tuple[int, ...], arriving: tuple[int, ...]) -> Iterable[tuple[int, int]]:
+    if len(leaving) != len(arriving):
+        return product(leaving, arriving)
+    ways = (tuple(zip(leaving, order, strict=True)) for order in permutations(arriving))
+    return max(ways, key=lambda way: sum(weigher.correlation(*pair) for pair in way))
 
 
 def _pairs(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
