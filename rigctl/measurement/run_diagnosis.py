@@ -26,7 +26,7 @@ QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
 # A power law's size is that of its exponent less one.
 _EXPONENT = "exponent - 1"
 # What walks leaves the mean of an even region where it is: its slopes tell.
-_OF_EDGES = ("shift", "wobble")
+_OF_EDGES = ("shift", "wobble", "planes of a mosaic")
 _OF_PAIRS = "throughput of pairs"
 _DEG_PER_RAD = float(np.degrees(1.0))
 UNSEEN = (
@@ -257,9 +257,9 @@ def term_text(term: FaultTerm) -> str:
     if term.value is None or term.std_error is None:
         return f"{term.title}: not testable, {term.reason}"
     size = f"{term.title}: {_number(term.value, term.unit)} +- {_number(term.std_error, term.unit).lstrip('+')}"
-    moves = "" if term.dolp_shift is None else f"; moves DoLP by {term.dolp_shift:+.4f}"
-    if term.aolp_shift_deg is not None:
-        moves += f", AoLP by {term.aolp_shift_deg:+.2f} deg"
+    moves = "" if term.dolp_shift is None else f"; moves DoLP by {_plain(term.dolp_shift, '.4f')}"
+    if moves and term.aolp_shift_deg is not None:
+        moves += f", AoLP by {_plain(term.aolp_shift_deg, '.2f')} deg"
     others = f"; not to be told from {_listed(term.confused_with)}" if term.confused_with else ""
     return size + moves + others
 
@@ -271,6 +271,12 @@ def _listed(titles: Sequence[str]) -> str:
         name, _, place = title.partition(" at ")
         by_name.setdefault(name, []).append(place.removesuffix(" deg"))
     return ", ".join(f"{name} at {', '.join(at)} deg" if at[0] else name for name, at in by_name.items())
+
+
+def _plain(value: float, digits: str) -> str:
+    """Return a number with its sign; without one where its digits are all 0."""
+    text = format(value, "+" + digits)
+    return text if float(text) else format(0.0, digits)
 
 
 def _number(value: float, unit: str) -> str:

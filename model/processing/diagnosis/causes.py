@@ -13,6 +13,8 @@ PER_FRAME = ("throughput", "angle", "dark level", "shift x", "shift y")
 SHARED = ("response curvature", "response power law")
 # How large faults of rigs are before anything is known (standard deviations), in the units of the parameters.
 _THROUGHPUT, _ANGLE_RAD, _DARK_SHARE, _SHIFT_PIXELS, _CURVATURE, _POWER = 0.02, 0.0175, 0.01, 0.7, 0.2, 0.15
+# Planes of a mosaic lie a quarter of their pixel to each side.
+_PLANES_PIXELS = 0.25
 # Of explanations that fit alike, what the pair sums say in any case is said first. A dark level of one frame alone is
 # rare, and two frames off by opposite shares, where one turned polarizer does the same, rarer.
 _PAIRS_LOG_ODDS, _DARK_LOG_ODDS, _WITHIN_LOG_ODDS = 2.0, -0.7, -2.0
@@ -40,6 +42,8 @@ class Cause:
         How large it is in rigs (standard deviation).
     log_odds
         Of meeting it, before anything is known.
+    is_fault
+        False of how a camera is built: said after what is wrong.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Cause:
     directions: FloatArray
     expected: FloatArray
     log_odds: float = 0.0
+    is_fault: bool = True
 
 
 def parameter_count(frames: int) -> int:
@@ -79,6 +84,7 @@ def known_causes(angles_rad: FloatArray, order: Sequence[float], *, light: float
     return (
         *_of_single_frames(frames, light),
         *_of_pairs(angles_rad),
+        *_of_mosaics(angles_rad),
         *_of_all(frames),
         *_of_time(np.asarray(order, dtype=np.float64)),
         *_of_whole_turns(angles_rad),
@@ -131,6 +137,28 @@ def _of_pairs(angles_rad: FloatArray) -> Iterator[Cause]:
             frame=int(group[0]),
             log_odds=_WITHIN_LOG_ODDS,
         )
+
+
+def _of_mosaics(angles_rad: FloatArray) -> Iterator[Cause]:
+    """Give opposite shifts of the two of each pair, as the four planes of a mosaic of polarizers lie."""
+    frames = len(angles_rad)
+    pairs = _groups(angles_rad, np.pi / 2)
+    if frames != 4 or [len(pair) for pair in pairs] != [2, 2] or len(_groups(angles_rad, np.pi)) < frames:
+        return
+    moved = np.zeros((parameter_count(frames), 4))
+    for number, (one, other) in enumerate(pairs):
+        for way, kind in enumerate(("shift x", "shift y")):
+            moved[place(kind, int(one), frames), 2 * number + way] = 1.0
+            moved[place(kind, int(other), frames), 2 * number + way] = -1.0
+    yield Cause(
+        name="planes of a mosaic",
+        frame=None,
+        frames=tuple(range(frames)),
+        unit="pixel",
+        directions=moved,
+        expected=np.full(4, _PLANES_PIXELS),
+        is_fault=False,
+    )
 
 
 def _of_all(frames: int) -> Iterator[Cause]:

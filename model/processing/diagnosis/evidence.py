@@ -127,11 +127,15 @@ def _statistic(fitted: Estimates, which: int) -> float:
 
 
 def by_size(evidence: Evidence, chosen: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the causes by how many of its errors each is off, the most first."""
+    """Return the causes by how many of its errors each is off, the most first; what is no fault comes last."""
     if not chosen:
         return ()
     fitted = estimates(evidence, chosen)
-    return tuple(chosen[at] for at in sorted(range(len(chosen)), key=lambda at: -_statistic(fitted, at)))
+
+    def rank(at: int) -> tuple[bool, float]:
+        return not evidence.causes[chosen[at]].is_fault, -_statistic(fitted, at)
+
+    return tuple(chosen[at] for at in sorted(range(len(chosen)), key=rank))
 
 
 def _stacked(causes: Sequence[Cause], chosen: Sequence[int]) -> tuple[FloatArray, tuple[slice, ...]]:

@@ -19,7 +19,7 @@ FALSE_FINDING_RATE = 0.01
 # Of the regressor of a curved response, root mean square, that is left after throughputs, angles and dark levels.
 LEAST_SHARE_LEFT = 0.05
 # What fine structure between pixels feigns as a curved response (standard deviation).
-_RESPONSE_FLOOR = 0.004
+_RESPONSE_FLOOR = 0.01
 _PASSES, _ROUNDS, _MOST_CAUSES, _LEAST_TILES = 8, 4, 6, 12
 # Loss of evidence (natural logarithm) up to which other causes could stand in place of those named: one in a hundred.
 CONFUSED_MARGIN = 4.6
