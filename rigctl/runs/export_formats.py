@@ -12,6 +12,8 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
 
 Column = list[Any]
+# Where xarray looks for the names of an array's dimensions.
+_DIMENSIONS = "_ARRAY_DIMENSIONS"
 # The longest ending first: "_e_per_dn" is no count.
 _UNITS = {
     "_e_per_dn": "e-/DN",
@@ -128,7 +130,7 @@ def _text(value: str | tuple[str, ...] | None) -> str:
 
 
 def export_zarr(run: Run, out: Path) -> None:
-    """Write a run into a Zarr folder: an array `counts` (N, H, W), one chunk a frame, and attributes.
+    """Write a run into a Zarr folder: an array `counts` (N, H, W), one chunk a frame, coordinates and attributes.
 
     Raises
     ------
@@ -139,23 +141,53 @@ def export_zarr(run: Run, out: Path) -> None:
 
     Notes
     -----
-    The group's attribute `frames` has every field of the frames' records by its name, one value a frame; `session` what
-    the run says of itself.
+    xarray opens it lazily, with the coordinates `kind`, `polarizer_angle_deg`, `exposure_s` and, where every frame has
+    one, `time` along `frame`. The group's attribute `frames` has every field of the frames' records by its name, one
+    value a frame; `session` what the run says of itself.
     """
     try:
         import zarr
     except ImportError as error:
         raise ConfigError("--to zarr needs zarr: pip install 'rigctl[export]'") from error
     height, width = common_shape(run)
-    group = zarr.open_group(str(out), mode="w-")
+    # The second format, whose one file of metadata xarray reads; of the third it is no part of the standard.
+    group = zarr.open_group(str(out), mode="w-", zarr_format=2)
+    # A fill value would be a missing one to xarray.
     counts = group.create_array(
         "counts",
         shape=(len(run.frames), height, width),
         chunks=(1, height, width),
         dtype="u2",
-        dimension_names=("frame", "y", "x"),
-        attributes={"unit": "DN"},
+        fill_value=None,
     )
     for place, record in enumerate(run.frames):
         counts[place] = run.counts(record)
+    coordinates = _coordinates(run)
+    counts.attrs.update(
+        {"unit": "DN", "units": "DN", _DIMENSIONS: ["frame", "y", "x"], "coordinates": " ".join(coordinates)}
+    )
+    for name, (values, facts) in coordinates.items():
+        group.create_array(name, data=values, fill_value=None, attributes={_DIMENSIONS: ["frame"], **facts})
     group.attrs.update({"frames": columns_of(run), "session": run.session_json, "created_by": run.created_by})
+    zarr.consolidate_metadata(str(out))
+
+
+def _coordinates(run: Run) -> dict[str, tuple[np.ndarray[Any, Any], dict[str, str]]]:
+    """Values along the frames and what other programs are told of them, after the CF conventions."""
+    records = run.frames
+    numbers = {"polarizer_angle_deg": "deg", "exposure_s": "s"}
+    found: dict[str, tuple[np.ndarray[Any, Any], dict[str, str]]] = {
+        name: (np.array([_known(getattr(record, name)) for record in records]), {"units": unit})
+        for name, unit in numbers.items()
+    }
+    found["kind"] = (np.array([record.kind for record in records]), {})
+    starts = [record.start_utc for record in records if record.start_utc is not None]
+    if len(starts) == len(records):
+        utc_ns = np.array([np.datetime64(text.removesuffix("Z"), "ns").astype(np.int64) for text in starts])
+        facts = {"units": "nanoseconds since 1970-01-01", "calendar": "proleptic_gregorian", "long_name": "start, UTC"}
+        found["time"] = (utc_ns, facts)
+    return found
+
+
+def _known(value: float | None) -> float:
+    return np.nan if value is None else value

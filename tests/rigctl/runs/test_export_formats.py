@@ -65,11 +65,31 @@ def test_zarr_holds_every_frame_and_its_record(tmp_path):
     zarr = pytest.importorskip("zarr", reason="pip install zarr")
     run, out = _export(tmp_path, "zarr", "run.zarr")
     group = zarr.open_group(str(out), mode="r")
-    assert group["counts"].metadata.dimension_names == ("frame", "y", "x")
+    assert group["counts"].attrs["_ARRAY_DIMENSIONS"] == ["frame", "y", "x"]
     for place, record in enumerate(run.frames):
         np.testing.assert_array_equal(group["counts"][place], run.counts(record))
         assert _record({name: column[place] for name, column in group.attrs["frames"].items()}) == record
     assert group.attrs["session"] == run.session_json
+
+
+def test_xarray_opens_a_zarr_lazily_with_coordinates(tmp_path):
+    pytest.importorskip("zarr", reason="pip install zarr")
+    xr = pytest.importorskip("xarray", reason="pip install xarray")
+    run, out = _export(tmp_path, "zarr", "run.zarr")
+    store = xr.open_zarr(out)
+    assert store.counts.dims == ("frame", "y", "x")
+    assert store.counts.dtype == np.uint16
+    assert store.counts.chunks[0] == (1,) * len(run.frames)
+    assert {"kind", "polarizer_angle_deg", "exposure_s"} <= set(store.counts.coords)
+    assert store.kind.values.tolist() == [record.kind for record in run.frames]
+    known = [np.nan if record.polarizer_angle_deg is None else record.polarizer_angle_deg for record in run.frames]
+    np.testing.assert_array_equal(store.polarizer_angle_deg, known)
+    assert store.exposure_s.attrs["units"] == "s"
+    scenes = store.counts.where((store.kind == "scene").compute(), drop=True)
+    assert scenes.sizes["frame"] == sum(record.kind == "scene" for record in run.frames)
+    starts = [record.start_utc for record in run.frames]
+    if None not in starts:
+        assert [f"{text}Z" for text in np.datetime_as_string(store.time.values, unit="ns")] == starts
 
 
 def test_tiff_holds_every_frame_and_its_record(tmp_path):
