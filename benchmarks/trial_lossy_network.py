@@ -4,7 +4,7 @@ Each picture holds its own number, and is noise that follows from it, so that ev
 what was sent, bit for bit. The stage is there at once; the camera is the simulated one, behind its driver and UDP
 packets.
 
-Usage: python -m benchmarks.trial_lossy_network [--frames 100] [--lost 0 0.0001 0.001 0.01]
+Usage: python -m benchmarks.trial_lossy_network [--frames 100] [--lost 0 0.0001 0.001 0.01] [--resend]
 """
 
 import argparse
@@ -15,11 +15,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
@@ -29,7 +31,8 @@ from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_events import EVENTS_FILE
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import take_session
-from sim_devices.cameras.gige_server import serve_gige_camera
+from sim_devices.cameras.gige_faults import GigeFaults
+from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
 
 ADDRESS = "127.0.0.1"
 PLACE = f"{ADDRESS}?pixel_format=Mono12Packed"
@@ -146,10 +149,24 @@ def picture(number: int) -> NDArray[np.uint16]:
 
 
 @contextmanager
-def lossy_rig(lost_share: float) -> Iterator[Rig]:
-    """Give a rig whose network begins to lose packets once the camera is open."""
+def _lossy_camera(lost_share: float, *, resends: bool) -> Iterator[BoundedCamera]:
+    """Give a camera whose network loses packets: from the start where they are sent again, else once it is open."""
+    if resends:
+        with (
+            serve_behind_network(NumberedPictures(), faults=GigeFaults(lost_share=lost_share)) as address,
+            open_gige(PLACE.replace(ADDRESS, address)) as camera,
+        ):
+            yield camera
+        return
     with serve_gige_camera(NumberedPictures(), address=ADDRESS) as device, open_gige(PLACE) as camera:
         device.lose_packets(lost_share)
+        yield camera
+
+
+@contextmanager
+def lossy_rig(lost_share: float, *, resends: bool) -> Iterator[Rig]:
+    """Give a rig whose network loses packets."""
+    with _lossy_camera(lost_share, resends=resends) as camera:
         stage = StillStage()
         yield Rig(
             stage=stage,
@@ -161,13 +178,14 @@ def lossy_rig(lost_share: float) -> Iterator[Rig]:
         )
 
 
-def one_session(lost_share: float, *, frames: int, folder: Path) -> Ending:
+def one_session(lost_share: float, *, resends: bool, frames: int, folder: Path) -> Ending:
     """Take a session; return how it ended."""
     take = {"kind": "scene", "exposure_ms": EXPOSURE_MS, "cycles": frames // 4}
     session = SessionFile.model_validate({"name": "lossy network", "take": [take]})
     error, begin_s = None, time.monotonic()
     try:
-        take_session(RigFile.model_validate(_RIG), session, folder, files={}, opener=lambda: lossy_rig(lost_share))
+        opener = partial(lossy_rig, lost_share, resends=resends)
+        take_session(RigFile.model_validate(_RIG), session, folder, files={}, opener=opener)
     except DeviceError as failure:
         error = f"{type(failure).__name__}: {failure}"
     run = read_run(folder)
@@ -185,17 +203,18 @@ def _tally(run: Run) -> dict[str, int]:
     return dict(next(event["facts"] for event in reversed(events) if event["event"] == "camera tally"))
 
 
-def run_losses(frames: int, lost_shares: tuple[float, ...] = LOST_SHARES) -> bool:
+def run_losses(frames: int, lost_shares: tuple[float, ...] = LOST_SHARES, *, resends: bool = False) -> bool:
     """Take a session for each share of lost packets and print how it ended; return whether no frame is broken."""
     broken = 0
     for share in lost_shares:
         with tempfile.TemporaryDirectory() as folder:
-            ending = one_session(share, frames=frames, folder=Path(folder) / "run")
+            ending = one_session(share, resends=resends, frames=frames, folder=Path(folder) / "run")
         broken += ending.broken
         tally = ending.tally
         print(
             f"{100 * share:g} % lost: {ending.frames} of {frames} frames stored, {ending.broken} broken; "
             f"{tally['damaged']} damaged and {tally['never_came']} missing pictures taken again; "
+            f"{tally['packets_lost']} of {tally['packets']} packets lost, {tally['packets_resent']} sent again; "
             f"{ending.duration_s:.1f} s; {ending.error or 'complete'}"
         )
     return broken == 0
@@ -205,8 +224,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--lost", type=float, nargs="+", default=LOST_SHARES)
+    parser.add_argument("--resend", action="store_true", help="The camera sends lost packets again.")
     arguments = parser.parse_args()
-    return 0 if run_losses(arguments.frames, tuple(arguments.lost)) else 1
+    return 0 if run_losses(arguments.frames, tuple(arguments.lost), resends=arguments.resend) else 1
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def _run_network(*, turns: int, frames: int) -> bool:
         print(f"no trials over the network: {error}")
         return True
     is_current = run_turns(turns)
-    return run_losses(frames) and is_current
+    return run_losses(frames) and run_losses(frames, (0.01, 0.05), resends=True) and is_current
 
 
 if __name__ == "__main__":

@@ -60,12 +60,14 @@ class WriterThread:
         self._queue: queue.Queue[Frames | None] = queue.Queue(maxsize=QUEUE_FRAMES)
         self._error: Exception | None = None
         self._dropped: list[int] = []
-        self._is_stall_told = False
+        self._is_over = threading.Event()
         # A daemon: one that hangs in the system's kernel is left behind.
         self._thread = threading.Thread(target=self._run, name="frame writer", daemon=True)
 
     def __enter__(self) -> "WriterThread":
         self._thread.start()
+        # A disk that hangs may hold the session itself at its next look into the run's folder: somebody has to say so.
+        threading.Thread(target=self._watch, name="disk watch", daemon=True).start()
         return self
 
     def __exit__(
@@ -79,6 +81,8 @@ class WriterThread:
         except RunFolderError:
             if kind is None:
                 raise
+        finally:
+            self._is_over.set()
         if kind is None:
             self._raise_failure()
 
@@ -152,12 +156,14 @@ class WriterThread:
                 self._raise_stall()
 
     def _raise_stall(self) -> None:
-        if not self.is_stalled:
-            return
-        if not self._is_stall_told:
-            self._is_stall_told = True
-            warn(f"{self._stall()}: the session ends")  # now: what has to be closed on this disk may hang too
-        raise RunFolderError(self._stall())
+        if self.is_stalled:
+            raise RunFolderError(self._stall())
+
+    def _watch(self) -> None:
+        while not self._is_over.wait(_LOOK_S):
+            if self.is_stalled:
+                warn(f"{self._stall()}. Where it comes back meanwhile, the session goes on")
+                return
 
     def _stall(self) -> str:
         waiting = self._queue.unfinished_tasks

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from rigctl.errors import RunFolderError
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_status import read_status
+from rigctl.session import frame_store
 from rigctl.session.frame_store import QUEUE_FRAMES, StoredFrame, WriterThread
 from rigctl.session.planning.session_steps import plan_steps
 from rigctl.session.session_clock import SessionClock
@@ -121,7 +123,9 @@ def hanging():
 
 
 @pytest.mark.parametrize("frames", [3, QUEUE_FRAMES + 3], ids=["while flushing", "while taking"])
-def test_a_disk_that_hangs_ends_the_session_in_time(hanging, frames):
+def test_a_disk_that_hangs_ends_the_session_in_time(hanging, frames, monkeypatch):
+    told = []
+    monkeypatch.setattr(frame_store, "warn", told.append)
     start_s = time.monotonic()
     thread = WriterThread(hanging, stalled_s=0.3)
 
@@ -135,6 +139,16 @@ def test_a_disk_that_hangs_ends_the_session_in_time(hanging, frames):
         store_all()
     assert time.monotonic() - start_s < 0.3 + 1.0
     assert thread.is_stalled
+    assert len(told) <= 1
+
+
+def test_somebody_says_it_even_where_the_session_itself_is_held(hanging, monkeypatch):
+    told = threading.Event()
+    monkeypatch.setattr(frame_store, "warn", lambda text: told.set())
+    with suppress(RunFolderError), WriterThread(hanging, stalled_s=0.1) as thread:
+        thread.put(made_frame(0))
+        thread.put(made_frame(1))
+        assert told.wait(_PATIENCE_S)  # the session does nothing more
 
 
 def test_a_disk_that_hangs_for_a_while_costs_no_frame(hanging):
