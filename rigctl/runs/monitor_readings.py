@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from datetime import datetime
 
 from pydantic import TypeAdapter, ValidationError
 
 from rigctl.errors import RunFolderError
-from rigctl.numbers.utc_time import utc_moment
+from rigctl.numbers.utc_time import is_utc_text
 from rigctl.runs.run_description import explain_invalid
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent
 
@@ -44,6 +45,10 @@ class MonitorReadings:
     read_utc: str
     readings: dict[str, float | None]
     problems: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not is_utc_text(self.read_utc):
+            raise ValueError(f"read_utc is {self.read_utc!r}, which is no time in UTC")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +121,7 @@ def monitor_traces(events: Iterable[RunEvent]) -> tuple[MonitorTrace, ...]:
 
 def _trace(facts: MonitorFacts, readings: Iterable[MonitorReadings]) -> MonitorTrace:
     mine = [reading for reading in readings if facts.monitor in reading.readings]
-    found = [(utc_moment(one.read_utc).timestamp(), one.readings[facts.monitor]) for one in mine]
+    found = [(datetime.fromisoformat(one.read_utc).timestamp(), one.readings[facts.monitor]) for one in mine]
     known = [(time_s, value) for time_s, value in found if value is not None]
     problems = dict.fromkeys(one.problems[facts.monitor] for one in mine if facts.monitor in one.problems)
     return MonitorTrace(

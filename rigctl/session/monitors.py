@@ -121,6 +121,7 @@ class Monitors:
         self._looks: list[_Look] = []
         self._told: dict[str, str] = {}
         self._known: set[str] = set()
+        self._warned: set[tuple[str, str]] = set()
 
     def look(self, sequence: int) -> None:
         """Ask each sensor for its reading beside an exposure, and note those that are complete; returns at once."""
@@ -184,7 +185,8 @@ class Monitors:
         order = [reader.section.name for reader in self._readers]
         changed = {name: text for name, text in look.problems.items() if self._told.get(name) != text}
         for name, text in changed.items():
-            if text != _BUSY:
+            if text != _BUSY and (name, text) not in self._warned:
+                self._warned.add((name, text))
                 warn(f"monitor {name}: {text}; frames are taken all the same")
         self._told = dict(look.problems)
         return MonitorReadings(

@@ -11,7 +11,7 @@ import pytest
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.monitors import open_command_monitor, open_file_monitor, open_serial_monitor
 from rigctl.devices.rig import require_drivers
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.monitor_section import MonitorSection
 from rigctl.files.rig_file import RigFile
 from rigctl.jobs.doctor import monitor_findings
@@ -21,7 +21,7 @@ from rigctl.live.cycle_history import CycleHistory, CycleLook
 from rigctl.live.light_followed import followed_light, light_lines
 from rigctl.live.live_status import Estimate, RegionPolarization
 from rigctl.runs.monitor_readings import MonitorFacts, MonitorTrace, monitor_line, monitor_traces
-from rigctl.runs.run_events import read_events
+from rigctl.runs.run_events import RunEvent, read_events
 from rigctl.runs.run_folder import read_run
 from rigctl.session.monitors import Monitors
 from rigctl.session.take_session import resume_session, take_session
@@ -90,6 +90,7 @@ def test_each_exposure_has_its_readings(tmp_path: Path) -> None:
     assert len(told.values) + told.missing == 10
     assert list(told.values) == [801.0 + k for k in range(len(told.values))]
     assert set(by_name["air"].values) == {21.5}
+    assert len(set(told.times_s)) == len(told.times_s)
     assert [e.facts["sequence"] for e in events if e.event == "monitor readings"] == list(range(10))
     assert verify(tmp_path / "run").state == "whole"
 
@@ -98,7 +99,9 @@ def test_each_exposure_has_its_readings(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fault", "words"), [("hangs", "no answer within 0.3 s"), ("raises", "no such sun"), ("nan", "nan")]
 )
-def test_a_sensor_that_fails_costs_no_frame(tmp_path: Path, fault: str, words: str) -> None:
+def test_a_sensor_that_fails_costs_no_frame(
+    tmp_path: Path, fault: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     rig = rig_with(tmp_path, sun(options={"fault": fault}), air(tmp_path))
     outcome = take_session(rig, small_session(), tmp_path / "run", files={})
     assert outcome.is_finished
@@ -106,6 +109,7 @@ def test_a_sensor_that_fails_costs_no_frame(tmp_path: Path, fault: str, words: s
     by_name = {trace.facts.monitor: trace for trace in monitor_traces(read_events(tmp_path / "run"))}
     assert by_name["sun"].values == ()
     assert any(words in problem for problem in by_name["sun"].problems)
+    assert capsys.readouterr().err.count(words) == 1
     assert len(by_name["sun"].problems) <= 3
     assert set(by_name["air"].values) == {21.5}
 
@@ -248,3 +252,9 @@ def test_a_session_that_is_gone_on_with_is_read_beside_too(tmp_path: Path) -> No
     resume_session(tmp_path / "run")
     sequences = [e.facts["sequence"] for e in read_events(tmp_path / "run") if e.event == "monitor readings"]
     assert sequences == [*range(10), 9]
+
+
+def test_readings_without_a_time_are_refused_by_name() -> None:
+    facts = {"sequence": 0, "read_utc": "soon", "readings": {"air": 1.0}, "problems": {}}
+    with pytest.raises(RunFolderError, match="no time in UTC"):
+        monitor_traces([RunEvent(event="monitor readings", facts=facts)])
