@@ -23,6 +23,7 @@ from benchmarks.trial_mosaic import run_mosaic
 from benchmarks.trial_noise_sets import run_noise_sets
 from benchmarks.trial_odd_runs import run_odd
 from benchmarks.trial_paper import run_paper
+from benchmarks.trial_pointing import run_pointing
 from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_roof import run_roof
 from benchmarks.trial_rows import run_rows
@@ -58,6 +59,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
     sound = run_damaged(arguments.damaged)
+    sound &= run_pointing(arguments.seeds)
     sound &= run_monkey(arguments.monkey_cases)
     sound &= run_kills(arguments.kills)
     sound &= run_lost_terminals(arguments.lost_terminals)

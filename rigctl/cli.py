@@ -90,6 +90,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "Calibrate the sensor's noise, and the polarizer's axis and throughput.",
     ),
     "calibrations": ("rigctl.commands.calibrations", "List the store of calibrations, and how their numbers move."),
+    "point": (
+        "rigctl.commands.point",
+        "Find where camera and panels point, from sun, shadow, outlines, compass, level.",
+    ),
     "surface": ("rigctl.commands.surface", "DoLP and reflectance of a material against angle, and its sources."),
     "dolp": ("rigctl.commands.dolp", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),
     "fit": ("rigctl.commands.fit", "Fit the parameters of a surface to measured regions."),

@@ -7,7 +7,10 @@ import typer
 
 from rigctl.console.terminal import print_json, print_json_list, progress, results
 
-app = typer.Typer(no_args_is_help=True, help="Index an archive of runs, and find runs in it.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Index an archive of runs, find runs in it, and see how the rig fared.\n\nExample: rigctl archive index runs",
+)
 
 _Root = Annotated[Path, typer.Argument(metavar="ROOT", help="Folder with runs at any depth below it.")]
 _Json = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]

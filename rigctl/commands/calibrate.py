@@ -12,6 +12,7 @@ from rigctl.cli import EXIT_DATA
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
+from rigctl.commands.calibrate_lens import lens
 from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
 from rigctl.console.failure_json import failure_content
@@ -30,6 +31,7 @@ app.command()(doubling)
 app.command()(flat)
 app.command()(radiometric)
 app.command()(registration)
+app.command()(lens)
 
 
 @app.callback()

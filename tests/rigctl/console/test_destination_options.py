@@ -112,6 +112,11 @@ _RUN = {"import": ["import", "--angles", "0", "--same-exposure", "--", "OUT", "s
 _EDITED = {"write": [*_AXIS, "--out", "a.json", "--write"]}
 # Of a command's paths, those that it reads.
 _READ = {
+    "lens",
+    "outlines",
+    "root",
+    "study",
+    "pictures",
     "store",
     "used_by",
     "certificate", "emva", "file", "files", "flat", "generator", "digitised", "key", "materials", "noise",

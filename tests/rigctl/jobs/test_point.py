@@ -1,0 +1,174 @@
+"""``rigctl point`` and ``rigctl calibrate lens``: from a run and what somebody measured to the scene file."""
+
+import json
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from pvlib import solarposition
+
+from benchmarks.trial_pointing import panel_corners, seen
+from calibration.pointing.camera_pose import camera_axes, direction
+from calibration.pointing.lens import Lens
+from rigctl import cli
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.place import Place
+from rigctl.files.scene_file import load_scene
+from rigctl.jobs.point import PointRequest, point
+from rigctl.numbers.utc_time import utc_moment
+from rigctl.scene.skies.sun_position import sun_position
+from tests.calibration.pointing.test_pointing import STANDS, _board
+from tests.docs.blocks import ROOT
+from tests.rigctl.made_runs import at, make_run
+
+# The rooftop of [MK14]: Rochester, NY.
+SITE = {"latitude_deg": 43.08, "longitude_deg": -77.67, "elevation_m": 160.0}
+UTC = "2010-05-25T17:07:40Z"
+LENS = Lens(parameters=np.array([900.0, 900.0, 159.5, 119.5, 0.0, 0.0, 0.0, 0.0]), covariance=np.zeros((8, 8)))
+FOCAL = "900 +- 0.001"
+
+
+@pytest.fixture
+def run(tmp_path):
+    facts = {f"site_{name}": value for name, value in SITE.items()} | {"start_utc": UTC}
+    session = {"origin": "import", "session": {"site": SITE}}
+    make_run(tmp_path / "run", [(at(0.0, **facts), np.zeros((240, 320)))], session=session)
+    return tmp_path / "run"
+
+
+def _pvlib_sun():
+    times = pd.DatetimeIndex([UTC])
+    found = solarposition.spa_python(times, SITE["latitude_deg"], SITE["longitude_deg"], altitude=SITE["elevation_m"])
+    return float(found["azimuth"].iloc[0]), float(found["apparent_elevation"].iloc[0])
+
+
+def test_the_azimuth_by_the_sun_is_that_of_another_almanac(run):
+    azimuth_deg, elevation_deg = _pvlib_sun()
+    looks = np.radians([azimuth_deg + 4.0, elevation_deg - 3.0, 0.5])
+    sun = direction(np.radians(azimuth_deg), np.radians(elevation_deg))
+    x, y = seen(sun[None, :], looks, LENS)[0]
+    found = point(
+        PointRequest(
+            run=run,
+            focal_px="900 +- 1",
+            sun=f"{x},{y}",
+            level=f"{np.degrees(looks[1])},{np.degrees(looks[2])} +- 0.05",
+            pixel_std=0.3,
+        )
+    )
+    off_deg = np.degrees(found.pose.angles_rad[0] - looks[0])
+    assert abs(off_deg) < 2.0 * np.degrees(found.pose.std_rad[0])
+    # The axis of a lens without a calibration lies within 3.2 pixels of the middle: 0.2 deg, over the cosine of 65 deg.
+    assert np.degrees(found.pose.std_rad[0]) < 1.0
+    assert found.sun_deg == pytest.approx((azimuth_deg, elevation_deg), abs=0.01)
+
+
+def _seen_in(run, looks_deg, **more):
+    return point(PointRequest(run=run, focal_px=FOCAL, **more)), np.radians(looks_deg)
+
+
+def test_shadow_and_level_panel_tell_everything(run, tmp_path):
+    looks = np.radians([140.0, -40.0, 2.0])
+    sun = sun_position(utc_moment(UTC), Place(**SITE))
+    forward = camera_axes(looks)[2]
+    rod = 20.0 * forward + np.array([[0, 0, 0], -1.0 * direction(sun.azimuth_rad, 0.0)])
+    shadow = ",".join(f"{value:.4f}" for value in seen(rod, looks, LENS).ravel())
+    lying = seen(panel_corners(20.0 * forward, 0.0, 0.0, 0.4, np.array([2.0, 1.5])), looks, LENS)
+    leaning = panel_corners(19.0 * forward, np.radians(30.0), np.radians(320.0), 1.0, np.array([2.0, 1.5]))
+    outlines = tmp_path / "outlines.toml"
+    rows = [("white", lying), ("black", seen(leaning, looks, LENS))]
+    outlines.write_text("".join(f'[[regions]]\nname = "{n}"\npolygon = {np.round(c, 4).tolist()}\n' for n, c in rows))
+    found = point(
+        PointRequest(
+            run=run,
+            focal_px="900 +- 1",
+            shadow=shadow,
+            outlines=outlines,
+            panels=("white=2x1.5", "black=2x1.5"),
+            level_panels=("white=0.2",),
+            pixel_std=0.05,
+        )
+    )
+    geometry = found.geometry
+    assert geometry["camera_azimuth_deg"][0] == pytest.approx(320.0, abs=3.0 * geometry["camera_azimuth_deg"][1])
+    assert geometry["camera_zenith_deg"][0] == pytest.approx(50.0, abs=3.0 * geometry["camera_zenith_deg"][1])
+    tilt = found.regions["black"]
+    assert tilt["tilt_deg"][0] == pytest.approx(30.0, abs=4.0 * tilt["tilt_deg"][1])
+    assert tilt["tilt_azimuth_deg"][0] == pytest.approx(320.0, abs=4.0 * tilt["tilt_azimuth_deg"][1])
+    assert max(one[1] for one in (*geometry.values(), *tilt.values())) < 2.0
+
+
+def test_angles_are_written_into_the_scene_with_their_errors(run, tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    text = (ROOT / "examples/scene-rooftop-noon.toml").read_text()
+    scene.write_text(text)
+    options = ["--compass", "171 +- 2", "--declination", "-11.3 +- 0.3", "--level", "-35,0.4 +- 0.3"]
+    assert cli.main(["point", str(run), *options, "--write", str(scene), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    geometry = load_scene(scene).geometry
+    assert geometry.camera_azimuth_deg.value == pytest.approx(339.7, abs=1e-3)
+    assert geometry.camera_azimuth_deg.std == pytest.approx(np.hypot(2.0, 0.3), abs=1e-3)
+    assert (geometry.camera_zenith_deg.value, geometry.camera_zenith_deg.std) == pytest.approx((55.0, 0.3), abs=1e-3)
+    assert geometry.phi_deg is None
+    assert told["geometry"]["camera_roll_deg"]["value"] == pytest.approx(0.4, abs=1e-3)
+    kept = [line for line in text.splitlines() if line.strip().startswith("#")]
+    assert all(line in scene.read_text() for line in kept)
+    assert cli.main(["point", str(run), *options, "--write", str(scene)]) == 0
+
+
+def test_contradicting_sources_are_said(run, capsys):
+    places = ["--camera-at", "43.08,-77.67,180 +- 0.5", "--target-at", "43.081,-77.67,160 +- 0.5"]
+    options = ["--compass", "40 +- 2", "--declination", "0 +- 0.1", "--level", "-10,0 +- 0.3"]
+    assert cli.main(["point", str(run), *options, *places]) == 0
+    assert "compass contradicts the other sources" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({}, "nothing says where the camera looks"),
+        ({"compass": "10 +- 1"}, "give both"),
+        ({"compass": "10", "declination": "1 +- 1"}, "--compass: is '10'; write 1 number and an error"),
+        ({"compass": "nan +- 1", "declination": "1 +- 1"}, "--compass"),
+        ({"level": "1 +- 1"}, "--level: is '1 .- 1'; write 2 numbers"),
+        ({"sun": "10,10"}, "--lens FILE, or --focal-px"),
+        ({"sun": "10", "focal_px": FOCAL}, "--sun: is '10'; write 2 numbers"),
+        ({"panels": ("a=1x1",)}, "--outlines FILE"),
+        ({"level_panels": ("a=1",)}, "give its size too"),
+        ({"camera_at": "1,1,1 +- 1"}, "give both"),
+        ({"camera_at": "1,1,1 +- 1", "target_at": "1,1,1 +- 1"}, "nearer to one another"),
+    ],
+)
+def test_what_is_not_enough_is_refused(run, more, said):
+    with pytest.raises(ConfigError, match=said):
+        point(PointRequest(run=run, **more))
+
+
+def test_a_run_without_site_has_no_sun(tmp_path):
+    make_run(tmp_path / "r", [(at(0.0, start_utc=UTC), np.zeros((4, 4)))])
+    with pytest.raises(DataError, match="has no site"):
+        point(PointRequest(run=tmp_path / "r", sun="1,1", focal_px=FOCAL))
+
+
+def test_a_lens_from_pictures_is_for_pictures_of_its_size(run, tmp_path, capsys):
+    pictures = []
+    for place, stand in enumerate(STANDS):
+        pictures.append(str(tmp_path / f"board-{place}.png"))
+        cv2.imwrite(pictures[-1], _board(LENS, stand, (0.0, 0.01, 0.8)))
+    out = tmp_path / "lens.json"
+    board = ["--board", "7x5", "--square-mm", "30", "--out", str(out)]
+    assert cli.main(["calibrate", "lens", *pictures, *board]) == 0
+    assert "5 pictures, corners" in capsys.readouterr().out
+    request = PointRequest(run=run, lens=out, sun="100,100", level="60,0 +- 0.5")
+    assert np.isfinite(point(request).pose.std_rad).all()
+    out.write_text(json.dumps(json.loads(out.read_text()) | {"width": 640}))
+    with pytest.raises(DataError, match="is of pictures of 640 x 240 pixels"):
+        point(request)
+    assert cli.main(["calibrate", "lens", *pictures[:1], *board[:4], "--out", str(tmp_path / "x.json")]) == 4
+    assert (
+        cli.main(
+            ["calibrate", "lens", *pictures, "--square-mm", "30", "--out", str(tmp_path / "x.json"), "--board", "7"]
+        )
+        == 2
+    )
