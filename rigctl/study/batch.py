@@ -185,7 +185,9 @@ def _result(
         auc=auc,
         roc=_rocs(batch.wanted, regions, predictions, there, len(found)),
         seconds=np.array(seconds),
-        is_new_sky=np.array([k == 0 or sky != skies[k - 1] for k, sky in enumerate(skies)]),
+        is_new_sky=np.array(
+            [batch.scene.file.atmosphere is not None and (k == 0 or sky != skies[k - 1]) for k, sky in enumerate(skies)]
+        ),
         reasons=tuple(one if isinstance(one, str) else "" for one in found),
     )
 

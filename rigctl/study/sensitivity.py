@@ -118,30 +118,37 @@ def sobol_of(number: Number, values: FloatArray, inputs: Sequence[str]) -> tuple
         gone = dict.fromkeys(("first", "first_low", "first_high", "total", "total_low", "total_high"), math.nan)
         return tuple(SobolIndex(number=number, input=key, reason=reason, **gone) for key in inputs)
     blocks = values.reshape(len(inputs) + 2, 1, -1)
+    # Of an input that changes nothing the indices are 0, without limits that could be found by drawing.
+    acting = [k for k in range(len(inputs)) if np.any(blocks[2 + k] != blocks[0])]
     found = sobol_indices(
-        func={"f_A": blocks[0], "f_B": blocks[1], "f_AB": blocks[2:]}, n=blocks.shape[-1], rng=np.random.default_rng(1)
+        func={"f_A": blocks[0], "f_B": blocks[1], "f_AB": blocks[2:][acting]},
+        n=blocks.shape[-1],
+        rng=np.random.default_rng(1),
     )
     spread = found.bootstrap(confidence_level=_LEVEL, n_resamples=_RESAMPLES)
-    first, total = (
-        np.stack([np.ravel(one), np.ravel(limits.low), np.ravel(limits.high)], axis=1)
-        for one, limits in (
+    indices = np.zeros((len(inputs), 2, 3))
+    for j, (one, limits) in enumerate(
+        (
             (found.first_order, spread.first_order.confidence_interval),
             (found.total_order, spread.total_order.confidence_interval),
         )
-    )
-    return tuple(
-        SobolIndex(
-            number=number,
-            input=key,
-            first=float(a[0]),
-            first_low=float(a[1]),
-            first_high=float(a[2]),
-            total=float(b[0]),
-            total_low=float(b[1]),
-            total_high=float(b[2]),
-            reason="",
-        )
-        for key, a, b in zip(inputs, first, total, strict=True)
+    ):
+        indices[acting, j] = np.stack([np.ravel(one), np.ravel(limits.low), np.ravel(limits.high)], axis=1)
+    return tuple(_sobol_index(number, key, *indices[k].ravel().tolist()) for k, key in enumerate(inputs))
+
+
+def _sobol_index(number: Number, key: str, *found: float) -> SobolIndex:
+    first, first_low, first_high, total, total_low, total_high = found
+    return SobolIndex(
+        number=number,
+        input=key,
+        first=first,
+        first_low=first_low,
+        first_high=first_high,
+        total=total,
+        total_low=total_low,
+        total_high=total_high,
+        reason="",
     )
 
 

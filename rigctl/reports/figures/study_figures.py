@@ -68,12 +68,14 @@ def _panels(rows: Sequence[Any], draw: Callable[[Axes, Sequence[Any]], None], *,
     columns = max(min(_COLUMNS, len(numbers)), 1)
     lines = max(-(-len(numbers) // columns), 1)
     figure, axes = subplots(lines, columns, size=(1.0 + 4.2 * columns, lines * (1.3 + _INCHES_A_BAR * inputs)))
+    several = len({number.scene for number in numbers}) > 1
     for ax, number in zip(axes, numbers, strict=False):
         found = sorted((row for row in known if row.number == number), key=lambda row: -getattr(row, by))
         draw(ax, found)
         ax.set_yticks(range(len(found)), [row.input for row in found], fontsize=8)
         ax.invert_yaxis()
-        ax.set_title(f"{number.scene}, {number.region}: {number.quantity}", fontsize=9)
+        scene = f"{number.scene}\n" if several else ""
+        ax.set_title(f"{scene}{number.region}: {number.quantity}", fontsize=9)
     if numbers:
         axes[0].legend(fontsize=8)
     for ax in axes[len(numbers) :]:

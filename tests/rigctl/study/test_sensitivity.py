@@ -22,6 +22,15 @@ def test_sobol_of_ishigami():
         assert row.reason == ""
 
 
+def test_an_input_that_changes_nothing_has_indices_of_0():
+    u = unit_draws("sobol", 3, 64, 1)
+    found = sobol_of(NUMBER, u[:, 0] + 2.0 * u[:, 1], KEYS)
+    assert (found[2].first, found[2].total, found[2].total_high) == (0.0, 0.0, 0.0)
+    # Variances 1/12 and 4/12; limits as in the test above.
+    for row, share in zip(found, (0.2, 0.8), strict=False):
+        assert row.total == pytest.approx(share, abs=5 / 1.96 * (row.total_high - row.total_low) / 2)
+
+
 def test_morris_of_a_line_is_exact():
     u = unit_draws("morris", 3, 5, 1)
     found = morris_of(NUMBER, 4.0 * u[:, 0] - 2.0 * u[:, 1] + 9.0, KEYS, n=5, seed=1)
