@@ -215,7 +215,7 @@ def _beside_themselves(comparison: "Comparison", tests: int) -> str:
 
 def _show_run(comparison: "Comparison") -> None:
     from rigctl.comparison.verdict import said_of, unjudged_lines
-    from rigctl.measurement.run_diagnosis import term_text
+    from rigctl.measurement.fault_terms import term_text
 
     console = results()
     if comparison.run_diagnosis is not None:

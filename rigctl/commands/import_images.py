@@ -116,7 +116,7 @@ def command(
 
 
 def _report(run: Path, imported: "Imported", *, as_json: bool) -> None:
-    from rigctl.measurement.run_diagnosis import fault_lines
+    from rigctl.measurement.fault_terms import fault_lines
     from rigctl.reports.tables.numbers_json import diagnosis_json
 
     if as_json:
@@ -130,5 +130,5 @@ def _report(run: Path, imported: "Imported", *, as_json: bool) -> None:
     for remark in imported.remarks:
         results().print(f"  note: {remark}", markup=False)
     if first.kind == "scene":
-        for line in fault_lines(imported.diagnosis):
+        for line in fault_lines(imported.diagnosis.named, imported.diagnosis.reason):
             results().print(f"  first look: {line}", markup=False)

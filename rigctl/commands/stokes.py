@@ -87,7 +87,7 @@ def _print(found: "StokesOfRun", out: Path) -> None:
 def _print_faults(found: "StokesOfRun") -> None:
     """Print what is wrong with the run, before its numbers."""
     from rigctl.comparison.verdict import said_of
-    from rigctl.measurement.run_diagnosis import term_text
+    from rigctl.measurement.fault_terms import term_text
 
     console, measurement = results(), found.measurement
     if found.refused:

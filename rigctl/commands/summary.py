@@ -21,7 +21,7 @@ def command(
     Example: rigctl summary runs/2026-05-04
     """
     from rigctl.jobs.summary import summarise_session
-    from rigctl.measurement.run_diagnosis import fault_lines
+    from rigctl.measurement.fault_terms import fault_lines
     from rigctl.reports.tables.annotation_tables import annotations_of
     from rigctl.reports.tables.numbers_json import diagnosis_json
     from rigctl.runs.annotation_record import left_out_texts
@@ -43,7 +43,7 @@ def command(
         }
         print_json(answer | annotations_of(history.run, left_out_texts(history.run.annotations, history.run.excluded)))
         return
-    for line in fault_lines(found.diagnosis):
+    for line in fault_lines(found.diagnosis.named, found.diagnosis.reason):
         results().print(line, markup=False)
     for doubt in found.doubts:
         warn(doubt)

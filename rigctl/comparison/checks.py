@@ -19,7 +19,7 @@ from model.processing.redundancy import pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
 from rigctl.comparison.rows import Row
-from rigctl.imports.image_levels import histogram, odd_pattern
+from rigctl.imports.image_levels import histogram, odd_pattern, saturation_plateau
 from rigctl.measurement.measurement import Measurement, frame_order, signal_of_cycle
 from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
 from rigctl.numbers.number_text import p_value
@@ -93,6 +93,7 @@ def run_checks(
         _registration(measurement, registration),
         _drift(measurement),
         *_usable(measurement),
+        *_plateau(measurement),
         *_bits(measurement),
     )
 
@@ -166,6 +167,23 @@ def _usable(measurement: Measurement) -> Iterable[Check]:
             verdict="flagged",
             text=f"{share:.1%} of the pixels are clipped in one frame or more, and left out; flagged above "
             f"{_CLIPPED_FLAGGED:.0%}: expose for less",
+        )
+
+
+def _plateau(measurement: Measurement) -> Iterable[Check]:
+    """Flag frames of which many pixels share the largest count, below what is taken for saturation."""
+    run, said = measurement.run, list[str]()
+    for record in measurement.grid.records[0]:
+        found = saturation_plateau(histogram(run.counts(record)), full_scale_dn=int(record.saturation_dn))
+        if found is not None:
+            angle = "" if record.polarizer_angle_deg is None else f" at {record.polarizer_angle_deg:g} deg"
+            said.append(f"{found.fraction:.1%} of the frame{angle} at {found.value_dn} DN")
+    if said:
+        yield Check(
+            name="largest count",
+            verdict="flagged",
+            text=f"many pixels share the largest count: {', '.join(said)}, below the stated saturation: if they are "
+            "clipped, they are in the numbers (rigctl import --saturation-dn)",
         )
 
 

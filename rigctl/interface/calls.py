@@ -122,6 +122,7 @@ def compare(
     radiometric: FilePath | None = None,
     flat: FilePath | None = None,
     register: FilePath | None = None,
+    force_registration: bool = False,
     polarizer: FilePath | None = None,
     alpha: float = 1e-3,
     scale: ScaleKind = "absolute",
@@ -140,6 +141,8 @@ def compare(
         Regions file; beside a scene, its regions where they are now.
     noise, radiometric, flat, register, polarizer : path or None
         Calibration files.
+    force_registration : bool
+        Apply a registration even where it makes edges no better.
     alpha : float
         Family-wise error rate: chance of any false disagreement, in (0, 1).
     scale : {"absolute", "panel", "free"}
@@ -163,6 +166,7 @@ def compare(
             flat=maybe_path(flat),
             registration=maybe_path(register),
             polarizer=maybe_path(polarizer),
+            force_registration=force_registration,
         ),
         alpha=alpha,
         scale=scale,
@@ -178,13 +182,21 @@ def stokes(
     noise: FilePath | None = None,
     flat: FilePath | None = None,
     register: FilePath | None = None,
+    force_registration: bool = False,
     polarizer: FilePath | None = None,
     correct: Sequence[str] = (),
     out: FilePath | None = None,
 ) -> StokesResult:
     """Return Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions; as `Run.stokes`."""
     return open_run(_folder(run)).stokes(
-        regions=regions, noise=noise, flat=flat, register=register, polarizer=polarizer, correct=tuple(correct), out=out
+        regions=regions,
+        noise=noise,
+        flat=flat,
+        register=register,
+        force_registration=force_registration,
+        polarizer=polarizer,
+        correct=tuple(correct),
+        out=out,
     )
 
 

@@ -163,6 +163,7 @@ class Run:
         noise: FilePath | None = None,
         flat: FilePath | None = None,
         register: FilePath | None = None,
+        force_registration: bool = False,
         polarizer: FilePath | None = None,
         correct: tuple[str, ...] = (),
         out: FilePath | None = None,
@@ -175,6 +176,8 @@ class Run:
             Regions file, or regions such as those of a scene file.
         noise, flat, register, polarizer : path or None
             Calibration files.
+        force_registration : bool
+            Apply a registration even where it makes edges no better.
         correct : tuple of str
             Faults that the run itself shows and that are corrected: "throughput", "dark-level", "shift".
         out : path or None
@@ -194,6 +197,7 @@ class Run:
                 flat=maybe_path(flat),
                 registration=maybe_path(register),
                 polarizer=maybe_path(polarizer),
+                force_registration=force_registration,
             ),
             correct=tuple(correct),
         )

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from model.stokes import dolp as degree_of_polarization
 from rigctl.files.session_file import PICTURE
 from rigctl.live.frame_summary import FrameSummary
 from rigctl.live.light_levels import Level, LightLevels
-from rigctl.live.live_status import Estimate, LiveDiagnosis, LiveFault, RegionPolarization
+from rigctl.live.live_status import Estimate, LiveDiagnosis, RegionPolarization
+from rigctl.measurement.fault_terms import Fault
 from rigctl.measurement.run_diagnosis import diagnose_pictures
 
 _LEAST_ANGLES = 3
@@ -128,7 +129,5 @@ def cycle_diagnosis(
         means={PICTURE: pictures[:, usable].mean(axis=1)} if usable.any() else {},
         side_pixels=coarse[0].side_pixels,
     )
-    named = [asdict(term) for term in found.named]
-    known = {field.name for field in fields(LiveFault)}
-    terms = tuple(LiveFault(**{key: value for key, value in term.items() if key in known}) for term in named)
+    terms = tuple(Fault(**{key.name: getattr(term, key.name) for key in fields(Fault)}) for term in found.named)
     return LiveDiagnosis(terms=terms, first=None if found.first is None else found.first.name, reason=found.reason)

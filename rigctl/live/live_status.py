@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError,
 
 from rigctl.errors import RunFolderError
 from rigctl.files.choices import FrameKind
+from rigctl.measurement.fault_terms import Fault
 from rigctl.numbers.number_range import LARGEST
 from rigctl.runs.run_description import explain_invalid
 from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
@@ -94,26 +95,10 @@ class RegionDrift:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveFault:
-    """A fault that the frames of a cycle show, as the diagnosis of a run has it."""
-
-    name: str
-    angle_deg: float | None
-    value: float | None
-    std_error: float | None
-    unit: str
-    testable: bool
-    reason: str
-    confused_with: tuple[str, ...]
-    dolp_shift: float | None
-    aolp_shift_deg: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
 class LiveDiagnosis:
     """What the last whole cycle says of its faults: those found, the strongest first, or why nothing can be said."""
 
-    terms: tuple[LiveFault, ...]
+    terms: tuple[Fault, ...]
     first: str | None
     reason: str
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from rigctl.live.live_status import AngleNumbers, DarkSource, Estimate, LiveContent, LiveFault, RegionDrift
+from rigctl.live.live_status import AngleNumbers, DarkSource, Estimate, LiveContent, RegionDrift
+from rigctl.measurement.fault_terms import Fault
 
 _SIGNS = "+/-"
 
@@ -24,7 +25,7 @@ def live_lines(live: LiveContent) -> Iterator[str]:
         yield from (f"the cycle shows {_fault(fault)}" for fault in live.diagnosis.terms)
 
 
-def _fault(fault: LiveFault) -> str:
+def _fault(fault: Fault) -> str:
     place = "" if fault.angle_deg is None else f" at {fault.angle_deg:g} deg"
     size = f"{fault.value or 0.0:+.3g} {_SIGNS} {fault.std_error or 0.0:.2g} {fault.unit}"
     moves = "" if fault.dolp_shift is None else f", moves DoLP of the picture by {fault.dolp_shift:+.4f}"

@@ -12,6 +12,7 @@ from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
 from model.processing.reconstruction import Design, design
 from rigctl.errors import ConfigError, DataError
 from rigctl.measurement.corrections import region_slopes
+from rigctl.measurement.fault_terms import FaultTerm, fault_title
 from rigctl.measurement.measurement import Measurement, measure, signal_of_cycle
 from rigctl.runs.run_folder import Run
 
@@ -23,63 +24,10 @@ _LEAST_SIDE_PIXELS = 8
 _MOST_FRAMES = 16
 # A first look takes squares of larger pictures as one pixel, and reads no more counts than this.
 QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
-# A power law's size is that of its exponent less one.
-_EXPONENT = "exponent - 1"
 # What walks leaves the mean of an even region where it is: its slopes tell.
 _OF_EDGES = ("shift", "wobble", "planes of a mosaic")
 _OF_PAIRS = "throughput of pairs"
 _DEG_PER_RAD = float(np.degrees(1.0))
-UNSEEN = (
-    "a dark level, a gain or a turn that all frames have in common is light that could have been: nothing in a run of "
-    "equal exposures shows it"
-)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FaultTerm:
-    """What a run says of one fault, in the units of a report.
-
-    Attributes
-    ----------
-    name : str
-        Such as "throughput".
-    angle_deg : float or None
-        Of the frame; None where it is of several.
-    value, std_error : float or None
-        Its size; None where it is not testable.
-    unit : str
-        "share", "deg", "DN", "pixel", ...
-    testable : bool
-        Whether the run determines it.
-    reason : str
-        Why not.
-    confused_with : tuple of str
-        Faults that would do the same to this run.
-    dolp_shift, aolp_shift_deg : float or None
-        What it does to the polarization of the region (or of the whole picture) that it moves most.
-    named : bool
-        Whether it is one of the causes that explain the run best.
-    by_region : mapping
-        Region to (shift of DoLP, shift of AoLP in degrees).
-    """
-
-    name: str
-    angle_deg: float | None
-    value: float | None
-    std_error: float | None
-    unit: str
-    testable: bool
-    reason: str
-    confused_with: tuple[str, ...]
-    dolp_shift: float | None
-    aolp_shift_deg: float | None
-    named: bool
-    by_region: dict[str, tuple[float | None, float | None]]
-
-    @property
-    def title(self) -> str:
-        """Name and angle."""
-        return _title(self.name, self.angle_deg)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,48 +191,6 @@ def coarse_pictures(
     return np.asarray(means), np.asarray(usable[cut].reshape(squares).all(axis=(1, 3))), side
 
 
-def fault_lines(found: RunDiagnosis) -> list[str]:
-    """Return what a run says of its faults, line by line; why it says nothing; or that nothing was found."""
-    if found.named:
-        return [f"the run shows {term_text(term)}" for term in found.named]
-    if found.reason:
-        return [f"what the run says of its own faults: not testable, {found.reason}"]
-    return ["the run shows no fault of its own"]
-
-
-def term_text(term: FaultTerm) -> str:
-    """Return a fault in a line: its size, what it moves, and what it cannot be told from."""
-    if term.value is None or term.std_error is None:
-        return f"{term.title}: not testable, {term.reason}"
-    size = f"{term.title}: {_number(term.value, term.unit)} +- {_number(term.std_error, term.unit).lstrip('+')}"
-    moves = "" if term.dolp_shift is None else f"; moves DoLP by {_plain(term.dolp_shift, '.4f')}"
-    if moves and term.aolp_shift_deg is not None:
-        moves += f", AoLP by {_plain(term.aolp_shift_deg, '.2f')} deg"
-    others = f"; not to be told from {_listed(term.confused_with)}" if term.confused_with else ""
-    return size + moves + others
-
-
-def _listed(titles: Sequence[str]) -> str:
-    """Return faults in a few words: angles of one kind together."""
-    by_name: dict[str, list[str]] = {}
-    for title in titles:
-        name, _, place = title.partition(" at ")
-        by_name.setdefault(name, []).append(place.removesuffix(" deg"))
-    return ", ".join(f"{name} at {', '.join(at)} deg" if at[0] else name for name, at in by_name.items())
-
-
-def _plain(value: float, digits: str) -> str:
-    """Return a number with its sign; without one where its digits are all 0."""
-    text = format(value, "+" + digits)
-    return text if float(text) else format(0.0, digits)
-
-
-def _number(value: float, unit: str) -> str:
-    if unit.startswith("share"):
-        return f"{100.0 * value:+.2f} %"
-    return f"{value:+.3g}" if unit == _EXPONENT else f"{value:+.3g} {unit}"
-
-
 def _frames(measurement: Measurement) -> tuple[Design, FloatArray, FloatArray, list[float]]:
     """Return design, pictures, angles over the whole turn and times; half turns one by one, other repeats as means."""
     grid = measurement.grid
@@ -347,7 +253,7 @@ def _term(
         testable=term.is_testable,
         reason=term.reason,
         confused_with=tuple(
-            _title(name, None if frame is None else angles_deg[frame]) for name, frame in term.confused_with
+            fault_title(name, None if frame is None else angles_deg[frame]) for name, frame in term.confused_with
         ),
         dolp_shift=_largest(shift for shift, _ in shifts.values()),
         aolp_shift_deg=_largest(shift for _, shift in shifts.values()),
@@ -369,10 +275,6 @@ def _moved(
 
 def _largest(shifts: Iterable[float | None]) -> float | None:
     return max((shift for shift in shifts if shift is not None), key=abs, default=None)
-
-
-def _title(name: str, angle_deg: float | None) -> str:
-    return name if angle_deg is None else f"{name} at {angle_deg:g} deg"
 
 
 def found_throughput(diagnosis: RunDiagnosis) -> FloatArray:

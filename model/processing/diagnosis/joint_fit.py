@@ -179,7 +179,8 @@ def _fit_about(
         weigher=weigher,
         candidates=candidates,
         named=by_size(evidence, named),
-        stand_ins=stand_ins(weigher, named, candidates, margin=CONFUSED_MARGIN),
+        # A response that polarization is too alike to test may be what is wrong all the same.
+        stand_ins=stand_ins(weigher, named, np.arange(len(causes)), margin=CONFUSED_MARGIN),
         parameters=_sum_of(evidence, named),
         light=light,
     )

@@ -10,8 +10,8 @@ from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.input_attribution import InputAttribution
 from rigctl.comparison.verdict import VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.files.regions import Region
+from rigctl.measurement.fault_terms import UNSEEN
 from rigctl.measurement.measurement import Measurement
-from rigctl.measurement.run_diagnosis import UNSEEN
 from rigctl.numbers.number_text import p_value
 from rigctl.prediction.performance import NO_NOISE, Performance
 from rigctl.reports.figures import comparison_figures, measurement_figures

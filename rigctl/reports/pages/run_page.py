@@ -7,7 +7,8 @@ from rigctl.comparison.remarks import NOT_OF_SIMULATION
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.live.light_followed import light_lines
 from rigctl.live.session_history import SessionHistory
-from rigctl.measurement.run_diagnosis import RunDiagnosis, fault_lines
+from rigctl.measurement.fault_terms import fault_lines
+from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.reports.figures.run_figures import (
     contact_sheet,
     count_plot,
@@ -56,7 +57,7 @@ def _simulation(session: SessionRecord) -> Iterable[Section]:
 def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
     """Return what the frames say of their own faults."""
     unset = (f"{PLACEHOLDER[0].upper()}{PLACEHOLDER[1:]}.",) if session.polarizer.placeholder else ()
-    said = Bullets(items=(*unset, *fault_lines(found)))
+    said = Bullets(items=(*unset, *fault_lines(found.named, found.reason)))
     table = (fault_table(found.terms),) if found.terms else ()
     return Section(title="The frames by themselves", blocks=(said, *table))
 

@@ -12,8 +12,8 @@ from rigctl.comparison.input_attribution import FittedInput, InputAttribution, I
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.comparison.uncertainty_budget import RegionBudget
+from rigctl.measurement.fault_terms import FaultTerm
 from rigctl.measurement.measurement import Measurement
-from rigctl.measurement.run_diagnosis import FaultTerm
 from rigctl.numbers.number_text import NOTHING, chance, signed, size, to_digits
 from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.row_table import measured_text, predicted_text

@@ -11,9 +11,10 @@ from model.prediction.region_performance import PairDetection, PolarizationStren
 from model.processing.texture import Texture
 from rigctl.comparison.rows import measured_with_ratios
 from rigctl.console.json_text import Json
+from rigctl.measurement.fault_terms import UNSEEN, FaultTerm
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.region_numbers import MeasuredRegion
-from rigctl.measurement.run_diagnosis import UNSEEN, FaultTerm, RunDiagnosis
+from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.prediction.performance import NO_NOISE, Performance
 from rigctl.reports.tables.annotation_tables import annotations_of
 from rigctl.reports.writers.data_files import finite

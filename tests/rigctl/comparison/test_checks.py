@@ -120,3 +120,11 @@ def test_pairs_that_are_a_little_off_are_flagged_as_soon_as_it_is_known(tmp_path
     error_percent = float(found.text.split("+- ")[1].split("%")[0])
     assert 5.0 * error_percent < 1.5
     assert found.verdict == "flagged"
+
+
+def test_frames_cut_off_below_the_stated_saturation_are_flagged(tmp_path: Path) -> None:
+    cut = [np.minimum(frame, np.quantile(frame, 0.8)) for frame in scene()]
+    found = checked(tmp_path, cut)
+    assert found["largest count"].verdict == "flagged"
+    assert "20.0% of the frame at 45 deg" in found["largest count"].text
+    assert "largest count" not in checked(tmp_path / "sound", scene())

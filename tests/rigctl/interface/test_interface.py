@@ -163,3 +163,18 @@ def test_figures_leave_the_caller_s_pyplot_alone():
     code = "import sys, rigctl.reports.figures.figure_style; print('matplotlib.pyplot' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "False"
+
+
+def test_a_registration_can_be_forced_as_by_the_command(run_path, regions_file, monkeypatch):
+    asked = []
+
+    def refused(*request):
+        asked.append(request[-1])
+        raise ConfigError("asked")
+
+    monkeypatch.setattr("rigctl.interface.run.stokes_of_run", refused)
+    monkeypatch.setattr("rigctl.interface.calls.compare_run", lambda *given, out: refused(given[-1]))
+    for call in (rigctl.stokes, rigctl.compare):
+        with pytest.raises(ConfigError, match="asked"):
+            call(run_path, regions=regions_file, register="registration.json", force_registration=True)
+    assert [request.calibrations.force_registration for request in asked] == [True, True]

@@ -1,0 +1,115 @@
+"""Faults that a run shows of itself, as records and in words."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+# A power law's size is that of its exponent less one.
+_EXPONENT = "exponent - 1"
+UNSEEN = (
+    "a dark level, a gain or a turn that all frames have in common is light that could have been: nothing in a run of "
+    "equal exposures shows it"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """What frames say of one fault, in the units of a report.
+
+    Attributes
+    ----------
+    name : str
+        Such as "throughput".
+    angle_deg : float or None
+        Of the frame; None where it is of several.
+    value, std_error : float or None
+        Its size; None where it is not testable.
+    unit : str
+        "share", "deg", "DN", "pixel", ...
+    testable : bool
+        Whether the run determines it.
+    reason : str
+        Why not.
+    confused_with : tuple of str
+        Faults that would do the same to this run.
+    dolp_shift, aolp_shift_deg : float or None
+        What it does to the polarization of the region (or of the whole picture) that it moves most.
+    """
+
+    name: str
+    angle_deg: float | None
+    value: float | None
+    std_error: float | None
+    unit: str
+    testable: bool
+    reason: str
+    confused_with: tuple[str, ...]
+    dolp_shift: float | None
+    aolp_shift_deg: float | None
+
+    @property
+    def title(self) -> str:
+        """Name and angle."""
+        return fault_title(self.name, self.angle_deg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultTerm(Fault):
+    """A fault of a whole run, with what it does region by region.
+
+    Attributes
+    ----------
+    named : bool
+        Whether it is one of the causes that explain the run best.
+    by_region : mapping
+        Region to (shift of DoLP, shift of AoLP in degrees).
+    """
+
+    named: bool
+    by_region: dict[str, tuple[float | None, float | None]]
+
+
+def fault_lines(named: Sequence[Fault], reason: str) -> list[str]:
+    """Return the faults that a run shows, line by line; why it shows none; or that nothing was found."""
+    if named:
+        return [f"the run shows {term_text(term)}" for term in named]
+    if reason:
+        return [f"what the run says of its own faults: not testable, {reason}"]
+    return ["the run shows no fault of its own"]
+
+
+def term_text(term: Fault) -> str:
+    """Return a fault in a line: its size, what it moves, and what it cannot be told from."""
+    if term.value is None or term.std_error is None:
+        return f"{term.title}: not testable, {term.reason}"
+    size = f"{term.title}: {_number(term.value, term.unit)} +- {_number(term.std_error, term.unit).lstrip('+')}"
+    moves = "" if term.dolp_shift is None else f"; moves DoLP by {_plain(term.dolp_shift, '.4f')}"
+    if moves and term.aolp_shift_deg is not None:
+        moves += f", AoLP by {_plain(term.aolp_shift_deg, '.2f')} deg"
+    others = f"; not to be told from {_listed(term.confused_with)}" if term.confused_with else ""
+    return size + moves + others
+
+
+def _listed(titles: Sequence[str]) -> str:
+    """Return faults in a few words: angles of one kind together."""
+    by_name: dict[str, list[str]] = {}
+    for title in titles:
+        name, _, place = title.partition(" at ")
+        by_name.setdefault(name, []).append(place.removesuffix(" deg"))
+    return ", ".join(f"{name} at {', '.join(at)} deg" if at[0] else name for name, at in by_name.items())
+
+
+def _plain(value: float, digits: str) -> str:
+    """Return a number with its sign; without one where its digits are all 0."""
+    text = format(value, "+" + digits)
+    return text if float(text) else format(0.0, digits)
+
+
+def _number(value: float, unit: str) -> str:
+    if unit.startswith("share"):
+        return f"{100.0 * value:+.2f} %"
+    return f"{value:+.3g}" if unit == _EXPONENT else f"{value:+.3g} {unit}"
+
+
+def fault_title(name: str, angle_deg: float | None) -> str:
+    """Return the name of a fault with the angle of its frame."""
+    return name if angle_deg is None else f"{name} at {angle_deg:g} deg"
