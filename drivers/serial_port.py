@@ -21,9 +21,9 @@ _NO_MODEM_LINES = (errno.ENOTTY, errno.EINVAL)
 
 
 class Heard(Protocol):
-    """Told of what goes over a line, both ways; empty bytes from the device: the port has gone away."""
+    """Told of what goes over a line, both ways, by the path of its port; empty bytes from the device: it has gone."""
 
-    def __call__(self, data: bytes, *, from_host: bool) -> None:
+    def __call__(self, data: bytes, *, port: str, from_host: bool) -> None:
         """Take in some bytes."""
 
 
@@ -119,7 +119,7 @@ class SerialPort:
 
     def _tell(self, data: bytes, *, from_host: bool) -> None:
         for listener in self._listeners:
-            listener(data, from_host=from_host)
+            listener(data, port=self.name, from_host=from_host)
 
     def _gone(self, error: Exception) -> NoReturn:
         self._tell(b"", from_host=False)

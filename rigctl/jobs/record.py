@@ -69,7 +69,7 @@ def record(rig: Path, session: Path, *, out: Path) -> Recorded:
         A file is wrong, or `out` cannot be written.
     """
     rig_file, session_file = load_rig(rig), load_session(session)
-    recorder = _Recorder()
+    recorder = Recorder()
 
     with tempfile.TemporaryDirectory(prefix="rigctl-record-") as folder:
         run = Path(folder) / "run"
@@ -120,30 +120,38 @@ def replay_rig(text: str, name: str) -> str:
     return Scrubber.of_this_machine().toml("\n".join(lines))
 
 
-class _Recorder:
+class Recorder:
     """Collects what devices say, from several threads, opening by opening."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._began_s = time.monotonic()
         self._lines: list[list[LineEvent]] = []
+        self._port: str | None = None
         self._cameras: list[_RecordedCamera | None] = []
 
     def begin(self) -> None:
         """Begin anew: the devices are opened."""
         with self._lock:
+            self._port = None
             self._lines.append([])
             self._cameras.append(None)
 
-    def hear(self, data: bytes, *, from_host: bool) -> None:
-        """Take in bytes on the line; none from the device: the port has gone away."""
+    def hear(self, data: bytes, *, port: str, from_host: bool) -> None:
+        """Take in bytes on the stage's line; none from the device: the port has gone away.
+
+        The stage's port is the first that speaks: sensors beside the frames have ports of their own.
+        """
         heard = LineEvent(
             time_s=time.monotonic() - self._began_s,
             heard="host" if from_host else "device" if data else "gone",
             data=data,
         )
         with self._lock:
-            self._lines[-1].append(heard)
+            if self._port is None:
+                self._port = port
+            if port == self._port:
+                self._lines[-1].append(heard)
 
     def camera(self, rig: Rig) -> Camera:
         """Return a camera that writes down what is asked of it and what it gives."""

@@ -137,6 +137,17 @@ def test_left_justified_samples_are_shifted_down():
     np.testing.assert_array_equal(unpack(b"\xc0\xab\x30\x12", pixel_format=fmt, width=2, height=1), [[0xABC, 0x123]])
 
 
+@pytest.mark.parametrize("order", ["little", "big"])
+@pytest.mark.parametrize("justified", ["right", "left"])
+@pytest.mark.parametrize("bits", [9, 10, 12, 14, 16])
+def test_mono16_has_as_many_valid_bits_as_are_stated(bits, justified, order):
+    counts = [0, 1, 2**bits - 1, 0x155 & (2**bits - 1), 2 ** (bits - 1)]
+    shift = 16 - bits if justified == "left" else 0
+    data = b"".join((count << shift).to_bytes(2, order) for count in counts)
+    fmt = replace(BY_NAME["Mono16"], bit_depth=bits, justified=justified, byte_order=order)
+    np.testing.assert_array_equal(unpack(data, pixel_format=fmt, width=5, height=1), [counts])
+
+
 def test_right_justified_samples_are_not_taken_for_left_justified_ones():
     fmt = replace(BY_NAME["Mono16"], bit_depth=12, justified="left")
     with pytest.raises(ProtocolError, match="left-justified"):

@@ -1,5 +1,6 @@
 """A session's devices are written down, and replayed through the same drivers without them."""
 
+import os
 import zipfile
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from drivers.errors import DeviceError, LimitError, NotConnectedError
 from drivers.recording import read_recording
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.jobs.record import record, replay_rig
+from rigctl.jobs.record import Recorder, record, replay_rig
 from rigctl.jobs.verify import verify
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.run_folder import Run, read_run
@@ -19,6 +20,7 @@ from rigctl.session.take_session import take_session
 from sim_devices.clock import SimClock
 from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of
 from tests.rigctl.example_files import EXAMPLES, small_rig
+from tests.rigctl.session.test_mosaic_session import mosaic_rig
 
 SESSION = """
 name = "short"
@@ -98,6 +100,36 @@ def test_a_fault_is_recorded_and_comes_back(tmp_path: Path, monkeypatch: pytest.
         replayed(tmp_path, tmp_path / "fault.rec", monkeypatch)
     of_port = found.failure.partition(": ")[2].partition(": ")[2]
     assert of_port[-40:] in str(raised.value)
+
+
+def test_a_camera_without_a_stage_is_recorded_and_a_sensor_beside_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mosaic_rig(tmp_path)
+    (tmp_path / "session.toml").write_text(SESSION)
+    ours, theirs = os.openpty()
+    table = (
+        f'[[monitors]]\nname = "air"\ndriver = "serial"\noptions = {{ port = "{os.ttyname(theirs)}", unit = "K" }}\n'
+    )
+    (tmp_path / "rig.toml").write_text((tmp_path / "rig.toml").read_text() + table)
+    os.write(ours, b"1\n2\n3\n")
+    found = record(tmp_path / "rig.toml", tmp_path / "session.toml", out=tmp_path / "seen.rec")
+    assert found.failure is None
+    assert found.frames == 2
+    run = replayed(tmp_path, tmp_path / "seen.rec", monkeypatch)
+    assert len(run.frames) == 8
+    assert {one.exposure_id for one in run.frames} == {0, 4}
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_the_bytes_of_another_port_are_not_the_stages() -> None:
+    recorder = Recorder()
+    recorder.begin()
+    recorder.hear(b"0in", port="/dev/stage", from_host=True)
+    recorder.hear(b"20.5\n", port="/dev/air", from_host=False)
+    recorder.hear(b"0IN", port="/dev/stage", from_host=False)
+    assert [event.data for event in recorder.opened()[0].line] == [b"0in", b"0IN"]
 
 
 def test_a_rig_for_the_replay_has_devices_only() -> None:
