@@ -10,8 +10,15 @@ from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.budget_allocation import allocate, expected_s
-from model.accuracy.planning.forecast import Forecast, forecast, seen, unused
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, Plan, settings_at
+from model.accuracy.planning.forecast import Forecast, forecast, optical_depth, seen, unused
+from model.accuracy.planning.numerical_settings import (
+    LAYERS,
+    NUMERICAL_SETTINGS,
+    STREAMS,
+    WAVELENGTHS,
+    Plan,
+    settings_at,
+)
 from model.atmosphere.transfer.phase import AerosolKind
 from model.effects.names import ALL, Effect
 from model.scene.lit_scene import LitScene
@@ -26,6 +33,11 @@ _FIRST_AIM, _AIM = 0.6, 0.75
 # little beside the one that follows, and tells it what counts.
 _FIRST_COARSEST, _FIRST_FINEST = 1e-2, 7e-4
 _ROUNDS = 6
+# Of deeper air the time of a solution grows with the square of the depth, and finer settings take minutes: one round
+# with coarse ones is made, and what it does not keep is said.
+DEEPEST = 12.0
+_OF_DEEP = {STREAMS: 1, LAYERS: 0, WAVELENGTHS: 1}
+_DEEP = "at an optical depth of {:.3g} finer settings take minutes and are not tried"
 SPHERES = (
     "aerosol = spheres: no law is established for the error of a scattering matrix with a sharp forward peak; "
     "the estimate is given, and no promise; --estimated-only takes it as it is"
@@ -120,7 +132,10 @@ def predict(
     left_out = unused(effects)
     scales = {name: 0.0 if name in left_out else 1.0 for name in NUMERICAL_SETTINGS}
     plan = allocate(scene, ahead, scales, _first_aim(tolerance)) if start is None else dict(start)
-    for rounds in range(1, _ROUNDS + 1):
+    most_rounds = _ROUNDS
+    if (depth := optical_depth(scene)) > DEEPEST:
+        plan, most_rounds = {name: min(level, _OF_DEEP.get(name, level)) for name, level in plan.items()}, 1
+    for rounds in range(1, most_rounds + 1):
         settings = settings_at(plan, tolerance, face_m=scene.sensor_height_m)
         result = evaluate(scene, settings, effects=effects, store=lights, clock=clock)
         begun = clock()
@@ -130,7 +145,7 @@ def predict(
         for stage, seconds in result.stage_s.items():
             taken[stage] += seconds
         finer = _finer(scene, seen(ahead, scene, result), plan, budget, tolerance)
-        if finer == plan or rounds == _ROUNDS:
+        if finer == plan or rounds == most_rounds:
             break
         plan = finer
     return AccuratePrediction(
@@ -139,7 +154,10 @@ def predict(
         plan=plan,
         budget=budget,
         light=errors,
-        not_guaranteed=_not_guaranteed(scene, budget, tolerance, estimated_only=estimated_only),
+        not_guaranteed={
+            key: f"{why}; {_DEEP.format(depth)}" if depth > DEEPEST else why
+            for key, why in _not_guaranteed(scene, budget, tolerance, estimated_only=estimated_only).items()
+        },
         stage_s=taken,
         rounds=rounds,
         expected_s=expected_s(scene, plan, ahead),

@@ -14,6 +14,9 @@ FloatArray = NDArray[np.float64]
 TileRule = Literal["gauss-legendre", "midpoint"]
 TILE_RULES: tuple[TileRule, ...] = get_args(TileRule)
 
+# Tangent of the angle from the axis beyond which a field is wide.
+_WIDE = 1.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class FieldPart:
@@ -129,9 +132,10 @@ def tiles(part: FieldPart, view: View, *, per_side: int, rule: TileRule = "gauss
 
     Notes
     -----
-    Tiles are even in the focal plane, that is in the tangent of the angle from the axis. The ground is level and the
-    sun so far that it is in the same place for all tiles. Each tile's roll makes its frame that of the camera,
-    whose polarizer stands in one place for all of them.
+    Tiles are even in the focal plane, that is in the tangent of the angle from the axis; where a field reaches farther
+    than 45 deg from the axis, those of "gauss-legendre" are even in the logarithm of the tangent far out. The ground
+    is level and the sun so far that it is in the same place for all tiles. Each tile's roll makes its frame that of the
+    camera, whose polarizer stands in one place for all of them.
 
     References
     ----------
@@ -139,14 +143,25 @@ def tiles(part: FieldPart, view: View, *, per_side: int, rule: TileRule = "gauss
     """
     if per_side < 1:
         raise ValueError(f"field of view: {per_side} tiles per side, allowed is 1 or more")
-    nodes, weights = _nodes(per_side, rule)
-    right = np.tan(part.left_rad) + nodes * (np.tan(part.right_rad) - np.tan(part.left_rad))
-    up = np.tan(part.bottom_rad) + nodes * (np.tan(part.top_rad) - np.tan(part.bottom_rad))
+    right, across = _along(float(np.tan(part.left_rad)), float(np.tan(part.right_rad)), per_side, rule)
+    up, upward = _along(float(np.tan(part.bottom_rad)), float(np.tan(part.top_rad)), per_side, rule)
     return tuple(
         Tile(view=off_axis(view, right=float(x), up=float(y)), weight=float(wx * wy))
-        for y, wy in zip(up, weights, strict=True)
-        for x, wx in zip(right, weights, strict=True)
+        for y, wy in zip(up, upward, strict=True)
+        for x, wx in zip(right, across, strict=True)
     )
+
+
+def _along(low: float, high: float, per_side: int, rule: TileRule) -> tuple[FloatArray, FloatArray]:
+    """Tangents of the tiles along one side, and weights that sum to 1."""
+    nodes, weights = _nodes(per_side, rule)
+    if rule != "gauss-legendre" or max(-low, high) <= _WIDE:
+        return low + nodes * (high - low), weights
+    # In the tangent, light has singularities at +-i, near to a wide field; with tangent = sinh(u) they are far from it.
+    start, stop = np.arcsinh(low), np.arcsinh(high)
+    spread = start + nodes * (stop - start)
+    stretched = weights * np.cosh(spread)
+    return np.sinh(spread), stretched / np.sum(stretched)
 
 
 def middle(part: FieldPart) -> tuple[float, float]:

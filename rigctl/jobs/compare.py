@@ -1,6 +1,7 @@
 """Comparing a run with the model: run, scene or regions and calibrations in; the comparison and its report out."""
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 
 from rigctl.calibrations.store import CalibrationKind
@@ -161,7 +162,7 @@ def _to_its_errors(
     measurement: Measurement, scene: SceneFile, given: RunCalibrations, request: CompareRequest, tolerance: float
 ) -> tuple[Comparison, EffectsTaken, NumericalAccuracy]:
     """Return a comparison with a scene whose numerical errors are far below those of its rows, and what it took."""
-    run = run_predictor(measurement, scene=scene, noise=given.noise)
+    run, before = run_predictor(measurement, scene=scene, noise=given.noise), inf
     while True:
         tried = accuracy_at(run, tolerance, request.rule or "safe")
         comparison = compare_with_scene(
@@ -175,10 +176,11 @@ def _to_its_errors(
             light=run.light,
         )
         found = tried.beside(comparison.rows, comparison.predictions)
-        if found.next_tolerance is None:
+        # Where finer settings are not to be had, as of very deep air, a smaller tolerance changes nothing.
+        if found.next_tolerance is None or found.share >= before:
             taken = EffectsTaken(plan=found.effects, taken=acting_effects(scene) - found.left_out)
             return replace(comparison, remarks=(*comparison.remarks, found.remark)), taken, found
-        tolerance = found.next_tolerance
+        tolerance, before = found.next_tolerance, found.share
 
 
 def _outlined(request: CompareRequest) -> tuple[SceneFile | None, list[Region]]:

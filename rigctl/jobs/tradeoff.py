@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from model.accuracy.planning.forecast import optical_depth
+from model.accuracy.predict_to_tolerance import DEEPEST
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
@@ -48,6 +50,12 @@ def trade_accuracy(
         A file is wrong, or a tolerance is outside its range.
     """
     predictor = ScenePredictor(load_scene(scene), None if noise is None else read_noise_file(noise), light=SceneLight())
+    depth = optical_depth(predictor.lit_scene())
+    if depth > DEEPEST:
+        raise ConfigError(
+            f"scene {predictor.scene.name}: its optical depth is {depth:.3g}, allowed for a trade-off is {DEEPEST:g}: "
+            "the reference for deeper air takes minutes to hours. rigctl predict --tolerance says what coarse settings keep"
+        )
     try:
         curves = _curves(predictor, tolerances, also, progress)
     except ValueError as error:

@@ -150,6 +150,7 @@ HARD_CASES: tuple[HardCase, ...] = (
     _lit("sun 96 deg, below", zenith_deg=96.0),
     _lit("aerosol of depth 0", air="aerosol_optical_depth = 0.0"),
     _lit("aerosol of depth 3", air="aerosol_optical_depth = 3.0"),
+    _lit("aerosol of depth 50", air="aerosol_optical_depth = 50.0"),
     _lit("ground albedo 1", air="visibility_km = 23.0\nground_albedo = 1.0"),
     _lit("camera on the ground", camera_height_m=0.0),
     _lit("camera 100 km up", camera_height_m=100000.0),

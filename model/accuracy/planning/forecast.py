@@ -23,7 +23,7 @@ from model.accuracy.planning.numerical_settings import (
     tiles_per_side,
 )
 from model.accuracy.planning.spectral_error import spectral_errors
-from model.atmosphere.profile import column
+from model.atmosphere.profile import Column, column
 from model.effects.names import ALL, Effect
 from model.quadrature import gauss_legendre
 from model.scene.lit_scene import Air, LitScene
@@ -123,6 +123,11 @@ def seen(ahead: Forecast, scene: LitScene, result: ChainResult) -> Forecast:
     return replace(ahead, errors={**ahead.errors, TILES: tuple((ratio**sides).tolist())})
 
 
+def optical_depth(scene: LitScene) -> float:
+    """Return the largest of the airs of a scene in the middle of its band; 0 where none is computed."""
+    return max((_middle(air).depth for air in _computed(scene)), default=0.0)
+
+
 def _computed(scene: LitScene) -> list[Air]:
     airs = [] if scene.air is None else [scene.air, scene.air.alternative]
     return [air for air in airs if air is not None and air.state is not None]
@@ -130,11 +135,16 @@ def _computed(scene: LitScene) -> list[Air]:
 
 def _asymmetry(air: Air) -> float:
     """Return the largest of the aerosol in the middle of the band."""
+    middle = _middle(air)
+    return max(middle.lower.g, middle.upper.g)
+
+
+def _middle(air: Air) -> Column:
+    """Column of air at the middle of the band."""
     if air.state is None:
         raise ValueError("forecast: a table has no aerosol")
     spectrum = air.band.shares
-    middle = column(air.state, wavelength_m=float(spectrum @ air.band.wavelength_m / np.sum(spectrum)))
-    return max(middle.lower.g, middle.upper.g)
+    return column(air.state, wavelength_m=float(spectrum @ air.band.wavelength_m / np.sum(spectrum)))
 
 
 def _of_streams(asymmetry: float) -> tuple[float, ...]:

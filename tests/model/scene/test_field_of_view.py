@@ -111,3 +111,15 @@ def test_a_rectangle_of_the_picture_and_its_angles():
 def test_the_whole_field_is_even_about_the_axis():
     part = whole_field(width_rad=0.4, height_rad=0.2)
     assert (part.left_rad, part.right_rad, part.bottom_rad, part.top_rad) == (-0.2, 0.2, -0.1, 0.1)
+
+
+def test_few_tiles_do_for_a_field_that_reaches_far_off_the_axis():
+    overhead = View(zenith_rad=0.0, azimuth_rad=0.0, height_m=3000.0)
+    wide = whole_field(width_rad=np.radians(169.0), height_rad=np.radians(60.0))
+
+    def mean(per_side):
+        found = tiles(wide, overhead, per_side=per_side)
+        return sum(tile.weight * np.cos(tile.view.zenith_rad) for tile in found)
+
+    assert mean(6) == pytest.approx(mean(40), rel=3e-3)
+    assert sum(tile.weight for tile in tiles(wide, overhead, per_side=3)) == pytest.approx(1.0, rel=1e-14)
