@@ -54,7 +54,7 @@ def trade_accuracy(
     if depth > DEEPEST:
         raise ConfigError(
             f"scene {predictor.scene.name}: its optical depth is {depth:.3g}, allowed for a trade-off is {DEEPEST:g}: "
-            "the reference for deeper air takes minutes to hours. rigctl predict --tolerance says what coarse settings keep"
+            "the reference for deeper air takes minutes. rigctl predict --tolerance says what coarse settings keep"
         )
     try:
         curves = _curves(predictor, tolerances, also, progress)
