@@ -118,7 +118,7 @@ def accuracy_curves(
     tolerances: Sequence[float],
     *,
     also: Sequence[str] = (),
-    clock: Clock = time.perf_counter,
+    clock: Clock = time.process_time,
 ) -> Iterator[str | Curves]:
     """Yield what is being done, in words, and last the curves.
 

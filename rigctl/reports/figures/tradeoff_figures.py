@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
+from model.accuracy.predict_to_tolerance import ESTIMATES
 from model.acquisition.frame_order import degrees_text
 from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
@@ -60,10 +61,11 @@ def digits_png(curves: Curves) -> bytes:
         )
     axis.set(
         xlabel="correct digits (2: true error 0.01, 3: 0.001)",
-        ylabel="time of the whole prediction [s]",
+        ylabel="processor time of the whole prediction [s]",
         title="What you pay for a digit",
     )
     axis.set_ylim(bottom=0.0)
+    axis.locator_params(axis="x", integer=True)
     axis.grid(visible=True, alpha=0.3)
     if axis.lines:
         legend_beside(axis)
@@ -73,18 +75,19 @@ def digits_png(curves: Curves) -> bytes:
 def _draw_named(axis: "Axes", curves: Curves) -> None:
     """Draw the paper's choices as numbered crosses, the user's as pluses; the legend has their names."""
     for place, choice in enumerate(curves.named, start=1):
-        if not choice.error > 0.0:
-            continue
+        is_off = choice.error > 0.0
         axis.plot(
-            choice.seconds,
-            choice.error,
+            [choice.seconds] if is_off else [],
+            [choice.error] if is_off else [],
             linestyle="none",
             marker="P" if choice.by_user else "X",
             color="black",
             markersize=6,
-            label=f"{place}: {choice.name}",
+            label=f"{place}: {choice.name}{'' if is_off else ' (no error here)'}",
         )
-        axis.annotate(str(place), (choice.seconds, choice.error), xytext=(5, 3), textcoords="offset points", fontsize=7)
+        if is_off:
+            at = (choice.seconds, choice.error)
+            axis.annotate(str(place), at, xytext=(5, 3), textcoords="offset points", fontsize=7)
 
 
 def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:
@@ -103,7 +106,7 @@ def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:
     least = min((floor for floor in floors if floor > 0.0), default=None)
     if least is not None:
         axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label="floor of the inputs (DoLP)")
-    axis.set(xscale="log", xlabel="time [s]", ylabel="largest error of any number", title=f"{kind} error")
+    axis.set(xscale="log", xlabel="processor time [s]", ylabel="largest error of any number", title=f"{kind} error")
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
     # A scene of stated radiances has no error that a logarithm could show.
@@ -120,8 +123,12 @@ def _draw_stages(axis: "Axes", curves: Curves) -> None:
         seconds = np.array([found.stage_s[stage] for found in curves.predictions])
         axis.bar(range(low.size), seconds, bottom=low, label=stage, color=f"C{place}", hatch=_HATCHES[place])
         low += seconds
+    for place, found in enumerate(curves.predictions):
+        share = found.stage_s[ESTIMATES] / low[place] if low[place] > 0.0 else 0.0
+        axis.annotate(f"estimates\n{100.0 * share:.0f} %", (place, low[place]), ha="center", va="bottom", fontsize=8)
+    axis.margins(y=0.12)
     axis.set_xticks(range(low.size), [f"{found.tolerance:g}" for found in curves.predictions])
-    axis.set(xlabel="tolerance", ylabel="time [s]", title="where the time goes")
+    axis.set(xlabel="tolerance", ylabel="processor time [s]", title="where the time goes")
     legend_below(axis)
 
 
