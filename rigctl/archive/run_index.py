@@ -48,8 +48,8 @@ def update_index(root: Path) -> Indexed:
     DataError
         A file of the index's name is something else.
     """
-    _require_folder(root)
-    runs, comparisons = _found(root)
+    require_folder(root)
+    runs, comparisons = found_below(root)
     with _opened(root) as index:
         known = dict(index.execute("SELECT run, fingerprint FROM runs"))
         seen = {str(run.relative_to(root)): fingerprint(run) for run in runs}
@@ -81,7 +81,7 @@ def find(root: Path, condition: Condition) -> list[dict[str, Fact]]:
     DataError
         The index is damaged, or of another version.
     """
-    _require_folder(root)
+    require_folder(root)
     if not (root / INDEX_FILE).is_file():
         raise ConfigError(f"{root}: has no index; make it: rigctl archive index {root}")
     names = [column.name for column in COLUMNS]
@@ -91,12 +91,13 @@ def find(root: Path, condition: Condition) -> list[dict[str, Fact]]:
         return [dict(zip(names, row, strict=True)) for row in rows]
 
 
-def _require_folder(root: Path) -> None:
+def require_folder(root: Path) -> None:
+    """Raise ConfigError where an archive is no folder."""
     if not root.is_dir():
         raise ConfigError(f"{root}: there is no such folder; an archive is a folder with runs below it")
 
 
-def _found(root: Path) -> tuple[list[Path], list[Path]]:
+def found_below(root: Path) -> tuple[list[Path], list[Path]]:
     """Return the runs below a folder and the comparisons; nothing is sought within a run."""
     runs, comparisons = [], []
     for name, folders, files in os.walk(root):

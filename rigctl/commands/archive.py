@@ -69,3 +69,32 @@ def find_command(
     else:
         results().print(terminal_table(found_table(found.rows)))
         progress().print(f"{len(found.rows)} rows of {len(found.runs)} runs")
+
+
+@app.command()
+def health(root: _Root, as_json: _Json = False) -> None:
+    """Print how the rig fared from run to run: stage, lost frames, dark level, gain, axis, clock; what changed when.
+
+    The runs themselves are read, not the index; of each one dark frame is opened. A number far off those of the other
+    runs of its device is named.
+
+    Example: rigctl archive health runs
+    """
+    from rigctl.jobs.archive import archive_health
+    from rigctl.reports.tables.archive_tables import health_table
+    from rigctl.reports.writers.terminal_table import terminal_table
+
+    found = archive_health(root)
+    if as_json:
+        print_json(found.as_json())
+        return
+    console = results()
+    console.print(terminal_table(health_table(found.runs)))
+    for change in found.changes:
+        console.print(
+            f"{change.utc[:16]}Z  {change.run}: {change.what}: {change.before} -> {change.after}", markup=False
+        )
+    for one in found.outlying:
+        console.print(f"stands out: {one.run}: {one.what} = {one.value:.6g}, usually {one.usual:.6g}", markup=False)
+    for name, problem in found.unread.items():
+        console.print(f"not read: {name}: {problem}", markup=False)

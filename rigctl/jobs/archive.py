@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.archive.expression import parse
+from rigctl.archive.health import ArchiveHealth, health_of
 from rigctl.archive.run_facts import Fact
-from rigctl.archive.run_index import Indexed, find, update_index
+from rigctl.archive.run_index import Indexed, find, found_below, require_folder, update_index
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,3 +29,15 @@ def index_archive(root: Path) -> Indexed:
 def find_runs(root: Path, expression: str) -> FoundRuns:
     """Return the rows of an archive that an expression holds of; raises as `parse` and `find`."""
     return FoundRuns(rows=tuple(find(root, parse(expression))))
+
+
+def archive_health(root: Path) -> ArchiveHealth:
+    """Return how a rig fared over all runs of an archive; the index is not needed.
+
+    Raises
+    ------
+    ConfigError
+        There is no such folder.
+    """
+    require_folder(root)
+    return health_of(root, found_below(root)[0])
