@@ -91,7 +91,10 @@ def record(rig: Path, session: Path, *, out: Path) -> Recorded:
         except (DeviceError, DataError) as error:
             failure = str(error)
     opened = recorder.opened()
-    files = {"rig.toml": replay_rig(rig.read_text(), out.name), "session.toml": session.read_text()}
+    files = {
+        "rig.toml": replay_rig(rig.read_text(), out.name),
+        "session.toml": Scrubber.of_this_machine().toml(session.read_text()),
+    }
     try:
         write_recording(out, Recording(made_by=f"rigctl {VERSION}", opened=opened, files=files))
     except OSError as error:

@@ -144,7 +144,12 @@ def test_a_rig_for_the_replay_has_devices_only() -> None:
 
 def test_a_camera_gives_only_what_was_recorded(tmp_path: Path) -> None:
     rig, session = files(tmp_path)
+    session.write_text(SESSION + "# ask jane.doe@example.org, https://example.org/T0P\n")
     record(rig, session, out=tmp_path / "seen.rec")
+    with zipfile.ZipFile(tmp_path / "seen.rec") as archive:
+        told = archive.read("rig.toml") + archive.read("session.toml")
+    assert b"jane.doe" not in told
+    assert b"T0P" not in told
     camera = open_replay(str(tmp_path / "seen.rec"))
     with pytest.raises(LimitError, match="were not recorded"):
         camera.configure(exposure_s=0.5, gain_db=0.0)
