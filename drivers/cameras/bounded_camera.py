@@ -116,6 +116,7 @@ class BoundedCamera:
         self._caller: _Caller | None = None
         self._camera: OpenCamera | None = None
         self._is_closed = False
+        self._busy_until_s = 0.0
         self._before = FrameTally()
         self._first_number = self._last_number = 0
         self._asked: tuple[float, float] | None = None
@@ -153,7 +154,7 @@ class BoundedCamera:
             The camera does not answer, or not in time.
         """
         self._refuse_closed()
-        camera = self._here(deadline_s=self._now_s() + _OPENING_S)
+        camera = self._here(deadline_s=self._now_s() + _TELLING_S)
         return self._call(camera.features, within_s=_TELLING_S, what="telling its features")
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
@@ -203,7 +204,8 @@ class BoundedCamera:
         self._before = self.tally()
         self._caller = self._camera = None
         try:
-            caller.call(camera.close, within_s=_CLOSING_S)
+            # A call that somebody has interrupted is let come to its end, so that the camera is free afterwards.
+            caller.call(camera.close, within_s=_CLOSING_S + max(0.0, self._busy_until_s - self._now_s()))
         except DeviceError:
             pass  # it was going away
         except _LeftBehindError:
@@ -272,8 +274,9 @@ class BoundedCamera:
         if self._caller is None:
             raise NotConnectedError(f"{self._name}: it was given up")
         start_s = self._now_s()
+        self._busy_until_s = start_s + within_s
         try:
-            return self._caller.call(job, within_s=within_s)
+            result = self._caller.call(job, within_s=within_s)
         except _LeftBehindError as error:
             camera = self._opened()
             self._before = self.tally()
@@ -281,6 +284,11 @@ class BoundedCamera:
             self._leave(camera.close)
             waited_s = self._now_s() - start_s
             raise DeviceTimeoutError(f"{self._name}: {what}: no answer within {waited_s:.2g} s. {_SILENT}") from error
+        except DeviceError:
+            self._busy_until_s = 0.0
+            raise
+        self._busy_until_s = 0.0
+        return result
 
     def _leave(self, last: Callable[[], None]) -> None:
         if self._caller is not None:

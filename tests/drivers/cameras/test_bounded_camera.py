@@ -167,6 +167,22 @@ def test_closing_one_that_hangs_does_not_wait_for_it(camera, cable, monkeypatch)
     until(lambda: cable.closed)
 
 
+def test_a_picture_that_is_interrupted_is_let_come_before_the_camera_is_closed(camera, cable, monkeypatch):
+    def interrupted(caller, job, *, within_s):
+        caller._jobs.put((job, bounded_camera._Answer()))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bounded_camera, "_CLOSING_S", 0.0)
+    cable.hangs = "take_frame"
+    with monkeypatch.context() as patched:
+        patched.setattr(bounded_camera._Caller, "call", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            camera.take_frame(timeout_s=PATIENCE_S)
+    threading.Timer(0.3, cable.let_go_on).start()
+    camera.close()
+    assert cable.closed == cable.opened
+
+
 def test_the_next_one_to_open_it_waits_for_the_call_that_hangs(cable, request):
     first = BoundedCamera(lambda: HangingCamera(cable), name=request.node.name)
     cable.hangs = "take_frame"
