@@ -109,7 +109,8 @@ class _Sessions:
         disk = "" if need.disk_bytes is None else f", {need.disk_bytes / 1e6:.0f} MB"
         kinds = ", ".join(f"{sum(step.kind == kind for step in steps)} {kind}" for kind in ("dark", "flat", "scene"))
         lines = [f"{name}: {len(steps)} frames ({kinds}), about {minutes} min {seconds} s{disk}"]
-        return "\n".join([*lines, *(doubt for doubt in prepared.doubts if doubt), *found.doubts, *found.light])
+        doubts = (*prepared.picked.lines, *(doubt for doubt in prepared.doubts if doubt), *found.doubts)
+        return "\n".join([*lines, *doubts, *found.light])
 
     def start(self, name: str) -> str:
         """Start the session of a file in a process of its own; return the name of its run."""
@@ -141,7 +142,7 @@ class _Sessions:
             )
 
     def _acquire_request(self, name: str) -> AcquireRequest:
-        return AcquireRequest(rig=Path(self._request.rig), session=self._file(name), asks_by_hold=True)
+        return AcquireRequest(rig=Path(self._request.rig), session=self._file(name), asks_by_hold=True, picks=True)
 
     def _file(self, name: str) -> Path:
         if name not in self.names():
