@@ -37,9 +37,11 @@ def aolp_picture(images: PolarizationImages) -> bytes:
     figure, axes = picture_axes(images.aolp_deg.shape)
     angle_deg = np.where(images.unusable, np.nan, images.aolp_deg)
     known = np.clip(_WELL_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2
-    axes[0].set_facecolor("0.85")
+    # A grey that the cyclic colours never pass: theirs at 0 degrees is a light one.
+    axes[0].set_facecolor("0.6")
     shown = axes[0].imshow(angle_deg, cmap="twilight", vmin=0.0, vmax=180.0, interpolation="nearest", alpha=known)
-    finish_picture(figure, axes[0], shown, title="AoLP", label="counter-clockwise from horizontal [deg]")
+    title = f"AoLP (grey: not known to {_WELL_KNOWN_DEG:g} deg)"
+    finish_picture(figure, axes[0], shown, title=title, label="counter-clockwise from horizontal [deg]")
     return png(figure)
 
 
