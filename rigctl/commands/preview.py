@@ -2,21 +2,15 @@
 
 import sys
 import time
-from collections.abc import Iterable
-from contextlib import nullcontext
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from rigctl.commands.watch import place_of
 from rigctl.console.terminal import progress, results, warn
 from rigctl.errors import ConfigError
-from rigctl.storage.durable_file import write_durably
-
-if TYPE_CHECKING:
-    from rigctl.jobs.preview import PreviewPicture
-    from rigctl.web.preview_page import PreviewPage
 
 _LINE_EACH_S = 1.0
 _THIS_MACHINE = "127.0.0.1"
@@ -39,43 +33,33 @@ def command(
 ) -> None:
     """Show what a camera sees, with a number that is largest where the picture is sharpest, until Ctrl-C.
 
-    Open the page that is printed in a browser, turn the lens, and stop where the number was best. Saturated pixels are
-    red. The picture is stretched for the eye: nothing is measured with it, and no stage is needed or moved.
+    Open the page that is printed in a browser, turn the lens, and stop where the number was best. It is the page of
+    `rigctl serve` at its camera: exposure, gain and zoom can be changed there. Saturated pixels are red. The picture is
+    stretched for the eye: nothing is measured with it, and no stage is needed or moved.
 
     Example: rigctl preview sim:gc780 --exposure-ms 0.03
     """
-    from rigctl.jobs.preview import doubt_of, open_camera, preview_pictures
-    from rigctl.web.preview_page import PreviewPage
+    from rigctl.jobs.preview import PreviewRequest, doubt_of, preview_in_file, preview_on_page
 
     if exposure_ms <= 0:
         raise ConfigError(f"--exposure-ms: is {exposure_ms:g}; must be above 0")
     if (doubt := doubt_of(camera)) is not None:
         warn(doubt)
-    page = None if picture is not None else PreviewPage(place_of(listen, None, None))
-    with page or nullcontext(), open_camera(camera) as opened:
-        pictures = preview_pictures(opened, exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom, frames=frames)
-        where = str(picture) if page is None else page.address
-        progress().print(f"the picture is at {where}; Ctrl-C ends it", markup=False)
-        try:
-            _show(pictures, page, picture)
-        except KeyboardInterrupt:
-            sys.stderr.write("\n")
-
-
-def _show(pictures: Iterable["PreviewPicture"], page: "PreviewPage | None", file: Path | None) -> None:
+    request = PreviewRequest(camera=camera, exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom, frames=frames)
+    if picture is None:
+        lines = preview_on_page(request, place_of(listen, None, None), told=_told)
+    else:
+        lines = preview_in_file(request, picture, told=_told)
     said_s = float("-inf")
-    for picture in pictures:
-        if page is not None:
-            page.show(picture.jpeg, picture.text)
-        if file is not None:
-            _write(file, picture.jpeg)
-        if picture.is_last or time.monotonic() - said_s >= _LINE_EACH_S:
-            results().print(picture.text, markup=False)
-            said_s = time.monotonic()
-
-
-def _write(picture: Path, jpeg: bytes) -> None:
     try:
-        write_durably(picture, jpeg)
-    except OSError as error:
-        raise ConfigError(f"--picture {picture}: cannot be written: {error.strerror}") from error
+        with closing(lines):
+            for line in lines:
+                if line.is_last or time.monotonic() - said_s >= _LINE_EACH_S:
+                    results().print(line.text, markup=False)
+                    said_s = time.monotonic()
+    except KeyboardInterrupt:
+        sys.stderr.write("\n")
+
+
+def _told(where: str) -> None:
+    progress().print(f"the picture is at {where}; Ctrl-C ends it", markup=False)

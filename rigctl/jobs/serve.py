@@ -19,12 +19,12 @@ from rigctl.files.config import describe
 from rigctl.files.regions import Markers, RegionsFile, regions_text
 from rigctl.files.rig_file import PolarizerSection, load_rig
 from rigctl.jobs.acquire import AcquireRequest, prepare_session, require_takeable
-from rigctl.jobs.preview import open_camera
+from rigctl.jobs.preview import NO_STAGE, open_camera_alone
 from rigctl.outlines.markers import search_markers, stretched
 from rigctl.runs.run_lock import writing_process
 from rigctl.session.control import ask_process
 from rigctl.storage.durable_file import write_durably
-from rigctl.web.hands import Asked, Hands
+from rigctl.web.hands import Hands, Question, camera_acts, region_acts, session_acts, stage_acts
 from rigctl.web.live_look import Cell, OpenDevices
 from rigctl.web.live_rig import LiveRig
 from rigctl.web.page import page_app
@@ -74,14 +74,10 @@ def serve(request: ServeRequest, place: Place, *, told: Callable[[Addresses], No
             raise ConfigError(f"{name} {folder}: there is no such folder")
     sessions = _Sessions(request)
     rig = LiveRig(lambda: open_devices(request.rig), polarizer_of(request.rig))
-    hands = Hands(
-        ask=sessions.ask,
-        rig=rig,
-        sessions=sessions.names,
-        plan=sessions.plan,
-        start=sessions.start,
-        write_regions=lambda body: write_regions(request.runs / _REGIONS_FILE, body, rig.newest_counts()),
-    )
+    regions = request.runs / _REGIONS_FILE
+    drawing = region_acts(lambda body: write_regions(regions, body, rig.newest_counts()))
+    acts = {**camera_acts(rig), **stage_acts(rig), **session_acts(sessions, rig), **drawing}
+    hands = Hands(view=rig, acts=acts, session_names=sessions.names, regions_file=regions.name)
     server = PageServer(page_app(RunsOfFolder(request.runs), hands), place, can_act=True)
     told(server.addresses)
     server.run()
@@ -119,7 +115,7 @@ class _Sessions:
         self._spawn("acquire", self._request.rig, str(self._file(name)), "--out", str(run), log=run)
         return run.name
 
-    def ask(self, name: str, what: Asked) -> None:
+    def ask(self, name: str, what: Question) -> None:
         """Ask something of the session of a run; one that has ended is gone on with in a process of its own."""
         run = self._run(name)
         process = writing_process(run)
@@ -171,8 +167,8 @@ def open_devices(what: str) -> Iterator[OpenDevices]:
         The rig file is wrong, or there is no such driver.
     """
     if not what.endswith(_RIG_FILE):
-        with open_camera(what) as camera:
-            yield OpenDevices(camera=camera, stage=None)
+        with open_camera_alone(what) as devices:
+            yield devices
         return
     rig_file = load_rig(Path(what))
     axes_deg = rig_file.cell_deg
@@ -184,7 +180,7 @@ def open_devices(what: str) -> Iterator[OpenDevices]:
 
 def polarizer_of(what: str) -> PolarizerSection:
     """Return how the polarizer sits by a rig file; for a camera alone its angle is the stage's."""
-    return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else PolarizerSection(sense=1, offset_deg=0.0)
+    return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else NO_STAGE
 
 
 def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -> str:

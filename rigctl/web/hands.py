@@ -1,9 +1,9 @@
-"""What a page with hands may do: ask a session, start one, work the devices, write regions. Each only where asked."""
+"""What a page with hands may do: ask sessions, work the devices, write regions; each only where it is given."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
 from starlette.requests import Request
@@ -12,42 +12,87 @@ from starlette.routing import Route
 
 from drivers.errors import DeviceError
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Region
 from rigctl.numbers.number_range import LARGEST
 from rigctl.runs.run_description import explain_invalid
 from rigctl.web.access import MOST_BODY_BYTES
-from rigctl.web.live_look import Task
+from rigctl.web.live_look import LiveLook, Task
 from rigctl.web.live_rig import LiveRig
+from rigctl.web.pictures import Picture
 
 _MS_PER_S = 1e3
-Asked = Literal["hold", "resume", "stop"]
+Question = Literal["hold", "resume", "stop"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """A request that acts: the run that it names, and its body."""
+
+    run: str
+    body: bytes
+
+
+Act = Callable[[Asked], dict[str, str]]
+
+
+class View(Protocol):
+    """What a page draws: the devices' picture, or one that was there before."""
+
+    def look(self) -> LiveLook:
+        """Return what is seen, in numbers."""
+
+    def newest_sequence(self, name: str) -> int | None:
+        """Return the number of the newest picture of a name; None where there is none."""
+
+    def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
+        """Return the newest picture of a name; None where there is none."""
+
+
+class Sessions(Protocol):
+    """Session files, and the sessions that run."""
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the session files."""
+
+    def plan(self, name: str) -> str:
+        """Return what a session file will take, in words."""
+
+    def start(self, name: str) -> str:
+        """Start the session of a file in a process of its own; return the name of its run."""
+
+    def ask(self, name: str, what: Question) -> None:
+        """Ask something of the session of a run, by the run's name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hands:
-    """What a page may do.
+    """What a page may do; it shows no more than belongs to its acts.
 
     Attributes
     ----------
-    ask : callable
-        Asks something of the session of a run, by the run's name: "hold", "resume" or "stop".
-    rig : LiveRig
-        The devices, while no session has them.
-    sessions : callable
+    view : View
+        What it draws.
+    acts : mapping of str to callable
+        What it may do, by name: those of `camera_acts`, `stage_acts`, `session_acts` and `region_acts` together.
+    title : str
+        Heading of the page; empty where it heads the list of runs.
+    session_names : callable
         Returns the names of the session files.
-    plan : callable
-        Returns what a session file will take, in words.
-    start : callable
-        Starts the session of a file in a process of its own; returns the name of its run.
-    write_regions : callable
-        Writes regions, given as JSON; returns the name of the file.
+    drawn : tuple of Region
+        Regions that are there already.
+    regions_file : str
+        Name of the file that regions are written to.
+    is_once : bool
+        The page ends as soon as regions are written.
     """
 
-    ask: Callable[[str, Asked], None]
-    rig: LiveRig
-    sessions: Callable[[], tuple[str, ...]]
-    plan: Callable[[str], str]
-    start: Callable[[str], str]
-    write_regions: Callable[[bytes], str]
+    view: View
+    acts: Mapping[str, Act]
+    title: str = ""
+    session_names: Callable[[], tuple[str, ...]] = tuple
+    drawn: tuple[Region, ...] = ()
+    regions_file: str = "regions.toml"
+    is_once: bool = False
 
 
 @with_config(ConfigDict(extra="forbid", allow_inf_nan=False))
@@ -58,6 +103,7 @@ class _Wanted:
     kind: Literal["rest", "preview", "polarimetry"]
     exposure_ms: Annotated[float, Field(gt=0.0, le=600_000.0)] = 10.0
     gain_db: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
+    zoom: Annotated[int, Field(ge=1, le=64)] = 1
     angles_deg: Annotated[tuple[Annotated[float, Field(ge=-LARGEST, le=LARGEST)], ...], Field(max_length=64)] = (
         0.0,
         45.0,
@@ -78,42 +124,58 @@ class _SessionName:
     session: Annotated[str, Field(max_length=200)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """A request that acts: the run that it names, and its body."""
-
-    run: str
-    body: bytes
-
-
 _WANTED, _TURN, _SESSION = TypeAdapter(_Wanted), TypeAdapter(_Turn), TypeAdapter(_SessionName)
-_Act = Callable[[_Asked], dict[str, str]]
+
+
+def camera_acts(rig: LiveRig) -> Mapping[str, Act]:
+    """Return what is done with a camera: begin a task."""
+    return {"task": lambda asked: _begin(rig, _WANTED.validate_json(asked.body))}
+
+
+def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
+    """Return what is done with a polarizer that turns, and for its maps: turn it, take the dark level."""
+    return {
+        "turn": lambda asked: _turn(rig, _TURN.validate_json(asked.body)),
+        "dark": lambda _: _take_dark(rig),
+    }
+
+
+def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
+    """Return what is done with sessions: ask them, show the plan of one, start one."""
+    return {
+        "hold": lambda asked: _ask(sessions, asked, "hold"),
+        "resume": lambda asked: _ask(sessions, asked, "resume"),
+        "stop": lambda asked: _ask(sessions, asked, "stop"),
+        "plan": lambda asked: {"plan": sessions.plan(_SESSION.validate_json(asked.body).session)},
+        "start": lambda asked: _start(sessions, rig, _SESSION.validate_json(asked.body).session),
+    }
+
+
+def region_acts(write: Callable[[bytes], str]) -> Mapping[str, Act]:
+    """Return what is done with regions: `write` them, given as JSON, which returns the name of the file."""
+    return {"regions": lambda asked: {"file": write(asked.body)}}
 
 
 def hand_routes(hands: Hands) -> list[Route]:
     """Return the routes that act; `rigctl.web.access.Guard` lets only those with the right through."""
-    acts: Mapping[str, _Act] = {
-        "hold": lambda asked: _ask(hands, asked, "hold"),
-        "resume": lambda asked: _ask(hands, asked, "resume"),
-        "stop": lambda asked: _ask(hands, asked, "stop"),
-        "task": lambda asked: _begin(hands.rig, _WANTED.validate_json(asked.body)),
-        "turn": lambda asked: _turn(hands.rig, _TURN.validate_json(asked.body)),
-        "dark": lambda _: _take_dark(hands.rig),
-        "plan": lambda asked: {"plan": hands.plan(_SESSION.validate_json(asked.body).session)},
-        "start": lambda asked: _start(hands, _SESSION.validate_json(asked.body).session),
-        "regions": lambda asked: {"file": hands.write_regions(asked.body)},
-    }
-    return [Route(f"/api/{name}", _answering(act), methods=["POST"]) for name, act in acts.items()]
+    return [Route(f"/api/{name}", _answering(act), methods=["POST"]) for name, act in hands.acts.items()]
 
 
-def _ask(hands: Hands, asked: _Asked, what: Asked) -> dict[str, str]:
-    hands.ask(asked.run, what)
+def _ask(sessions: Sessions, asked: Asked, what: Question) -> dict[str, str]:
+    sessions.ask(asked.run, what)
     return {"done": f"asked to {what}"}
 
 
 def _begin(rig: LiveRig, wanted: _Wanted) -> dict[str, str]:
-    exposure_s = wanted.exposure_ms / _MS_PER_S
-    rig.begin(Task(kind=wanted.kind, exposure_s=exposure_s, gain_db=wanted.gain_db, angles_deg=wanted.angles_deg))
+    rig.begin(
+        Task(
+            kind=wanted.kind,
+            exposure_s=wanted.exposure_ms / _MS_PER_S,
+            gain_db=wanted.gain_db,
+            angles_deg=wanted.angles_deg,
+            zoom=wanted.zoom,
+        )
+    )
     return {"done": wanted.kind}
 
 
@@ -127,20 +189,20 @@ def _take_dark(rig: LiveRig) -> dict[str, str]:
     return {"done": "dark level taken"}
 
 
-def _start(hands: Hands, session: str) -> dict[str, str]:
+def _start(sessions: Sessions, rig: LiveRig, name: str) -> dict[str, str]:
     """Start a session, once the devices are closed for it."""
-    hands.rig.begin(Task())
-    return {"run": hands.start(session)}
+    rig.begin(Task())
+    return {"run": sessions.start(name)}
 
 
-def _answering(act: _Act) -> Callable[[Request], Awaitable[Response]]:
+def _answering(act: Act) -> Callable[[Request], Awaitable[Response]]:
     """Return what does an act in a thread of its own and says what went wrong in words."""
 
     async def answer(request: Request) -> Response:
         body = await request.body()
         if len(body) > MOST_BODY_BYTES:
             return _problem(413, f"more than {MOST_BODY_BYTES} bytes")
-        asked = _Asked(run=request.query_params.get("run", ""), body=body)
+        asked = Asked(run=request.query_params.get("run", ""), body=body)
         try:
             return JSONResponse(await asyncio.to_thread(act, asked))
         except ValidationError as error:

@@ -40,12 +40,15 @@ class Task:
         The camera's gain setting [dB].
     angles_deg : tuple of float
         Of the polarizer, for "polarimetry" [deg].
+    zoom : int
+        The middle is shown and judged, so many times larger; at least 1.
     """
 
     kind: TaskKind = "rest"
     exposure_s: float = 0.01
     gain_db: float = 0.0
     angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
+    zoom: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +75,10 @@ class LiveLook:
         How fast the polarizer goes round.
     dark_dn : float or None
         Level without light that the maps subtract [DN]; None where none was taken at this exposure: DoLP reads too low.
-    width, height : int
-        Of the camera's picture.
+    zoom : int
+        As in `Task`.
+    left, top, width, height : int
+        The part of the camera's picture that is shown: its first column and row, and its size [pixel].
     problem : str
         What stopped the task; empty where nothing did.
     """
@@ -91,6 +96,9 @@ class LiveLook:
     proposed_ms: float | None = None
     cycles_per_min: float | None = None
     dark_dn: float | None = None
+    zoom: int = 1
+    left: int = 0
+    top: int = 0
     width: int = 0
     height: int = 0
     problem: str = ""

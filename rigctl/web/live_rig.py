@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceError
 from drivers.interfaces import Camera, Frame, RotationStage
 from model.processing.mosaic import planes
-from rigctl.devices.focus import focus_of
+from rigctl.devices.focus import focus_of, middle
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.web.live_look import Cell, LiveLook, OpenDevices, Task
@@ -57,6 +57,7 @@ class LiveRig:
         self._turn_to_deg: float | None = None
         self._thread: threading.Thread | None = None
         self._look = LiveLook()
+        self._failure: Exception | None = None
         self._counts: NDArray[np.uint16] | None = None
         self._saturation_dn = 1.0
         self._cycle: CyclePictures | None = None
@@ -68,14 +69,34 @@ class LiveRig:
         with self._changed:
             return self._look
 
+    def newer_look(self, sequence: int, *, timeout_s: float) -> LiveLook:
+        """Return what the devices see, once it is of another picture than the one that is known; or the time is over.
+
+        A task that begins has no picture of its own yet: its `width` is 0.
+
+        Raises
+        ------
+        DeviceError, ConfigError, DataError
+            What stopped them since they began.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._failure or self._is_of_another(sequence), timeout=timeout_s)
+            if self._failure is not None:
+                raise self._failure
+            return self._look
+
+    def _is_of_another(self, sequence: int) -> bool:
+        return self._look.width > 0 and self._look.sequence != sequence
+
     def begin(self, task: Task) -> None:
         """Let the devices do something else; "rest" returns once they are closed."""
         with self._changed:
-            self._task = task
+            last_exposure_s, self._task, self._failure = self._task.exposure_s, task, None
             self._look = LiveLook(
                 task=task.kind,
                 exposure_ms=task.exposure_s * _MS_PER_S,
                 gain_db=task.gain_db,
+                zoom=task.zoom,
                 sequence=self._look.sequence,
                 maps_sequence=self._look.maps_sequence,
             )
@@ -85,7 +106,7 @@ class LiveRig:
                 self._thread.start()
             thread = self._thread
         if task.kind == "rest" and thread is not None:
-            thread.join(timeout=_TIMEOUT_S + task.exposure_s)
+            thread.join(timeout=_TIMEOUT_S + last_exposure_s)
 
     def turn(self, angle_deg: float) -> None:
         """Turn the polarizer to an angle while a preview runs [deg]."""
@@ -128,8 +149,9 @@ class LiveRig:
         with self._changed:
             look, counts, cycle, saturation_dn = self._look, self._counts, self._cycle, self._saturation_dn
         if name == VIEW and counts is not None:
-            draw = partial(picture_of, counts, saturation_dn=saturation_dn, most_width=MOST_WIDTH, zebra=zebra)
-            return self._drawn.kept((VIEW, look.sequence, zebra), lambda: {VIEW: draw()})[VIEW]
+            shown = middle(counts, zoom=look.zoom)
+            draw = partial(picture_of, shown, saturation_dn=saturation_dn, most_width=MOST_WIDTH, zebra=zebra)
+            return self._drawn.kept((VIEW, look.sequence, look.zoom, zebra), lambda: {VIEW: draw()})[VIEW]
         if name not in MAPS or cycle is None:
             return None
         key = ("maps", look.maps_sequence, dolp_top)
@@ -146,7 +168,8 @@ class LiveRig:
         except (DeviceError, ConfigError, DataError) as error:
             with self._changed:
                 self._look = replace(self._look, task="rest", problem=str(error))
-                self._task = Task()
+                self._task, self._failure = Task(), error
+                self._changed.notify_all()
 
     def _wanted(self) -> Task:
         with self._changed:
@@ -218,7 +241,8 @@ class LiveRig:
 
     def _seen(self, frame: Frame, angle_deg: float | None) -> None:
         is_focusing = self._task.kind == "preview"
-        focus = focus_of(frame.counts, bit_depth=frame.settings.bit_depth, is_sharpness_wanted=is_focusing)
+        full, shown = frame.counts, middle(frame.counts, zoom=self._look.zoom)
+        focus = focus_of(shown, bit_depth=frame.settings.bit_depth, is_sharpness_wanted=is_focusing)
         exposure_ms = frame.settings.exposure_s * _MS_PER_S
         with self._changed:
             self._counts, self._saturation_dn = frame.counts, 2.0**frame.settings.bit_depth - 1.0
@@ -233,9 +257,12 @@ class LiveRig:
                 clipped=focus.saturated,
                 proposed_ms=_proposed_ms(exposure_ms, focus.brightest),
                 dark_dn=self._dark[1] if self._dark is not None and self._dark[0] == exposure_ms else None,
-                width=frame.counts.shape[1],
-                height=frame.counts.shape[0],
+                left=(full.shape[1] - shown.shape[1]) // 2,
+                top=(full.shape[0] - shown.shape[0]) // 2,
+                width=shown.shape[1],
+                height=shown.shape[0],
             )
+            self._changed.notify_all()
 
     def _went_round(self, frames: Sequence[NDArray[np.float32]], angles_deg: Sequence[float], took_s: float) -> None:
         ratio = self._polarizer.extinction_ratio

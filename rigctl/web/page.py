@@ -151,7 +151,7 @@ class _Page:
         """Return the newest picture behind a head of JSON; only the head where the one that is known is the newest."""
         head: dict[str, Any] = {"name": str(question.get("name", ""))}
         if question.get("of") == "rig" and self._hands is not None:
-            head["rig"] = asdict(self._hands.rig.look())
+            head["rig"] = asdict(self._hands.view.look())
         try:
             found = await asyncio.to_thread(self._picture, question)
         except DataError as error:
@@ -183,11 +183,21 @@ class _Page:
     def _of_hands(self) -> dict[str, Any]:
         if self._hands is None:
             return {"hands": False}
-        return {"hands": True, "rig": asdict(self._hands.rig.look()), "sessions": self._hands.sessions()}
+        hands = self._hands
+        return {
+            "hands": True,
+            "title": hands.title,
+            "acts": list(hands.acts),
+            "rig": asdict(hands.view.look()),
+            "sessions": hands.session_names(),
+            "drawn": [region.model_dump(mode="json", exclude_none=True) for region in hands.drawn],
+            "regions_file": hands.regions_file,
+            "is_once": hands.is_once,
+        }
 
     def _picture(self, question: Mapping[str, Any]) -> tuple[int, Picture] | None:
         is_live = question.get("of") == "rig" and self._hands is not None
-        reader = self._hands.rig if is_live and self._hands else self._source.reader(str(question.get("run", "")))
+        reader = self._hands.view if is_live and self._hands else self._source.reader(str(question.get("run", "")))
         name = str(question.get("name", ""))
         sequence = None if reader is None else reader.newest_sequence(name)
         if reader is None or sequence is None:

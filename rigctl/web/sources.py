@@ -33,6 +33,20 @@ class _Comparison:
     time_ns: int
 
 
+class NoRuns:
+    """No run at all: the page of a camera, or of a picture, alone."""
+
+    def rows(self) -> tuple[RunRow, ...]:
+        """Return an empty list."""
+        return ()
+
+    def reader(self, run: str) -> None:
+        """Return None."""
+
+    def document(self, run: str, name: str) -> None:
+        """Return None."""
+
+
 class OneRun:
     """One run, which may come later.
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -145,6 +146,42 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def hands(rig: Path) -> Iterator[str]:
     with served("serve", str(rig), "--sessions", str(rig.parent), "--runs", str(rig.parent / "runs")) as told:
         yield told["act_url"]
+
+
+@contextmanager
+def told_address(*words: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """Begin a command that says where its page is, and give the address."""
+    words = (sys.executable, "-m", "rigctl", *words)
+    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            said = ""
+            while (found := re.search(r"(http://\S+token=[\w-]+)[; ]", said)) is None:
+                line = process.stderr.readline()
+                assert line, said
+                said += line.replace("\n", " ")
+            yield found[1], process
+        finally:
+            process.terminate()
+
+
+@pytest.mark.parametrize(("name", "device"), [("desk", DESK), ("phone", PHONE)])
+def test_preview_is_the_page_at_its_camera_alone(browser: Any, rig: Path, name: str, device: dict[str, Any]) -> None:
+    words = ("preview", str(rig), "--exposure-ms", "0.03", "--zoom", "2", "--listen", "127.0.0.1:0")
+    with told_address(*words) as (address, _), looking(browser, address, device) as tab:
+        tab.wait_for_selector("#focus[data-sequence]")
+        tab.wait_for_selector("#view-histogram canvas")
+        assert tab.inner_text("#run").startswith("preview ")
+        assert [tab.input_value(one) for one in ("#exposure", "#gain", "#zoom")] == ["0.03", "0", "2"]
+        assert "% saturated" in tab.inner_text("#rig-text")
+        for other in ("#turn", "#region-add", "#plan", "#runs"):
+            assert tab.is_hidden(other), other
+        keep_picture(tab, f"preview-{name}")
+        tab.fill("#zoom", "1")
+        tab.press("#zoom", "Enter")
+        until(tab, lambda: tab.get_attribute("#outlines", "data-width") == "96")
+        tab.click("#proposed")
+        until(tab, lambda: not tab.inner_text("#rig-text").startswith("0.03000 ms"))
 
 
 def test_the_lens_is_focused_by_the_number_on_a_telephone(browser: Any, hands: str, rig: Path) -> None:

@@ -16,7 +16,9 @@ const utc = (text) => (text ? text.slice(0, 19).replace("T", " ") + " UTC" : "")
 const span = (s) => { const h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60; return h ? `${h} h ${m} min` : m ? `${m} min ${Math.round(s % 60)} s` : `${Math.round(s)} s`; };
 const put = (parent, tag, text, attributes = {}) => { const node = document.createElement(tag); if (text !== undefined && text !== null) node.textContent = text; for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value); parent.append(node); return node; };
 
+let isOver = false; // what the page was for is done, and its server gone
 function connect() {
+  if (isOver) return;
   const own = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
   socket = own;
   own.binaryType = "arraybuffer";
@@ -32,6 +34,7 @@ setInterval(() => {
   if (since > STALL_MS && socket) lost(socket);
 }, 500);
 function tellLost() {
+  if (isOver) return;
   const since = lastHeard ? `nothing heard since ${new Date(lastHeard).toLocaleTimeString()}` : "no connection";
   $("lost").textContent = `${since}; trying again. What is shown is old.`;
   $("lost").hidden = false;
@@ -98,7 +101,7 @@ function show(state) {
   if (state.error) { $("advice").textContent = state.error; $("advice").hidden = false; return; }
   $("list").hidden = !state.runs; $("one").hidden = Boolean(state.runs);
   $("back").hidden = !run;
-  if (state.runs) { showRig(state); return list(state.runs); }
+  if (state.runs) { list(state); return showRig(state); }
   document.title = `${state.run}: ${state.state}`;
   $("run").textContent = state.session ? `${state.run} (${state.session})` : state.run;
   const since = ["stale", "interrupted", "finished", "stopped", "holding", "waiting"].includes(state.state) && state.since_utc ? ` since ${utc(state.since_utc)}` : "";
@@ -223,9 +226,10 @@ window.onpopstate = () => location.reload();
 window.onresize = () => { plots = {}; if (newest && newest.curves) curves(newest.curves); };
 function go(name) { history.pushState(null, "", name ? `?run=${encodeURIComponent(name)}` : "?"); location.reload(); }
 
-function list(rows) {
-  $("run").textContent = "runs"; $("state").textContent = `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
-  document.title = "rigctl: runs";
+function list({ runs: rows, title }) {
+  $("run").textContent = title || "runs"; $("state").textContent = `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
+  $("state").hidden = $("runs").hidden = Boolean(title);
+  document.title = `rigctl: ${title || "runs"}`;
   const told = JSON.stringify(rows);
   if ($("rows").dataset.told === told) return;
   $("rows").dataset.told = told;

@@ -1,17 +1,21 @@
 """The focusing preview: its number, its picture, its page."""
 
+import json
+import socket
 from contextlib import closing
 from http.client import HTTPConnection
+from importlib.resources import files
 from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 import pytest
 
+from drivers.errors import DeviceError
 from rigctl.cli import main
 from rigctl.devices.focus import focus_of, jpeg_of, middle
 from rigctl.errors import ConfigError
-from rigctl.web.preview_page import PreviewPage
+from rigctl.jobs.preview import PreviewRequest, preview_on_page
 from rigctl.web.server import Place
 
 # Squares of 8 pixels, half as bright again as what lies between.
@@ -73,29 +77,55 @@ def test_saturated_pixels_are_red_in_the_picture():
     assert max(blue, green) < 15
 
 
-def get(address, path, *, token=None):
+def ask(address, path, content=None, *, token=None):
     place = urlsplit(address)
     token = place.query.removeprefix("token=") if token is None else token
+    body = None if content is None else json.dumps(content)
     with closing(HTTPConnection(place.hostname, place.port, timeout=10.0)) as connection:
-        connection.request("GET", path, headers={"Authorization": f"Bearer {token}"})
+        connection.request(
+            "GET" if body is None else "POST", path, body=body, headers={"Authorization": f"Bearer {token}"}
+        )
         with connection.getresponse() as response:
-            return response.status, response.read(), response.headers.get("x-number")
+            return response.status, response.read()
 
 
-def test_the_page_shows_each_new_picture_to_whoever_has_its_address():
-    with PreviewPage(Place()) as page:
-        assert b"preview.js" in get(page.address, "/")[1]
-        page.show(b"first")
-        assert get(page.address, "/picture.jpg") == (200, b"first", "1")
-        page.show(b"second")
-        assert get(page.address, "/picture.jpg?after=1") == (200, b"second", "2")
-        assert get(page.address, "/other")[0] == 404
-        assert get(page.address, "/picture.jpg", token="guessed")[0] == 401
+def test_it_is_the_page_of_serve_with_a_camera_alone():
+    addresses = []
+    request = PreviewRequest(camera="sim:gc780", exposure_s=3e-5, gain_db=0.0, zoom=4)
+    with closing(preview_on_page(request, Place(), told=addresses.append)) as lines:
+        assert next(lines).text.startswith("sharpness ")
+        (address,) = addresses
+        assert ask(address, "/")[1] == files("rigctl").joinpath("data", "web", "index.html").read_bytes()
+        assert ask(address, "/api/state", token="guessed")[0] == 401
+        state = json.loads(ask(address, "/api/state")[1])
+        assert (state["title"], state["acts"], state["runs"]) == ("preview sim:gc780", ["task"], [])
+        look = state["rig"]
+        assert (look["left"], look["top"], look["width"], look["height"]) == (293, 218, 195, 145)
+        assert ask(address, "/api/start", {"session": "any.toml"})[0] == 404
+        assert ask(address, "/api/task", {"kind": "preview", "exposure_ms": 0.02})[0] == 200
+        next(lines)
+        assert json.loads(ask(address, "/api/state")[1])["rig"]["width"] == 782
+
+
+def test_a_camera_that_cannot_be_opened_ends_the_page():
+    with pytest.raises(DeviceError):
+        next(preview_on_page(PreviewRequest(camera="gige:nowhere.invalid", exposure_s=0.01), Place(), told=str))
+
+
+def test_so_many_pictures_are_numbered_on_a_page(capsys):
+    words = ["preview", "sim:gc780", "--exposure-ms", "0.03", "--frames", "2", "--listen", "127.0.0.1:0"]
+    assert main(words) == 0
+    told = capsys.readouterr()
+    assert "sharpness" in told.out
+    assert "the picture is at http://127.0.0.1:" in told.err
 
 
 def test_a_port_that_is_taken_is_said_so():
-    with PreviewPage(Place()) as page, pytest.raises(ConfigError, match="another port"):
-        PreviewPage(Place(port=urlsplit(page.address).port))
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        place = Place(port=taken.getsockname()[1])
+        pictures = preview_on_page(PreviewRequest(camera="sim:gc780", exposure_s=3e-5), place, told=str)
+        with pytest.raises(ConfigError, match="another port"):
+            next(pictures)
 
 
 def test_the_command_writes_pictures_and_numbers(tmp_path, capsys):
