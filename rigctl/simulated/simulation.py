@@ -110,18 +110,24 @@ def with_simulation(rig: RigFile, *, clock_ns: int | None, perturb: RoofChange |
     if perturb is not None:
         given |= {"perturb": perturb}
     changed = None if rig.simulation is None else rig.simulation.model_copy(update=given)
-    if changed is None or (changed.clock is not None and not _is_within_program(rig)):
+    real = _not_within_program(rig) if changed is None or changed.clock is not None else ()
+    if changed is None or real:
         raise ConfigError(
-            "--clock: is for a rig whose stage and camera are simulated within the program (sim:...), not real or on "
-            "the network: their time cannot be chosen"
+            "--clock: the time can be chosen only of a rig whose stage and camera are simulated within the program "
+            f"(sim:...), not real or on the network; this one has {' and '.join(real) or 'no [simulation]'}"
         )
     return rig.model_copy(update={"simulation": changed})
 
 
-def _is_within_program(rig: RigFile) -> bool:
+def _not_within_program(rig: RigFile) -> tuple[str, ...]:
+    """Return which devices are real, on the network, or those of a record."""
     camera = rig.camera.address
-    turns = rig.stage is None or rig.stage.port.startswith("sim:")
-    return turns and camera.startswith("sim:") and camera.partition("?")[0] != ON_NETWORK
+    found = []
+    if rig.stage is not None and not rig.stage.port.startswith("sim:"):
+        found.append(f"the stage {rig.stage.port}")
+    if not camera.startswith("sim:") or camera.partition("?")[0] == ON_NETWORK:
+        found.append(f"the camera {camera}")
+    return tuple(found)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.roof_runs import roof_comparison
 from benchmarks.trial_roof import NAMES, one_run
 from rigctl.cli import main
+from rigctl.jobs import acquire
 
 # Of some hundred rows: as one in a thousand seeds has it.
 _LARGEST = 4.5
@@ -59,3 +60,26 @@ def test_a_dry_run_refuses_a_folder_that_holds_something(tmp_path):
 
 def test_a_dry_run_refuses_a_time_without_a_zone(tmp_path):
     assert dry_run(tmp_path, "--at", "2010-05-25T17:07") == 2
+
+
+_REAL_STAGE, _REAL_CAMERA = ("sim:ellx?speed=20", "/dev/ttyUSB0"), ("sim:gc780", "gige:192.168.0.5")
+
+
+@pytest.mark.parametrize("others", [("--dry-run",), ()], ids=["rehearsed", "taken"])
+@pytest.mark.parametrize("changes", [(_REAL_STAGE, _REAL_CAMERA), (_REAL_STAGE,), (_REAL_CAMERA,)])
+def test_a_real_rig_has_no_clock_to_choose(tmp_path, capsys, monkeypatch, changes, others):
+    monkeypatch.setattr(acquire, "open_rig", lambda *_, **__: pytest.fail("devices were opened"))
+    examples = Path(__file__).parents[2] / "examples"
+    text = (examples / "rig-sim.toml").read_text()
+    text = text.partition("\n[simulation]")[0] if len(changes) > 1 else text
+    for simulated, real in changes:
+        text = text.replace(simulated, real)
+    rig = tmp_path / "rig.toml"
+    rig.write_text(text)
+    out = tmp_path / "run"
+    arguments = ["acquire", str(rig), str(examples / "session.toml"), "--out", str(out), *others]
+    assert main([*arguments, "--clock", "2010-05-25T17:07Z"]) == 2
+    said = capsys.readouterr().err
+    assert "--clock" in said
+    assert all(real in said for _, real in changes)
+    assert not out.exists()
