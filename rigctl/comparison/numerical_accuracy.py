@@ -82,7 +82,9 @@ class NumericalAccuracy:
             f"numerical tolerance {self.tolerance:.1e}, chosen for the errors of this comparison: the largest "
             f"numerical error is {kind}{self.share:.2g} of its row's standard error{where}"
         )
-        return text if self.is_kept else f"{text}; allowed were {ALLOWED_SHARE:g}, which no smaller tolerance gave"
+        return (
+            text if self.is_kept else f"{text}; wanted were {ALLOWED_SHARE:g}, which no tolerance that was tried gave"
+        )
 
     def beside(self, rows: Iterable[Row], predictions: Mapping[str, RegionPrediction]) -> "NumericalAccuracy":
         """Return this beside the rows of a comparison that was made with its settings.
