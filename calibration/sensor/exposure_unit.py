@@ -1,6 +1,7 @@
 """Plausibility of exposures: the unit that they are stated in, and what a dark current says of it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from calibration.estimate import Estimate
 from calibration.flags import Flag
@@ -14,16 +15,46 @@ _USUAL_S = 5e-5
 ABSURD_E_PER_S = 1e5
 _SIGMA = 5.0
 _BOUND_SIGMA = 3.0
-_UNITS = {1e3: ("nanoseconds", "microseconds", "us"), 1e6: ("nanoseconds", "milliseconds", "ms")}
+# Units by what `--exposure-unit` calls them: seconds in each, and their names.
+_UNITS = {
+    "ns": (1e-9, "nanoseconds"),
+    "us": (1e-6, "microseconds"),
+    "ms": (1e-3, "milliseconds"),
+    "s": (1.0, "seconds"),
+}
 
 
-def impossible_exposures(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
+@dataclass(frozen=True, kw_only=True)
+class StatedExposures:
+    """Place where exposures are stated, and the unit that they were read in.
+
+    Attributes
+    ----------
+    where : str
+        Such as "the column exposure_ms".
+    unit : str or None
+        ns, us, ms or s; None where it is not one for all.
+    has_option : bool
+        Whether --exposure-unit states another; otherwise what is stated has to be corrected.
+    """
+
+    where: str = "what was given"
+    unit: str | None = None
+    has_option: bool = True
+
+
+_ANYWHERE = StatedExposures()
+
+
+def impossible_exposures(levels: Sequence[LevelStatistics], *, stated: StatedExposures = _ANYWHERE) -> tuple[Flag, ...]:
     """Return a refusing flag if no camera's sweep has such exposures.
 
     Parameters
     ----------
     levels : sequence of LevelStatistics
         Dark and flat levels.
+    stated : StatedExposures
+        Where their exposures are from.
     """
     longest_s = _longest_s(levels)
     if longest_s is None or _SHORTEST_S <= longest_s <= _LONGEST_S:
@@ -32,8 +63,7 @@ def impossible_exposures(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
         Flag(
             name="wrong_time_unit",
             message=f"the longest exposure is {longest_s:.3g} s, no camera's sweep: exposures are stated in another "
-            f"unit than is wanted (a descriptor of EMVA 1288 wants nanoseconds, a run folder seconds): "
-            f"{_advice(longest_s)}",
+            f"unit than {_as_read(stated)}: {_advice(longest_s, stated)}",
             refuses=True,
         ),
     )
@@ -47,7 +77,9 @@ def is_absurd(dark_current_e_per_s: Estimate | None) -> bool:
     return abs(found.value) + _BOUND_SIGMA * found.std_error > ABSURD_E_PER_S
 
 
-def implausible_unit(levels: Sequence[LevelStatistics], dark_current_e_per_s: Estimate | None) -> tuple[Flag, ...]:
+def implausible_unit(
+    levels: Sequence[LevelStatistics], dark_current_e_per_s: Estimate | None, *, stated: StatedExposures = _ANYWHERE
+) -> tuple[Flag, ...]:
     """Return a flag if exposures are unusual and the dark current that they give is no camera's.
 
     Parameters
@@ -56,6 +88,8 @@ def implausible_unit(levels: Sequence[LevelStatistics], dark_current_e_per_s: Es
         Dark and flat levels.
     dark_current_e_per_s : Estimate or None
         By the dark mean, as these exposures have it.
+    stated : StatedExposures
+        Where their exposures are from.
     """
     longest_s = _longest_s(levels)
     if longest_s is None or dark_current_e_per_s is None or not is_absurd(dark_current_e_per_s):
@@ -73,9 +107,9 @@ def implausible_unit(levels: Sequence[LevelStatistics], dark_current_e_per_s: Es
         Flag(
             name="wrong_time_unit",
             message=f"the longest exposure is {longest_s:.3g} s, and {what}: exposures are stated in another unit than "
-            f"is wanted"
+            f"{_as_read(stated)}"
             + (", or light reached the dark frames" if resolved else "")
-            + f"; the dark current is not known until the unit is: {_advice(longest_s)}",
+            + f"; the dark current is not known until the unit is: {_advice(longest_s, stated)}",
         ),
     )
 
@@ -84,11 +118,34 @@ def _longest_s(levels: Sequence[LevelStatistics]) -> float | None:
     return max((level.exposure_s for level in levels if level.exposure_s is not None), default=None)
 
 
-def _advice(longest_s: float) -> str:
-    for factor, (wanted, likely, option) in _UNITS.items():
-        if _USUAL_S <= longest_s * factor <= _LONGEST_S and longest_s < _USUAL_S:
-            return (
-                f"if {likely} were written where {wanted} are wanted, it is {longest_s * factor:.3g} s, as usual: "
-                f"state it with --exposure-unit {option}"
-            )
-    return "state the unit with --exposure-unit ns, us, ms or s"
+def _as_read(stated: StatedExposures) -> str:
+    """Return the unit that exposures were read in, in words."""
+    if stated.unit is None:
+        return f"{stated.where} was read in"
+    return f"the {_UNITS[stated.unit][1]} that {stated.where} was read in"
+
+
+def _advice(longest_s: float, stated: StatedExposures) -> str:
+    if not stated.has_option:
+        return f"correct {stated.where}"
+    others = [unit for unit in _UNITS if unit != stated.unit]
+    likely = _likely_unit(longest_s, stated.unit)
+    if stated.unit is None or likely is None:
+        return f"state its unit with --exposure-unit {', '.join(others[:-1])} or {others[-1]}"
+    seconds, name = _UNITS[likely]
+    in_it_s = longest_s * seconds / _UNITS[stated.unit][0]
+    return (
+        f"if {name} stand in {stated.where}, it is {in_it_s:.3g} s, as usual: state the unit with "
+        f"--exposure-unit {likely}"
+    )
+
+
+def _likely_unit(longest_s: float, unit: str | None) -> str | None:
+    """Return the nearest unit in which unusual exposures are usual; None where no unit or each of two may be it."""
+    if unit is None or _USUAL_S <= longest_s <= _LONGEST_S:
+        return None
+    by_nearness = sorted(
+        _UNITS, key=lambda one: max(_UNITS[one][0] / _UNITS[unit][0], _UNITS[unit][0] / _UNITS[one][0])
+    )
+    usual = (one for one in by_nearness if _USUAL_S <= longest_s * _UNITS[one][0] / _UNITS[unit][0] <= _LONGEST_S)
+    return next(usual, None)

@@ -13,7 +13,7 @@ from calibration.sensor.ceiling import sample_ceiling_dn
 from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkMatch, DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
-from calibration.sensor.exposure_unit import implausible_unit, impossible_exposures, is_absurd
+from calibration.sensor.exposure_unit import StatedExposures, implausible_unit, impossible_exposures, is_absurd
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.judged_curve import JudgedCurve, judged_curve, sound_darks
 from calibration.sensor.level_checks import level_flags, light_course_flags
@@ -29,6 +29,7 @@ from calibration.sensor.propagation import SpatialLevels
 from calibration.sensor.row_column_checks import row_column_flags
 from calibration.sensor.sample_checks import sample_flags
 
+_STATED = StatedExposures()
 _STANDARD_DARK_CURRENTS = ("dark_current_mean_e_per_s", "dark_current_variance_e_per_s")
 
 
@@ -98,7 +99,9 @@ class NoiseCalibration:
     light_stability: LightStability
 
 
-def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> NoiseCalibration:
+def calibrate_noise(
+    levels: Sequence[LevelStatistics], *, bit_depth: int, stated: StatedExposures = _STATED
+) -> NoiseCalibration:
     """Return gain, read noise, dark current, black level, saturation, PRNU and DSNU of a sensor.
 
     Parameters
@@ -107,6 +110,8 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
         Dark and flat levels of one camera at one gain, in any order; at least one of each.
     bit_depth : int
         Bits per sample, 1 to 16; the largest sample is 2**bit_depth - 1.
+    stated : StatedExposures
+        Where the exposures are from, for advice on their unit.
 
     Raises
     ------
@@ -132,7 +137,7 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     """
     flats, all_darks = _sorted_levels(levels, bit_depth)
     flags = (*sample_flags(levels, bit_depth=bit_depth), *level_flags(levels), *row_column_flags(levels))
-    flags += impossible_exposures(levels)
+    flags += impossible_exposures(levels, stated=stated)
     _refuse_if_any(flags)
     darks, dark_flags = sound_darks(all_darks)
     dark, match = fit_dark_signal(darks), match_darks(flats, darks)
@@ -142,45 +147,40 @@ def calibrate_noise(levels: Sequence[LevelStatistics], *, bit_depth: int) -> Noi
     flags += (*dark_flags, *curve.flags, *light_course_flags(levels, wrong=wrong))
     flags += curve_flags(flats, curve.transfer, dark, match)
     _refuse_if_any(flags)
-    return _numbers(levels, flats, darks, dark=dark, match=match, curve=curve, ceiling_dn=ceiling_dn, flags=flags)
+    found = _Levels(flats=flats, darks=darks, dark=dark, match=match, curve=curve, ceiling_dn=ceiling_dn, stated=stated)
+    return _numbers(found, flags)
 
 
-def _numbers(
-    levels: Sequence[LevelStatistics],
-    flats: Sequence[LevelStatistics],
-    darks: Sequence[LevelStatistics],
-    *,
-    dark: DarkSignal,
-    match: DarkMatch,
-    curve: JudgedCurve,
-    ceiling_dn: int,
-    flags: tuple[Flag, ...],
-) -> NoiseCalibration:
-    """Return the numbers of levels that nothing refuses."""
-    transfer = curve.transfer
-    spatial = choose_spatial_levels(flats, darks, transfer=transfer, match=match)
-    measured = measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
-    parameters, of_unit = _plausible_parameters(levels, measured, dark, darks)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Levels:
+    """Levels that nothing refuses, and the lines and the curve through them."""
+
+    flats: Sequence[LevelStatistics]
+    darks: Sequence[LevelStatistics]
+    dark: DarkSignal
+    match: DarkMatch
+    curve: JudgedCurve
+    ceiling_dn: int
+    stated: StatedExposures
+
+
+def _numbers(of: _Levels, flags: tuple[Flag, ...]) -> NoiseCalibration:
+    """Return the numbers of levels, with what was said of them before and what their numbers say."""
+    transfer = of.curve.transfer
+    spatial = choose_spatial_levels(of.flats, of.darks, transfer=transfer, match=of.match)
+    measured = measure(of.flats, of.darks, transfer=transfer, dark=of.dark, match=of.match, spatial=spatial)
+    parameters, of_unit = _plausible_parameters(measured, of)
     best = parameters.estimates
-    saturation_e = _saturation(flats, transfer)
-    merit = performance(
-        transfer, dark, gain=best["gain_dn_per_e"], read_noise_e=best.get("read_noise_e"), saturation_e=saturation_e
-    )
-    standard = emva1288_figures(flats, darks, ceiling_dn=ceiling_dn)
-    if of_unit:
-        merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
-        standard |= dict.fromkeys(_STANDARD_DARK_CURRENTS)
-    dark_current_e_per_s = best.get("dark_current_e_per_s")
-    flags += (
-        *parameters.flags,
-        *left_out_flags(darks[spatial.dark], flats[spatial.flat]),
-        *of_unit,
-        *parameter_flags(dark_current_e_per_s=dark_current_e_per_s, quantum_efficiency=merit.quantum_efficiency),
+    saturation_e = _saturation(of.flats, transfer)
+    merit, standard = _merit(of, best, saturation_e, has_unit=not of_unit)
+    flags += (*parameters.flags, *left_out_flags(of.darks[spatial.dark], of.flats[spatial.flat]), *of_unit)
+    flags += parameter_flags(
+        dark_current_e_per_s=best.get("dark_current_e_per_s"), quantum_efficiency=merit.quantum_efficiency
     )
     return NoiseCalibration(
         gain_dn_per_e=best["gain_dn_per_e"],
         read_noise_e=best.get("read_noise_e"),
-        dark_current_e_per_s=dark_current_e_per_s,
+        dark_current_e_per_s=best.get("dark_current_e_per_s"),
         black_level_dn=best["black_level_dn"],
         saturation_e=saturation_e,
         prnu=best.get("prnu"),
@@ -190,14 +190,32 @@ def _numbers(
         bounds=parameters.bounds | _saturation_bound(transfer),
         performance=merit,
         transfer=transfer,
-        dark=dark,
-        flats=tuple(flats),
-        darks=tuple(darks),
+        dark=of.dark,
+        flats=tuple(of.flats),
+        darks=tuple(of.darks),
         spatial=spatial,
         emva1288=standard,
-        influence=curve.levels,
-        light_stability=curve.stability,
+        influence=of.curve.levels,
+        light_stability=of.curve.stability,
     )
+
+
+def _merit(
+    of: _Levels, best: dict[str, Estimate], saturation_e: Estimate | None, *, has_unit: bool
+) -> tuple[Performance, dict[str, EmvaFigure | None]]:
+    """Return figures of merit and those of the standard; without a unit of the exposures no dark current."""
+    merit = performance(
+        of.curve.transfer,
+        of.dark,
+        gain=best["gain_dn_per_e"],
+        read_noise_e=best.get("read_noise_e"),
+        saturation_e=saturation_e,
+    )
+    standard = emva1288_figures(of.flats, of.darks, ceiling_dn=of.ceiling_dn)
+    if has_unit:
+        return merit, standard
+    merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
+    return merit, standard | dict.fromkeys(_STANDARD_DARK_CURRENTS)
 
 
 def _sorted_levels(
@@ -221,19 +239,17 @@ def _sorted_levels(
     return flats, darks
 
 
-def _plausible_parameters(
-    levels: Sequence[LevelStatistics], measured: Measured, dark: DarkSignal, darks: Sequence[LevelStatistics]
-) -> tuple[NoiseParameters, tuple[Flag, ...]]:
+def _plausible_parameters(measured: Measured, of: _Levels) -> tuple[NoiseParameters, tuple[Flag, ...]]:
     """Return the parameters, without a dark current that no camera has, and what is said of it."""
-    has_read_noise = dark.variance_fit is not None
-    longest_s = max((one.exposure_s for one in darks if one.exposure_s is not None), default=None)
+    has_read_noise = of.dark.variance_fit is not None
+    longest_s = max((one.exposure_s for one in of.darks if one.exposure_s is not None), default=None)
     found = noise_parameters(
-        measured, has_read_noise=has_read_noise, has_dark_current=dark.has_slope, longest_dark_s=longest_s
+        measured, has_read_noise=has_read_noise, has_dark_current=of.dark.has_slope, longest_dark_s=longest_s
     )
     dark_current_e_per_s = found.estimates.get("dark_current_e_per_s")
     if not is_absurd(dark_current_e_per_s):
         return found, ()
-    said = implausible_unit(levels, dark_current_e_per_s) or (
+    said = implausible_unit((*of.flats, *of.darks), dark_current_e_per_s, stated=of.stated) or (
         Flag(
             name="dark_current_not_resolved",
             message=f"dark exposures up to {longest_s or 0.0:.3g} s are too short for a dark current of any camera to "

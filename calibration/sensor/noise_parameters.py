@@ -7,18 +7,9 @@ from numpy.typing import NDArray
 
 from calibration.estimate import Bound, Estimate, JointCovariance
 from calibration.flags import Flag
+from calibration.sensor import propagation as rows
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2
 from calibration.sensor.measured_levels import Measured
-from calibration.sensor.propagation import (
-    BLACK_LEVEL,
-    DARK_SLOPE,
-    DARK_SPATIAL,
-    DARK_VARIANCE,
-    FLAT_SPATIAL,
-    GAIN,
-    N_MEASURED,
-    RESPONSE_SLOPE,
-)
 
 FloatArray = NDArray[np.float64]
 
@@ -70,7 +61,7 @@ def noise_parameters(
     if has_dark_current:
         parameters.append(_dark_current(measured))
     parameters.append(_black_level(measured))
-    no_prnu, no_dsnu = _unseen(measured, FLAT_SPATIAL, "prnu"), _unseen(measured, DARK_SPATIAL, "dsnu")
+    no_prnu, no_dsnu = _unseen(measured, rows.FLAT_SPATIAL, "prnu"), _unseen(measured, rows.DARK_SPATIAL, "dsnu")
     if no_prnu is None:
         parameters.append(_prnu(measured))
     if no_dsnu is None:
@@ -93,46 +84,49 @@ def noise_parameters(
 
 def _bounds(measured: Measured, *, has_read_noise: bool) -> dict[str, Bound]:
     """Return how large read noise and fixed pattern can be at most."""
-    gain, errors = float(measured.values[GAIN]), np.sqrt(np.diag(measured.covariance))
+    gain, errors = float(measured.values[rows.GAIN]), np.sqrt(np.diag(measured.covariance))
     largest_dn2 = np.maximum(measured.values, 0.0) + _RESOLVED_SIGMA * errors
-    dark_dn2 = max(QUANTISATION_LIMIT_DN2, largest_dn2[DARK_VARIANCE] if has_read_noise else 0.0)
+    dark_dn2 = max(QUANTISATION_LIMIT_DN2, largest_dn2[rows.DARK_VARIANCE] if has_read_noise else 0.0)
     return {
         "read_noise_e": Bound(bound="<", value=float(np.sqrt(dark_dn2)) / gain),
-        "prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2[FLAT_SPATIAL])) / measured.signal_dn),
-        "dsnu_e": Bound(bound="<", value=float(np.sqrt(largest_dn2[DARK_SPATIAL])) / gain),
+        "prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2[rows.FLAT_SPATIAL])) / measured.signal_dn),
+        "dsnu_e": Bound(bound="<", value=float(np.sqrt(largest_dn2[rows.DARK_SPATIAL])) / gain),
     }
 
 
 def _gradient(derivatives: dict[int, float]) -> FloatArray:
-    gradient = np.zeros(N_MEASURED)
+    gradient = np.zeros(rows.N_MEASURED)
     gradient[list(derivatives)] = list(derivatives.values())
     return gradient
 
 
 def _gain(measured: Measured) -> _Parameter:
     return _Parameter(
-        name="gain_dn_per_e", value=float(measured.values[GAIN]), gradient=_gradient({GAIN: 1.0}), n=measured.n_gain
+        name="gain_dn_per_e",
+        value=float(measured.values[rows.GAIN]),
+        gradient=_gradient({rows.GAIN: 1.0}),
+        n=measured.n_gain,
     )
 
 
 def _read_noise(measured: Measured) -> _Parameter:
-    gain, variance = measured.values[GAIN], measured.values[DARK_VARIANCE] - QUANTISATION_VAR_DN2
+    gain, variance = measured.values[rows.GAIN], measured.values[rows.DARK_VARIANCE] - QUANTISATION_VAR_DN2
     value = float(np.sqrt(variance) / gain)
     return _Parameter(
         name="read_noise_e",
         value=value,
-        gradient=_gradient({GAIN: -value / gain, DARK_VARIANCE: 0.5 * value / variance}),
+        gradient=_gradient({rows.GAIN: -value / gain, rows.DARK_VARIANCE: 0.5 * value / variance}),
         n=measured.n_dark,
     )
 
 
 def _dark_current(measured: Measured) -> _Parameter:
-    gain = measured.values[GAIN]
-    value = float(measured.values[DARK_SLOPE] / gain)
+    gain = measured.values[rows.GAIN]
+    value = float(measured.values[rows.DARK_SLOPE] / gain)
     return _Parameter(
         name="dark_current_e_per_s",
         value=value,
-        gradient=_gradient({GAIN: -value / gain, DARK_SLOPE: 1.0 / gain}),
+        gradient=_gradient({rows.GAIN: -value / gain, rows.DARK_SLOPE: 1.0 / gain}),
         n=measured.n_dark,
     )
 
@@ -140,30 +134,30 @@ def _dark_current(measured: Measured) -> _Parameter:
 def _black_level(measured: Measured) -> _Parameter:
     return _Parameter(
         name="black_level_dn",
-        value=float(measured.values[BLACK_LEVEL]),
-        gradient=_gradient({BLACK_LEVEL: 1.0}),
+        value=float(measured.values[rows.BLACK_LEVEL]),
+        gradient=_gradient({rows.BLACK_LEVEL: 1.0}),
         n=measured.n_dark,
     )
 
 
 def _prnu(measured: Measured) -> _Parameter:
-    variance, slope = measured.values[FLAT_SPATIAL], measured.values[RESPONSE_SLOPE]
+    variance, slope = measured.values[rows.FLAT_SPATIAL], measured.values[rows.RESPONSE_SLOPE]
     value = float(np.sqrt(variance) / slope) / measured.signal_dn
     return _Parameter(
         name="prnu",
         value=value,
-        gradient=_gradient({FLAT_SPATIAL: 0.5 * value / variance, RESPONSE_SLOPE: -value / slope}),
+        gradient=_gradient({rows.FLAT_SPATIAL: 0.5 * value / variance, rows.RESPONSE_SLOPE: -value / slope}),
         n=measured.n_flat_pattern,
     )
 
 
 def _dsnu(measured: Measured) -> _Parameter:
-    gain, variance = measured.values[GAIN], measured.values[DARK_SPATIAL]
+    gain, variance = measured.values[rows.GAIN], measured.values[rows.DARK_SPATIAL]
     value = float(np.sqrt(variance) / gain)
     return _Parameter(
         name="dsnu_e",
         value=value,
-        gradient=_gradient({GAIN: -value / gain, DARK_SPATIAL: 0.5 * value / variance}),
+        gradient=_gradient({rows.GAIN: -value / gain, rows.DARK_SPATIAL: 0.5 * value / variance}),
         n=measured.n_dark_pattern,
     )
 
@@ -174,7 +168,9 @@ def _unseen(measured: Measured, row: int, name: str) -> Flag | None:
     if variance > _RESOLVED_SIGMA * error:
         return None
     bound_dn = np.sqrt(max(variance, 0.0) + _RESOLVED_SIGMA * error)
-    size = f"{bound_dn / measured.signal_dn:.2%}" if name == "prnu" else f"{bound_dn / measured.values[GAIN]:.2g} e-"
+    size = (
+        f"{bound_dn / measured.signal_dn:.2%}" if name == "prnu" else f"{bound_dn / measured.values[rows.GAIN]:.2g} e-"
+    )
     return Flag(
         name=f"{name}_not_resolved",
         message=f"the variance from pixel to pixel is {variance:.3g} +- {error:.3g} DN^2 once temporal noise is taken "
@@ -185,11 +181,11 @@ def _unseen(measured: Measured, row: int, name: str) -> Flag | None:
 
 def _unseen_read_noise(measured: Measured) -> Flag | None:
     """Return a flag if the read noise is lost in what dark current adds, or in rounding."""
-    variance = float(measured.values[DARK_VARIANCE])
-    error = float(np.sqrt(measured.covariance[DARK_VARIANCE, DARK_VARIANCE]))
+    variance = float(measured.values[rows.DARK_VARIANCE])
+    error = float(np.sqrt(measured.covariance[rows.DARK_VARIANCE, rows.DARK_VARIANCE]))
     if variance - QUANTISATION_VAR_DN2 > _RESOLVED_SIGMA * error and variance > QUANTISATION_LIMIT_DN2:
         return None
-    bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[GAIN]
+    bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[rows.GAIN]
     return Flag(
         name="read_noise_not_resolved",
         message=f"the dark variance at no exposure is {variance:.3g} +- {error:.3g} DN^2, which is not more than its "
@@ -200,10 +196,13 @@ def _unseen_read_noise(measured: Measured) -> Flag | None:
 
 def _small_dark_current(measured: Measured, longest_s: float | None) -> Flag | None:
     """Return a flag if the dark current given is not different from none."""
-    slope, error = float(measured.values[DARK_SLOPE]), float(np.sqrt(measured.covariance[DARK_SLOPE, DARK_SLOPE]))
+    slope, error = (
+        float(measured.values[rows.DARK_SLOPE]),
+        float(np.sqrt(measured.covariance[rows.DARK_SLOPE, rows.DARK_SLOPE])),
+    )
     if abs(slope) > _RESOLVED_SIGMA * error:
         return None
-    bound_e_per_s = (max(slope, 0.0) + _RESOLVED_SIGMA * error) / measured.values[GAIN]
+    bound_e_per_s = (max(slope, 0.0) + _RESOLVED_SIGMA * error) / measured.values[rows.GAIN]
     return Flag(
         name="dark_current_not_resolved",
         message=f"the dark mean grows by {slope:.3g} +- {error:.3g} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import refused
+from calibration.sensor.exposure_unit import StatedExposures
 from calibration.sensor.frame_statistics import LevelKind
 from drivers.cameras.raw_files import RAW_SUFFIXES
 from rigctl.calibrations.made_for import MadeFor
@@ -117,11 +118,18 @@ def folder_frames(
         raise ConfigError("\n  ".join([f"{folder}:", *_shortened(problems)]))
     digest = hashlib.sha256("\n".join(str(image.path.relative_to(folder)) for image in images).encode()).hexdigest()
     source = partial(FrameSource, kind="folder", path=str(folder), sha256=digest)
-    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source)
+    # Names may have a unit beside each number, headers have seconds.
+    stated = StatedExposures(where="the names or headers of the images")
+    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source, stated=stated)
 
 
 def frame_set(
-    images: Sequence[ListedImage], *, bit_depth: int, reading: ImageReading, source: Callable[..., FrameSource]
+    images: Sequence[ListedImage],
+    *,
+    bit_depth: int,
+    reading: ImageReading,
+    source: Callable[..., FrameSource],
+    stated: StatedExposures,
 ) -> FrameSet:
     """Return a set of frames from images of which all is known.
 
@@ -135,6 +143,8 @@ def frame_set(
         Which colour of RAW files, and how large a picture may be.
     source : callable
         Makes the source, given ``frames_sha256``.
+    stated : StatedExposures
+        Where the exposures are from.
     """
     groups: dict[tuple[LevelKind, float | None, str], list[ListedImage]] = defaultdict(list)
     for image in images:
@@ -152,6 +162,7 @@ def frame_set(
         camera=CameraSetting(model=None, serial=None, gain_db=None, bit_depth=bit_depth),
         made_for=MadeFor(bit_depth=bit_depth),
         source=source(frames_sha256=files_digest([image.path for group in groups.values() for image in group])),
+        stated=stated,
     )
 
 

@@ -7,6 +7,7 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
+from calibration.sensor.exposure_unit import StatedExposures
 from calibration.sensor.frame_statistics import LevelKind
 from rigctl.calibrations.noise.folder_frames import ListedImage, frame_set
 from rigctl.calibrations.noise.noise_frames import FrameSet, FrameSource
@@ -68,7 +69,8 @@ def table_frames(
         images = [
             replace(one, exposure_s=None if one.exposure_s is None else one.exposure_s * factor) for one in images
         ]
-    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source)
+    stated = StatedExposures(where="the column exposure_ms", unit=exposure_unit or "ms")
+    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source, stated=stated)
 
 
 def _image(folder: Path, row: dict[str, str | None]) -> ListedImage:

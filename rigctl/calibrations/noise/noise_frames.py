@@ -4,7 +4,7 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.flags import Flag
+from calibration.sensor.exposure_unit import StatedExposures
 from calibration.sensor.frame_statistics import LevelKind
 from model.processing.mosaic import mosaic
 from rigctl.calibrations.made_for import MadeFor, made_for
@@ -86,13 +87,14 @@ class FrameSource:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSet:
-    """All frames of a calibration, and what was odd about how they were taken."""
+    """All frames of a calibration, where their exposures are stated, and what was odd about how they were taken."""
 
     groups: tuple[FrameGroup, ...]
     camera: CameraSetting
     made_for: MadeFor
     source: FrameSource
     flags: tuple[Flag, ...] = ()
+    stated: StatedExposures = field(default_factory=StatedExposures)
 
 
 def run_frames(path: Path) -> FrameSet:
@@ -133,6 +135,7 @@ def run_frames(path: Path) -> FrameSet:
             frames_sha256=_digest(record.checksum.removeprefix("sha256:") for record in records),
         ),
         flags=record_flags(sorted(records, key=lambda record: record.sequence)),
+        stated=StatedExposures(where="the record of the run", unit="s", has_option=False),
     )
 
 
@@ -234,6 +237,7 @@ def emva_frames(
             sha256=sha256_of(path),
             frames_sha256=files_digest([file for group in descriptor.groups for file in group.files]),
         ),
+        stated=StatedExposures(where="the descriptor", unit=exposure_unit or "ns"),
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import RefusedFramesError
 from calibration.flags import Flag
+from calibration.sensor.exposure_unit import StatedExposures, impossible_exposures
 from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
 from calibration.sensor.noise import calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
@@ -165,7 +166,29 @@ def test_an_absurd_dark_current_is_flagged() -> None:
     sensor = SyntheticSensor(shape=(160, 160), dark_current_e_per_s=5000.0, dsnu_e=1.0)
     found = sweep_flags(sensor, factor=1e-3)["wrong_time_unit"]
     assert not found.refuses
-    assert "nanoseconds" in found.message
+    # Where they were stated was not said.
+    assert "state its unit with --exposure-unit ns, us, ms or s" in found.message
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        (
+            StatedExposures(where="the column exposure_ms", unit="ms"),
+            "if seconds stand in the column exposure_ms, it is",
+        ),
+        (StatedExposures(where="the descriptor", unit="ns"), "--exposure-unit us"),
+        (StatedExposures(where="the names of the images"), "with --exposure-unit ns, us, ms or s"),
+        (StatedExposures(where="the record of the run", unit="s", has_option=False), "correct the record of the run"),
+    ],
+)
+def test_advice_on_a_unit_is_about_where_exposures_are_stated(stated: StatedExposures, said: str) -> None:
+    longest_s = max(EXPOSURES_S)
+    given = [replace(level, exposure_s=2e-7 / longest_s * (level.exposure_s or 0.0)) for level in levels()]
+    (flag,) = impossible_exposures(given, stated=stated)
+    assert said in flag.message
+    assert ("nanoseconds" in flag.message) is (stated.unit == "ns")
+    assert ("--exposure-unit" in flag.message) is stated.has_option
 
 
 def test_a_dark_mean_that_falls_with_exposure_is_flagged() -> None:
