@@ -17,7 +17,7 @@ _THROUGHPUT, _ANGLE_RAD, _DARK_SHARE, _SHIFT_PIXELS, _CURVATURE, _POWER = 0.02, 
 _PLANES_PIXELS = 0.25
 # Of explanations that fit alike, what the pair sums say in any case is said first. A dark level of one frame alone is
 # rare, and two frames off by opposite shares, where one turned polarizer does the same, rarer.
-_PAIRS_LOG_ODDS, _DARK_LOG_ODDS, _WITHIN_LOG_ODDS = 2.0, -0.7, -2.0
+_PAIRS_LOG_ODDS, _DARK_LOG_ODDS, _WITHIN_LOG_ODDS = 4.0, -0.7, -2.0
 # Of angles that are the same, or a quarter turn apart, to the resolution of what people write [rad].
 _SAME_RAD = np.radians(0.5)
 
