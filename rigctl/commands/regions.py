@@ -38,7 +38,7 @@ def draw(
     minutes: Annotated[float, typer.Option(metavar="MIN", help="How long to wait for you.", min=0.01)] = 60.0,
     browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
 ) -> None:
-    """Draw regions on a picture of a run, in a page that this machine serves to itself.
+    """Draw regions on a picture of a run, in the page of `rigctl serve`, which this machine serves to itself.
 
     Markers of the family 4x4_50 that the picture shows are written down too: `rigctl regions find` follows them.
 

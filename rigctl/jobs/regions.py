@@ -1,20 +1,27 @@
 """Drawing regions on a picture of a run, and finding them again by markers."""
 
+import queue
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from rigctl.errors import DataError
 from rigctl.files.choices import Dictionary
-from rigctl.files.config import load
-from rigctl.files.regions import Markers, RegionsFile, regions_text
+from rigctl.files.config import describe, load
+from rigctl.files.regions import Markers, Region, RegionsFile, regions_text
 from rigctl.outlines.follow import FollowedRegion, follow_markers, moved_markers
 from rigctl.outlines.markers import grey_picture, search_markers
 from rigctl.runs.wholeness import used_run
 from rigctl.storage.durable_file import write_durably
-from rigctl.web.region_page import RegionPage
+from rigctl.web.hands import Hands, region_acts
+from rigctl.web.page import page_app
+from rigctl.web.server import PageServer, Place
+from rigctl.web.sources import NoRuns
+from rigctl.web.still_picture import StillPicture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +72,86 @@ def draw_regions(run: Path, request: DrawRequest, *, out: Path, opened: Callable
     """
     picture = grey_picture(used_run(run))
     drawn = [] if request.start is None else _read(request.start).regions
-    page = RegionPage(cv2.imencode(".png", picture)[1].tobytes(), drawn=drawn, title=str(run), port=request.port)
+    page = RegionsPage(picture, drawn=drawn, title=f"draw regions on {run}", file=out.name, port=request.port)
     opened(page.address)
     answer = page.wait(seconds=request.wait_s)
     seen = search_markers(picture, Dictionary.FOUR_50)
     return _written(out, answer.model_copy(update={"markers": Markers(seen=seen) if seen else None}))
+
+
+class RegionsPage:
+    """The page of `rigctl serve` at a picture alone, on this machine, until regions are sent.
+
+    Parameters
+    ----------
+    picture : (H, W) array of uint8
+        To draw on.
+    drawn : list of Region
+        Regions that are there already.
+    title : str
+        Heading of the page.
+    file : str
+        Name of the file that the regions are for.
+    port : int
+        0 for any that is free.
+
+    Raises
+    ------
+    ConfigError
+        The port is taken.
+    """
+
+    def __init__(
+        self, picture: NDArray[np.uint8], *, drawn: list[Region], title: str, file: str, port: int = 0
+    ) -> None:
+        self._file, self._sent = file, queue.SimpleQueue[RegionsFile]()
+        hands = Hands(
+            view=StillPicture(picture),
+            acts=region_acts(self._take),
+            title=title,
+            drawn=tuple(drawn),
+            regions_file=file,
+            is_once=True,
+        )
+        self._server = PageServer(page_app(NoRuns(), hands), Place(port=port), can_act=True)
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return self._server.addresses.act_url or ""
+
+    def wait(self, *, seconds: float) -> RegionsFile:
+        """Return the regions that were drawn.
+
+        Raises
+        ------
+        DataError
+            Nothing was sent in time.
+        """
+        with self._server:
+            try:
+                return self._sent.get(timeout=seconds)
+            except queue.Empty:
+                minutes = seconds / 60.0
+                raise DataError(f"no regions were sent from {self.address} within {minutes:g} minutes") from None
+
+    def _take(self, body: bytes) -> str:
+        self._sent.put(sent_regions(body))
+        return self._file
+
+
+def sent_regions(body: bytes) -> RegionsFile:
+    """Return regions that a page sent as JSON.
+
+    Raises
+    ------
+    DataError
+        They are no regions.
+    """
+    try:
+        return RegionsFile.model_validate_json(body)
+    except ValidationError as error:
+        raise DataError(describe(Path("regions"), error)) from error
 
 
 def mark_regions(run: Path, regions: Path, *, dictionary: Dictionary, out: Path) -> RegionsFile:

@@ -10,16 +10,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from rigctl.devices.rig import open_rig
-from rigctl.errors import ConfigError, DataError, RunFolderError
+from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.choices import Dictionary
-from rigctl.files.config import describe
-from rigctl.files.regions import Markers, RegionsFile, regions_text
+from rigctl.files.regions import Markers, regions_text
 from rigctl.files.rig_file import PolarizerSection, load_rig
 from rigctl.jobs.acquire import AcquireRequest, prepare_session, require_takeable
 from rigctl.jobs.preview import NO_STAGE, open_camera_alone
+from rigctl.jobs.regions import sent_regions
 from rigctl.outlines.markers import search_markers, stretched
 from rigctl.runs.run_lock import writing_process
 from rigctl.session.control import ask_process
@@ -193,10 +192,7 @@ def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -
     DataError
         They are no regions.
     """
-    try:
-        regions = RegionsFile.model_validate_json(body)
-    except ValidationError as error:
-        raise DataError(describe(Path("regions"), error)) from error
+    regions = sent_regions(body)
     seen = [] if picture is None else search_markers(stretched(picture), Dictionary.FOUR_50)
     if seen and regions.markers is None:
         regions = regions.model_copy(update={"markers": Markers(seen=seen)})

@@ -18,6 +18,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from rigctl.files.config import load
+from rigctl.files.regions import RegionsFile
 from rigctl.session.take_session import take_session
 from rigctl.simulated.lens_position import turn_lens
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE, small_rig, small_session
@@ -182,6 +184,56 @@ def test_preview_is_the_page_at_its_camera_alone(browser: Any, rig: Path, name: 
         until(tab, lambda: tab.get_attribute("#outlines", "data-width") == "96")
         tab.click("#proposed")
         until(tab, lambda: not tab.inner_text("#rig-text").startswith("0.03000 ms"))
+
+
+def drawn_at(tab: Any, *shares: tuple[float, float], by: str) -> None:
+    """Set corners on the picture, at shares of its width and height."""
+    tab.evaluate("scrollTo(0, 0)")
+    box = tab.locator("#view").bounding_box()
+    for x, y in shares:
+        place = (box["x"] + x * box["width"], box["y"] + y * box["height"])
+        if by == "finger":
+            tab.touchscreen.tap(*place)
+        else:
+            tab.mouse.click(*place)
+
+
+@pytest.mark.parametrize(("name", "device"), [("desk", DESK), ("phone", PHONE)])
+def test_regions_are_drawn_on_the_page_at_a_picture_alone(
+    browser: Any, tmp_path: Path, name: str, device: dict[str, Any]
+) -> None:
+    run, start, out = tmp_path / "run", tmp_path / "start.toml", tmp_path / "drawn.toml"
+    take_session(small_rig(tmp_path), small_session(cycles=1), run, files={})
+    place = "rectangle = { x = 70, y = 5, width = 9, height = 8 }"
+    start.write_text(f'[[regions]]\nname = "old"\nedge_px = 1\n{place}\n[[regions]]\nname = "wrong"\n{place}\n')
+    words = ("regions", "draw", str(run), "--start", str(start), "--out", str(out), "--no-browser")
+    with told_address(*words) as (address, process), looking(browser, address, device, allowed=("ERR_",)) as tab:
+        tab.wait_for_selector("#view[data-sequence]")
+        for other in ("#exposure", "#turn", "#plan", "#runs", "#focus"):
+            assert tab.is_hidden(other), other
+        tab.click("[aria-label='remove wrong']")
+        by = "finger" if name == "phone" else "mouse"
+        drawn_at(tab, (0.25, 0.25), (0.5, 0.75), by=by)
+        tab.fill("#region-name", "block")
+        tab.click("#region-add")
+        drawn_at(tab, (0.6, 0.5), (0.9, 0.5), (0.75, 0.9), by=by)
+        tab.fill("#region-name", "wedge")
+        tab.fill("#region-edge", "0")
+        tab.click("#region-add")
+        keep_picture(tab, f"regions-{name}")
+        tab.click("#region-save")
+        until(tab, lambda: tab.inner_text("#said") == "sent: drawn.toml is written. This page can be closed.")
+        assert process.wait(60) == 0
+        tab.wait_for_timeout(700)
+        assert tab.is_hidden("#lost")
+    old, block, wedge = load(out, RegionsFile).regions
+    assert [(one.name, one.edge_px) for one in (old, block, wedge)] == [("old", 1), ("block", 2), ("wedge", 0)]
+    assert block.rectangle is not None
+    assert wedge.polygon is not None
+    found = (block.rectangle.x, block.rectangle.y, block.rectangle.width, block.rectangle.height)
+    # The picture has 96 x 48 pixels.
+    assert found == pytest.approx((24, 12, 24, 24), abs=1)
+    assert [x for x, _ in wedge.polygon] == pytest.approx([57.1, 85.9, 71.5], abs=0.5)
 
 
 def test_the_lens_is_focused_by_the_number_on_a_telephone(browser: Any, hands: str, rig: Path) -> None:

@@ -109,7 +109,7 @@ $("view").onblur = () => { cursor = null; outline(); };
 
 // Two corners make a rectangle of whole pixels, more a polygon.
 function shapeOf(points) {
-  if (points.length > 2) return { polygon: points };
+  if (points.length > 2) return { polygon: [...points] };
   const [from, to] = [0, 1].map((axis) => points.map((point) => Math.round(point[axis] + 0.5)).sort((a, b) => a - b)).reduce((xs, ys) => [[xs[0], ys[0]], [xs[1], ys[1]]]);
   return { rectangle: { x: from[0], y: from[1], width: to[0] - from[0], height: to[1] - from[1] } };
 }
@@ -154,6 +154,7 @@ $("region-undo").onclick = () => { if (corners.length) { corners.pop(); outline(
 $("region-save").onclick = async () => {
   if (corners.length) { $("said").textContent = "add the region whose corners are set first, or take them back"; return; }
   const told = await act("regions", { regions: drawn }).catch(() => null);
+  $("said").scrollIntoView({ block: "nearest" });
   if (!told) { if (!$("said").textContent) $("said").textContent = "not heard; nothing was written"; return; }
   if (newest.is_once) { isOver = true; $("lost").hidden = true; $("region-save").disabled = true; $("said").textContent = `sent: ${told.file} is written. This page can be closed.`; }
 };
