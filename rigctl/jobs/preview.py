@@ -82,7 +82,7 @@ def preview_on_page(request: PreviewRequest, place: Place, *, told: Callable[[st
         The camera fails.
     """
     rig = LiveRig(lambda: open_camera_alone(request.camera), NO_STAGE)
-    hands = Hands(view=rig, acts=camera_acts(rig), title=f"preview {request.camera}")
+    hands = Hands(view=rig, acts=camera_acts(rig), title=f"preview {_name_of(request.camera)}")
     task = Task(kind="preview", exposure_s=request.exposure_s, gain_db=request.gain_db, zoom=request.zoom)
     with PageServer(page_app(NoRuns(), hands), place, can_act=True) as server:
         told(server.addresses.act_url or "")
@@ -91,6 +91,10 @@ def preview_on_page(request: PreviewRequest, place: Place, *, told: Callable[[st
             yield from _lines(rig, request.frames)
         finally:
             rig.begin(Task())
+
+
+def _name_of(camera: str) -> str:
+    return Path(camera).name if camera.endswith(_RIG_FILE) else camera
 
 
 def _lines(rig: LiveRig, frames: int | None) -> Generator[PreviewLine]:

@@ -72,7 +72,9 @@ def draw_regions(run: Path, request: DrawRequest, *, out: Path, opened: Callable
     """
     picture = grey_picture(used_run(run))
     drawn = [] if request.start is None else _read(request.start).regions
-    page = RegionsPage(picture, drawn=drawn, title=f"draw regions on {run}", file=out.name, port=request.port)
+    page = RegionsPage(
+        picture, drawn=drawn, title=f"draw regions on {run.resolve().name}", file=out.name, port=request.port
+    )
     opened(page.address)
     answer = page.wait(seconds=request.wait_s)
     seen = search_markers(picture, Dictionary.FOUR_50)

@@ -173,7 +173,7 @@ def test_preview_is_the_page_at_its_camera_alone(browser: Any, rig: Path, name: 
     with told_address(*words) as (address, _), looking(browser, address, device) as tab:
         tab.wait_for_selector("#focus[data-sequence]")
         tab.wait_for_selector("#view-histogram canvas")
-        assert tab.inner_text("#run").startswith("preview ")
+        assert tab.inner_text("#run") == "preview rig.toml"
         assert [tab.input_value(one) for one in ("#exposure", "#gain", "#zoom")] == ["0.03", "0", "2"]
         assert "% saturated" in tab.inner_text("#rig-text")
         for other in ("#turn", "#region-add", "#plan", "#runs"):
@@ -220,6 +220,7 @@ def test_regions_are_drawn_on_the_page_at_a_picture_alone(
         tab.fill("#region-name", "wedge")
         tab.fill("#region-edge", "0")
         tab.click("#region-add")
+        assert tab.inner_text("#run") == "draw regions on run"
         keep_picture(tab, f"regions-{name}")
         tab.click("#region-save")
         until(tab, lambda: tab.inner_text("#said") == "sent: drawn.toml is written. This page can be closed.")

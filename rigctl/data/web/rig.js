@@ -105,6 +105,7 @@ $("view").onkeydown = (event) => {
   else corners.push([...at]);
   outline();
 };
+addEventListener("resize", () => outline());
 $("view").onblur = () => { cursor = null; outline(); };
 
 // Two corners make a rectangle of whole pixels, more a polygon.
