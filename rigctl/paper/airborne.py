@@ -133,6 +133,22 @@ class Airborne:
         """Return the Stokes radiance that comes from the target to the aperture, shape (3,)."""
         return self._target(at, source).scenario.regions[0].stokes_radiance
 
+    def radiance(self, at: Geometry, source: Source, *, label: str) -> Number:
+        """Return S0 of the light that comes from the target to the aperture."""
+        found = self._target(at, source)
+        s0 = float(found.scenario.regions[0].stokes_radiance[0])
+        error = found.errors.get(Reading(TARGET, "radiance", "s0"), 0.0) * s0
+        return Number(label=f"S0 {label} [W m-2 sr-1]", value=s0, error=error)
+
+    def polarized(self, at: Geometry, source: Source) -> Number:
+        """Return the polarized radiance that comes from the target to the aperture."""
+        found = self._target(at, source)
+        s0, s1, s2 = found.scenario.regions[0].stokes_radiance
+        # Errors of S1 and S2 are shares of S0.
+        errors = (found.errors.get(Reading(TARGET, "radiance", name), 0.0) for name in ("s1", "s2"))
+        value, error = float(np.hypot(s1, s2)), float(np.hypot(*errors) * s0)
+        return Number(label=f"sqrt(S1^2 + S2^2) {source} [W m-2 sr-1]", value=value, error=error)
+
     def quantity(self, at: Geometry, region: str, quantity: str, statistic: str = "mean") -> float:
         """Return one number of the prediction of target and background."""
         found = self._target(at, "total") if region == TARGET else self._pair(at)

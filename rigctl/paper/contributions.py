@@ -67,9 +67,8 @@ def fig9_path_dominates(scenes: PaperScenes) -> tuple[Reading, ...]:
     """Test that the path is the more polarized light."""
 
     def tests(turned: bool) -> tuple[Test, ...]:
-        path = scenes.airborne.stokes(scenes.at(25.0, 10.0, 180.0 if turned else 0.0), "path")
-        reflected = scenes.airborne.stokes(scenes.at(25.0, 10.0, 0.0), "reflected")
-        return (above(_polarized("path", path), _polarized("reflected", reflected)),)
+        path = scenes.airborne.polarized(scenes.at(25.0, 10.0, 180.0 if turned else 0.0), "path")
+        return (above(path, scenes.airborne.polarized(scenes.at(25.0, 10.0, 0.0), "reflected")),)
 
     return both_azimuths(tests)
 
@@ -131,8 +130,7 @@ def fig9_forward_is_purest(scenes: PaperScenes) -> tuple[Reading, ...]:
 
 def _path_share(scenes: PaperScenes, at: Geometry, *, turned: bool) -> Number:
     seen = scenes.at(at.sun, at.view, 180.0 - at.phi) if turned else at
-    path = _polarized("path", scenes.airborne.stokes(seen, "path"))
-    reflected = _polarized("reflected", scenes.airborne.stokes(at, "reflected"))
+    path, reflected = scenes.airborne.polarized(seen, "path"), scenes.airborne.polarized(at, "reflected")
     value = path.value / reflected.value
     error = value * float(np.hypot(path.error / path.value, reflected.error / reflected.value))
     return Number(label=f"polarized path over reflected {_place(at)}", value=value, error=error)
@@ -158,9 +156,3 @@ def _fig9(scenes: PaperScenes, views: tuple[float, ...]) -> list[Geometry]:
 
 def _place(at: Geometry) -> str:
     return f"view {at.view:g} phi {at.phi:g}"
-
-
-def _polarized(name: str, stokes: np.ndarray) -> Number:
-    value = float(np.hypot(stokes[1], stokes[2]))
-    # Three thousandths of S0 is what the light is computed to.
-    return Number(label=f"sqrt(S1^2 + S2^2) {name} [W m-2 sr-1]", value=value, error=1e-4 * float(stokes[0]))

@@ -139,8 +139,8 @@ def fig10_path_grows(scenes: PaperScenes) -> tuple[Reading, ...]:
     """Test that the path gains light with height."""
     found = []
     for height in HEIGHTS_M:
-        value = float(scenes.airborne.stokes(Geometry(sun=50.0, view=50.0, height_m=height), "path")[0])
-        found.append(Number(label=f"S0 path {height / 1000:g} km [W m-2 sr-1]", value=value, error=3e-3 * value))
+        at = Geometry(sun=50.0, view=50.0, height_m=height)
+        found.append(scenes.airborne.radiance(at, "path", label=f"path {height / 1000:g} km"))
     return (
         Reading(name="rises", tests=falls(found[::-1])),
         Reading(

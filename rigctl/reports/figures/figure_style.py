@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +28,8 @@ _PICTURE_WIDTH_INCH = 5.4
 # Left, right (with the bar), below and above.
 _PICTURE_MARGINS = (0.75, 1.15, 0.55, 0.35)
 _KNOWN, _ROOM = 10.0, 1.3
+# From the axes to a legend below them.
+_NAMES_INCH = 0.55
 # Of words beneath a figure of 14 inch [characters].
 _LINE_LENGTH = 150
 
@@ -48,7 +51,9 @@ def legend_beside(axes: Axes) -> None:
 
 def legend_below(axes: Axes) -> None:
     """Set a legend below the axes, where there are other axes beside them."""
-    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), borderaxespad=0.0)
+    # By a fixed way, past tick labels and the axis's name: by a share of the axes the layout would not come to rest.
+    below = axes.transAxes + ScaledTranslation(0.0, -_NAMES_INCH, axes.figure.dpi_scale_trans)
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=below, borderaxespad=0.0)
 
 
 def legend_of_all(figure: Figure, axes: Axes, *, place: Literal["lower", "upper"] = "lower") -> None:
