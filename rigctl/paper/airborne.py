@@ -145,8 +145,8 @@ class Airborne:
         found = self._target(at, source)
         s0, s1, s2 = found.scenario.regions[0].stokes_radiance
         # Errors of S1 and S2 are shares of S0.
-        errors = (found.errors.get(Reading(TARGET, "radiance", name), 0.0) for name in ("s1", "s2"))
-        value, error = float(np.hypot(s1, s2)), float(np.hypot(*errors) * s0)
+        of_s1, of_s2 = (found.errors.get(Reading(TARGET, "radiance", name), 0.0) for name in ("s1", "s2"))
+        value, error = float(np.hypot(s1, s2)), float(np.hypot(of_s1, of_s2) * s0)
         return Number(label=f"sqrt(S1^2 + S2^2) {source} [W m-2 sr-1]", value=value, error=error)
 
     def quantity(self, at: Geometry, region: str, quantity: str, statistic: str = "mean") -> float:
