@@ -15,6 +15,8 @@ Mask = NDArray[np.bool_]
 _ODDS_COST = 2.0 * np.log(100.0)
 # Odds of less than 1 to 10 between two curves do not tell which it is.
 _AS_WELL = 2.0 * np.log(10.0)
+# A single point this many of its own errors off is told of up to odds of 1 to 100: another curve may bend to it.
+_FAR_SIGMA, _FAR_AS_WELL = 10.0, 2.0 * np.log(100.0)
 # A wrong point may be anywhere within its own size.
 _LARGEST_SHARE = 0.25
 _LEAST_FREEDOM = 3
@@ -140,8 +142,18 @@ def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
 
 def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
     """Return the best curve with the best one that has outlying points, where that explains all as well."""
-    others = [one for one in found if one.outlying.any() and one.cost < best.cost + _AS_WELL]
+    others = [
+        one
+        for one in found
+        if one.outlying.any() and one.cost < best.cost + (_FAR_AS_WELL if _is_one_far_off(one) else _AS_WELL)
+    ]
     return best if best.outlying.any() or not others else replace(best, rival=_cheapest(others))
+
+
+def _is_one_far_off(points: PointInfluence) -> bool:
+    own = np.sqrt(points.variance + np.square(points.scatter * points.model.scatter_shape))
+    off = np.abs(points.deviation[points.outlying])
+    return points.model.is_usual and off.size == 1 and bool(off[0] >= _FAR_SIGMA * own[points.outlying][0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -73,7 +73,7 @@ def _defects(axes: Axes, pattern: FixedPattern) -> None:
     if not pattern.defects.n_defect:
         axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center")
         return
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.08, 1.0), borderaxespad=0.0)
 
 
 def histograms_png(pattern: FixedPattern) -> bytes:
