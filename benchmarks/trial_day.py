@@ -14,7 +14,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -104,16 +104,16 @@ def _take_day(folder: Path, cycles: int) -> int:
 def _sampled(every: int) -> Iterator[list[Sample]]:
     """Look at the process each so many frames."""
     samples: list[Sample] = []
-    write_frames, count = RunWriter.write_frame, [0]
+    write_frames, count = RunWriter.write_frames, [0]
 
-    def counting(self: RunWriter, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
-        written = write_frames(self, record, counts)
-        count[0] += 1
+    def counting(self: RunWriter, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
+        written = write_frames(self, frames)
+        count[0] += len(written)
         if count[0] % every == 0:
             samples.append(_sample(count[0]))
         return written
 
-    with patch.object(RunWriter, "write_frame", counting):
+    with patch.object(RunWriter, "write_frames", counting):
         yield samples
 
 

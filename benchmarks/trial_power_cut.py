@@ -17,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from unittest.mock import patch
 
@@ -52,20 +52,22 @@ def run_cuts(cuts: int, *, seed: int = 1) -> bool:
     return failures == 0
 
 
-def one_cut(delay_s: float) -> tuple[int, list[str]]:
-    """Cut the power some time after the start; return how many frames were acknowledged, and what is wrong."""
+def one_cut(delay_s: float, *, after_frames: int = 0) -> tuple[int, list[str]]:
+    """Cut the power some time after the start and so many acknowledged frames; return these, and faults."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = write_files(folder)
         image, copy = ext4_image(folder / "disk.img", size_bytes=_IMAGE_BYTES), folder / "after.img"
         with mounted(image, folder / "disk") as disk:
-            told = _session_cut_short(files, disk / "run", delay_s, lambda: shutil.copyfile(image, copy))
+            told = _session_cut_short(
+                files, disk / "run", delay_s, lambda: shutil.copyfile(image, copy), after_frames=after_frames
+            )
         with mounted(copy, folder / "after") as after:
             return len(told), _problems(after / "run", told)
 
 
 def _session_cut_short(
-    files: tuple[Path, Path], run: Path, delay_s: float, cut: Callable[[], object]
+    files: tuple[Path, Path], run: Path, delay_s: float, cut: Callable[[], object], *, after_frames: int
 ) -> dict[int, str]:
     told: dict[int, str] = {}
     command: list[str | Path] = [sys.executable, "-m", "benchmarks.trial_power_cut", "--session", *files, run]
@@ -73,7 +75,7 @@ def _session_cut_short(
         reader = threading.Thread(target=_listen, args=(process, told))
         reader.start()
         deadline = time.monotonic() + _START_TIMEOUT_S
-        while not (run / "events.jsonl").exists() and time.monotonic() < deadline:
+        while (not (run / "events.jsonl").exists() or len(told) < after_frames) and time.monotonic() < deadline:
             time.sleep(0.01)
         time.sleep(delay_s)
         process.send_signal(signal.SIGSTOP)
@@ -109,15 +111,15 @@ def _problems(run: Path, told: dict[int, str]) -> list[str]:
 
 
 def _take_and_tell(rig: Path, session: Path, run: Path) -> None:
-    """Take a session, and tell of each frame once it is durable."""
-    write_frame = RunWriter.write_frame
+    write_frames = RunWriter.write_frames
 
-    def telling(self: RunWriter, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
-        written = write_frame(self, record, counts)
-        print(written.sequence, written.checksum, flush=True)
+    def telling(self: RunWriter, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
+        written = write_frames(self, frames)
+        for record in written:
+            print(record.sequence, record.checksum, flush=True)
         return written
 
-    with patch.object(RunWriter, "write_frame", telling):
+    with patch.object(RunWriter, "write_frames", telling):
         take_session(load_rig(rig), load_session(session), run, files={"rig": rig, "session": session})
 
 

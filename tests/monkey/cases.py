@@ -9,6 +9,19 @@ from tests.monkey.mutations import WILD, damage_run, damaged_bytes, damaged_json
 
 # Every command, with all the files that it can read. OUT is a name that is not there. The first ones take milliseconds.
 _QUICK = """
+sim lens rig.toml --defocus-mm nothing
+note run cloud --at 14:10 --by me
+exclude run --frames 1,2-3 --reason bird --by me
+exclude run --frames 1 --reason bird --undo
+bundle run --out OUT.zip --frames 1
+migrate run --json
+archive index . --json
+archive find . "frames>1" --json
+archive health . --json
+calibrate lens images/0.png --out OUT.json
+calibrations . --for run --json
+point run --json
+study scene.toml --out OUT --workers 1 --json
 predict scene.toml --json
 predict scene.toml
 predict scene.toml --noise noise.json --json
@@ -82,6 +95,7 @@ effects roof.toml --json
 tradeoff scene.toml --noise noise.json --tolerances 0.1,0.01 --json
 tradeoff scene.toml --acquisition --target-dolp-sigma 0.01 --drift-percent-per-min 1 --settling-time-ms 10 --json
 doctor rig.toml session.toml --json --frames 2
+record rig.toml session.toml --out OUT
 """
 # They take several seconds.
 _HEAVY = """

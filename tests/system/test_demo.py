@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -79,11 +80,20 @@ def test_examples_in_the_package_are_those_in_the_examples_folder():
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 
 
+def _real_file(folder: Path, name: str, file: str) -> str:
+    """Return the path of a real picture; of a mosaic of five million pixels a part, a twentieth of the time."""
+    path = Path(REAL_DATA) / name / file
+    if path.suffix != ".png":
+        return str(path)
+    cv2.imwrite(str(folder / file), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[1000:2200, 1200:2400])
+    return str(folder / file)
+
+
 @pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
 @pytest.mark.parametrize(
     ("name", "arguments", "region"),
     [
-        ("imx250_fruits", ["fruits_IMX250MZR.png", "--mosaic", "90,45,135,0", "--black-level-dn", "0"], (850, 700)),
+        ("imx250_fruits", ["fruits_IMX250MZR.png", "--mosaic", "90,45,135,0", "--black-level-dn", "0"], (250, 200)),
         (
             "lasco_c2_triplet",
             ["lasco_0.fts", "lasco_+60.fts", "lasco_-60.fts", "--angles", "0,60,-60", "--exposure-key", "EXPTIME",
@@ -93,7 +103,7 @@ REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
     ],
 )  # fmt: skip
 def test_real_frames_become_a_run_images_and_a_closed_loop_report(tmp_path, name, arguments, region):
-    files = [str(Path(REAL_DATA) / name / a) if a.endswith((".png", ".fts")) else a for a in arguments]
+    files = [_real_file(tmp_path, name, a) if a.endswith((".png", ".fts")) else a for a in arguments]
     assert _rigctl("import", "run", *files, cwd=tmp_path).returncode == 0
     (tmp_path / "regions.toml").write_text(
         f'[[regions]]\nname = "part"\nrectangle = {{ x = {region[0]}, y = {region[1]}, width = 40, height = 40 }}\n'

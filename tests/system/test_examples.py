@@ -6,7 +6,11 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.files.regions import load_regions
+from rigctl.files.scene_file import load_scene
+from rigctl.files.study_file import load_study
 from rigctl.files.surface_fit_file import load_surface_fit
+from rigctl.prediction.scene_prediction import ScenePredictor
+from rigctl.study.case_list import cases_of
 from tests.rigctl.example_files import EXAMPLES
 
 SCENES = sorted(path.name for path in EXAMPLES.glob("scene-*.toml"))
@@ -14,7 +18,7 @@ RIGS = sorted(path.name for path in EXAMPLES.glob("rig-*.toml"))
 SESSIONS = sorted(path.name for path in EXAMPLES.glob("session*.toml"))
 # Of these the first plan wants a rig with a site.
 RIG_OF = {"session-rooftop.toml": "rig-rooftop.toml"}
-OTHERS = {"material-mine.toml", "fit-black-panel.toml", "regions.toml"}
+OTHERS = {"material-mine.toml", "fit-black-panel.toml", "regions.toml", "study-panels.toml"}
 AT = "2026-05-04T14:00Z"
 
 
@@ -30,6 +34,12 @@ def shared_cache(monkeypatch, tmp_path_factory):
 def test_no_example_is_left_out():
     found = {path.name for path in EXAMPLES.glob("*.toml")}
     assert found == {*SCENES, *RIGS, *SESSIONS, *OTHERS}
+
+
+def test_the_study_is_of_scenes_and_numbers_that_are_there():
+    study = load_study(EXAMPLES / "study-panels.toml")
+    scenes = [ScenePredictor(load_scene(path), None).scene for path in study.scenes]
+    assert len(cases_of(study.cases, scenes)) == 24
 
 
 @pytest.mark.parametrize("name", SCENES)
