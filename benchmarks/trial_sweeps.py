@@ -19,7 +19,8 @@ import numpy as np
 from benchmarks.trial_tolerance import FINEST
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
-from model.accuracy.series_to_tolerance import SeriesCase, predict_series
+from model.accuracy.series_prediction import SeriesCase
+from model.accuracy.series_to_tolerance import predict_series
 from model.prediction.prediction import predict as predict_scenario
 from model.scene.lit_scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene

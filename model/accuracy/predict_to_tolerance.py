@@ -14,7 +14,9 @@ from model.accuracy.planning.forecast import Forecast, forecast, optical_depth, 
 from model.accuracy.planning.numerical_settings import (
     LAYERS,
     NUMERICAL_SETTINGS,
+    SKY_GRID,
     STREAMS,
+    TILES,
     WAVELENGTHS,
     Plan,
     settings_at,
@@ -33,6 +35,7 @@ _FIRST_AIM, _AIM = 0.6, 0.75
 # little beside the one that follows, and tells it what counts.
 _FIRST_COARSEST, _FIRST_FINEST = 1e-2, 7e-4
 _ROUNDS = 6
+_OF_SKY = (STREAMS, LAYERS, WAVELENGTHS, SKY_GRID)
 # Of deeper air the time of a solution grows with the square of the depth, and finer settings take minutes: one round
 # with coarse ones is made, and what it does not keep is said.
 DEEPEST = 12.0
@@ -188,15 +191,30 @@ def plan_beside(
     setting, or all together, act on most.
     """
     ahead, left_out = forecast(scene, effects), unused(effects)
-    plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)
+    plan = _least_beside(scene, neighbour, left_out)
     kept = [key for key in neighbour.budget.total if key not in neighbour.not_guaranteed]
     if not kept:
-        return allocate(scene, ahead, dict.fromkeys(plan, 1.0), _first_aim(tolerance))
+        return allocate(scene, ahead, dict.fromkeys(plan, 1.0), _first_aim(tolerance), start=plan)
     several = (*(neighbour.budget.by_setting[name] for name in plan), neighbour.budget.total)
     for key in dict.fromkeys(max(kept, key=lambda one: errors.get(one, 0.0)) for errors in several):
         found = _scales(ahead, neighbour.plan, neighbour.budget, key)
         scales = {name: 0.0 if name in left_out else scale for name, scale in found.items()}
         plan = allocate(scene, ahead, scales, _AIM * tolerance, start=plan)
+    return plan
+
+
+def _least_beside(scene: LitScene, neighbour: AccuratePrediction, left_out: frozenset[str]) -> dict[str, int]:
+    """Levels below which a scene beside another is not tried: its tiles, and the settings of a sky that both have.
+
+    The convergence of the tiles shows once they are seen, and too few of them cost a second evaluation; a sky that was
+    solved costs nothing.
+    """
+    plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)
+    if TILES not in left_out:
+        plan[TILES] = neighbour.plan[TILES]
+    under = neighbour.result.air_key
+    if under is not None and scene.air is not None and scene.air.key == under:
+        plan |= {name: neighbour.plan[name] for name in _OF_SKY if name not in left_out}
     return plan
 
 

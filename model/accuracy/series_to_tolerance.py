@@ -2,19 +2,19 @@
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum, auto
 from itertools import product
 
 from model.accuracy.estimates.companions import companions, from_glint_rad, is_harder
-from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate
+from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate_all
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.neighbours import MARGIN, Judged, finest_plan, keeps, numbers_of, propagated_errors, told_errors
 from model.accuracy.planning.lattice import Cell, Index, lattice
 from model.accuracy.planning.numerical_settings import Plan, settings_at
 from model.accuracy.predict_to_tolerance import ESTIMATES, SMALLEST, SPHERES, AccuratePrediction, plan_beside, predict
 from model.accuracy.series_effects import SeriesEffects, TakenEffects
+from model.accuracy.series_prediction import SeriesCase, SeriesPrediction, as_judged
 from model.effects.names import ALL, Effect
 from model.scene.field_light import known_rules
 from model.scene.lit_scene import LitScene
@@ -30,71 +30,6 @@ _JUDGING, _DEAR = 5.0, 4.0
 # Nearer to a glint than its corners by this, a case of a cell is judged, and divides it [rad].
 _NEARER_RAD = 0.02
 _BY_NEIGHBOUR = "is not promised of a neighbouring case, and its own error was not estimated"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SeriesCase:
-    """Prediction of one scene of a series.
-
-    Attributes
-    ----------
-    result
-        What was found.
-    plan
-        Level of each setting.
-    errors
-        Reading to its error in the units of a tolerance: estimated, or bounded by those of its neighbours.
-    is_judged
-        Whether the errors were estimated of this case itself.
-    not_guaranteed
-        Reading to the reason why its error may exceed the tolerance.
-    effects
-        Effects that were left out, and what that may change.
-    """
-
-    result: ChainResult
-    plan: Plan
-    errors: Mapping[Reading, float]
-    is_judged: bool
-    not_guaranteed: Mapping[Reading, str]
-    effects: TakenEffects
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SeriesPrediction:
-    """Predictions of the scenes of a series.
-
-    Attributes
-    ----------
-    cases
-        In the order of the scenes.
-    tolerance
-        That was asked for.
-    stage_s
-        Time of each stage, and of the error estimates [s].
-    spot_checks, spot_checks_held
-        Cases that were judged to see whether their errors are what their neighbours tell, and of how many that held.
-    estimated_only
-        Whether no error is promised of light of which no convergence is known: they are estimates.
-    """
-
-    cases: tuple[SeriesCase, ...]
-    tolerance: float
-    stage_s: Mapping[str, float]
-    spot_checks: int = 0
-    spot_checks_held: int = 0
-    estimated_only: bool = False
-
-    @property
-    def judged(self) -> int:
-        """Number of cases whose errors were estimated themselves."""
-        return sum(case.is_judged for case in self.cases)
-
-    @property
-    def share_of_estimates(self) -> float:
-        """Share of the time that went into error estimates, 0 to 1."""
-        total = sum(self.stage_s.values())
-        return self.stage_s[ESTIMATES] / total if total > 0.0 else 0.0
 
 
 def predict_series(
@@ -283,42 +218,62 @@ class _Series:
         if place in cell.corners:
             return True
         corners = [self._judge(corner) for corner in cell.corners]
-        judged = self._judge(place, finest_plan(corners)).found
-        told = told_errors(corners, numbers_of(judged.result))
-        small, errors = _SMALL * self._tolerance, judged.budget.total
-        held = all(errors[key] <= max(error, small) for key, error in told.items())
+        held = self._holds(self._judge(place, finest_plan(corners)), corners)
         self._spots.append(held)
         return held
 
+    def _holds(self, judged: Judged, corners: Sequence[Judged]) -> bool:
+        """Return whether the errors of a case are within what its neighbours tell."""
+        told = told_errors(corners, judged.numbers)
+        small, errors = _SMALL * self._tolerance, judged.found.budget.total
+        return all(errors[key] <= max(error, small) for key, error in told.items())
+
     def _fill(self, cell: Cell) -> None:
         """Predict all cases of a cell; where its corners do not do, judge one of them, and fill the parts."""
-        for place in cell.corners:
-            self._found[place] = _as_judged(self._judge(place))
-        corners = [self._judged[place] for place in cell.corners]
-        for place in self._by_sky(cell.places):
-            if place in self._found:
-                continue
+        corners = [self._judge(place) for place in cell.corners]
+        for place in cell.places:
             if place in self._judged:
-                self._found[place] = _as_judged(self._judged[place])
-                continue
-            between = self._between(place, corners)
+                self._found[place] = as_judged(self._judged[place])
+        left = [place for place in self._by_sky(cell.places) if place not in self._found]
+        unsure = []
+        for place, between in self._between(left, corners):
             if isinstance(between, SeriesCase):
                 self._found[place] = between
-                continue
-            if between is _HARDER or len([size for size in self._shape if size > 1]) > 1:
-                self._found[place] = _as_judged(self._judge(place, share=1.0))
-                continue
-            for part in cell.divided(_inside(cell, place)):
+            elif between is _HARDER or len([size for size in self._shape if size > 1]) > 1:
+                self._found[place] = as_judged(self._judge(place, share=1.0))
+            else:
+                unsure.append(place)
+        if unsure:
+            inside = _inside(cell, unsure[0])
+            if not self._holds(self._judge(inside), corners):
+                # Its neighbours told too little: what was taken by them is looked at again.
+                self._found = {place: one for place, one in self._found.items() if place not in left or one.is_judged}
+            for part in cell.divided(inside):
                 self._fill(part)
-            return
 
-    def _between(self, place: Index, corners: Sequence[Judged]) -> "SeriesCase | _Refused":
-        """Return a case by the plans and errors of its neighbours, or why these do not do."""
-        scene, unknown = self._scenes[place], {key for corner in corners for key in corner.found.not_guaranteed}
-        effects = self._effects.between(scene, [corner.effects for corner in corners])
-        plan = finest_plan(corners)
-        result = self._evaluated(scene, plan, effects, corners)
-        found = numbers_of(result)
+    def _between(
+        self, places: Sequence[Index], corners: Sequence[Judged]
+    ) -> "Iterator[tuple[Index, SeriesCase | _Refused]]":
+        """Yield cases by the plans and errors of their neighbours, or why these do not do."""
+        acting = [corner.effects for corner in corners]
+        effects = {place: self._effects.between(self._scenes[place], acting) for place in places}
+        for alike in self._alike(places, effects):
+            found = self._evaluated(alike, effects[alike[0]], corners)
+            for place, result in zip(alike, found, strict=True):
+                yield place, self._by_neighbours(self._scenes[place], result, effects[place], corners)
+
+    def _alike(self, places: Sequence[Index], effects: Mapping[Index, TakenEffects]) -> Iterable[list[Index]]:
+        """Return cases that can be evaluated together: of the same effects and height."""
+        groups: dict[object, list[Index]] = {}
+        for place in places:
+            groups.setdefault((effects[place].acting, self._scenes[place].sensor_height_m), []).append(place)
+        return groups.values()
+
+    def _by_neighbours(
+        self, scene: LitScene, result: ChainResult, effects: TakenEffects, corners: Sequence[Judged]
+    ) -> "SeriesCase | _Refused":
+        """Return a case with the errors that its neighbours tell, or why these do not do."""
+        unknown, found = {key for corner in corners for key in corner.found.not_guaranteed}, numbers_of(result)
         errors, allowed = told_errors(corners, found), self._tolerance - effects.spent
         others, negligible = [corner.companions for corner in corners], _NEGLIGIBLE * self._tolerance
         if is_harder(companions(scene, result), others, margin=MARGIN, negligible=negligible):
@@ -331,42 +286,35 @@ class _Series:
             return _UNSURE
         return SeriesCase(
             result=result,
-            plan=plan,
+            plan=finest_plan(corners),
             errors=errors,
             is_judged=False,
             not_guaranteed={key: _BY_NEIGHBOUR for key in found if key in unknown},
             effects=effects,
         )
 
-    def _evaluated(self, scene: LitScene, plan: Plan, effects: TakenEffects, corners: Sequence[Judged]) -> ChainResult:
-        """Evaluate a case with the plan, the rules and the statistics of its neighbours."""
+    def _evaluated(
+        self, places: Sequence[Index], effects: TakenEffects, corners: Sequence[Judged]
+    ) -> tuple[ChainResult, ...]:
+        """Evaluate cases with the plan, the rules and the statistics of their neighbours."""
         lights = [corner.found.result.lights for corner in corners]
         same = all(corner.effects.acting == effects.acting for corner in corners)
-        result = evaluate(
-            scene,
-            settings_at(plan, min(corner.found.tolerance for corner in corners), face_m=scene.sensor_height_m),
+        scenes, tolerance = [self._scenes[place] for place in places], min(one.found.tolerance for one in corners)
+        found = evaluate_all(
+            scenes,
+            settings_at(finest_plan(corners), tolerance, face_m=scenes[0].sensor_height_m),
             effects=effects.acting,
             rules={name: known_rules([one[name] for one in lights]) for name in lights[0]} if same else {},
             store=self._store,
             clock=self._clock,
         )
-        self._count(result.stage_s)
-        return result
+        for one in found:
+            self._count(one.stage_s)
+        return found
 
     def _count(self, stage_s: Mapping[str, float]) -> None:
         for stage, seconds in stage_s.items():
             self._taken[stage] += seconds
-
-
-def _as_judged(judged: Judged) -> SeriesCase:
-    return SeriesCase(
-        result=judged.found.result,
-        plan=judged.found.plan,
-        errors=judged.found.budget.total,
-        is_judged=True,
-        not_guaranteed=judged.found.not_guaranteed,
-        effects=judged.effects,
-    )
 
 
 def _inside(cell: Cell, place: Index) -> Index:

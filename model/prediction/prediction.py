@@ -1,5 +1,6 @@
 """Prediction of a scenario: counts, Stokes parameters, DoLP and their deviations, per region."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,17 +80,50 @@ def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionP
     ----------
     [MK14] eq. (10)-(29).
     """
-    plan = design(scenario.readout.angles_rad, scenario.readout.extinction_ratio)
-    return {
-        region.name: predict_region(
-            _channels(region, scenario),
-            plan=plan,
-            channel_names=scenario.readout.channel_names,
-            cycles=scenario.readout.cycles,
-            tolerance=tolerance,
+    return predict_all((scenario,), tolerance=tolerance)[0]
+
+
+def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tuple[dict[str, RegionPrediction], ...]:
+    """Return what `predict` does for each of several scenarios, with the laws of DoLP of all regions at once.
+
+    Parameters
+    ----------
+    scenarios
+        Light, sensor and readout of each.
+    tolerance
+        As in `predict`.
+
+    References
+    ----------
+    [MK14] eq. (10)-(29).
+    """
+    found = [
+        (
+            place,
+            region.name,
+            _linear_moments(_channels(region, one), plan, one.readout.channel_names, one.readout.cycles),
         )
-        for region in scenario.regions
-    }
+        for place, (one, plan) in enumerate(zip(scenarios, _designs(scenarios), strict=True))
+        for region, cycles in ((region, one.readout.cycles) for region in one.regions)
+    ]
+    laws = _distributions([moments.stokes for _, _, moments in found], tolerance)
+    predictions: tuple[dict[str, RegionPrediction], ...] = tuple({} for _ in scenarios)
+    for (place, name, moments), law in zip(found, laws, strict=True):
+        predictions[place][name] = _completed(moments, law)
+    return predictions
+
+
+def _designs(scenarios: Sequence[Scenario]) -> list[Design]:
+    """Design of each scenario; made once for those that are read out alike."""
+    made: dict[object, Design] = {}
+    found = []
+    for one in scenarios:
+        angles_rad, extinction_ratio = one.readout.angles_rad, one.readout.extinction_ratio
+        key = (np.asarray(angles_rad).tobytes(), extinction_ratio)
+        if key not in made:
+            made[key] = design(angles_rad, extinction_ratio)
+        found.append(made[key])
+    return found
 
 
 def predict_region(
@@ -114,15 +148,43 @@ def predict_region(
     ----------
     [MK14] eq. (19)-(29).
     """
+    moments = _linear_moments(channels, plan, channel_names, cycles)
+    return _completed(moments, _distributions([moments.stokes], tolerance)[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _LinearMoments:
+    """What follows linearly from the moments of a region's channels."""
+
+    channels: ChannelMoments
+    plan: Design
+    stokes: Moments
+    noise_dn2: FloatArray
+    quantities: Quantities
+
+
+def _linear_moments(
+    channels: ChannelMoments, plan: Design, channel_names: tuple[str, ...], cycles: int
+) -> _LinearMoments:
     temporal = channels.temporal_var_dn2[:, None] * np.eye(channels.mean_dn.size)
     spatial = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2
     covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
     stokes_mean = plan.inverse @ channels.mean_dn
     stokes_covs = {name: plan.inverse @ cov @ plan.inverse.T for name, cov in covs.items()}
-    stokes = Moments(mean=stokes_mean, cov=stokes_covs["std"])
     quantities = _linear(channel_names, channels.mean_dn, covs)
     quantities |= _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
-    distribution = _distribution(stokes, tolerance)
+    return _LinearMoments(
+        channels=channels,
+        plan=plan,
+        stokes=Moments(mean=stokes_mean, cov=stokes_covs["std"]),
+        noise_dn2=stokes_covs["std_temporal"],
+        quantities=quantities,
+    )
+
+
+def _completed(moments: _LinearMoments, distribution: "_Distribution") -> RegionPrediction:
+    """Prediction of a region with the law of its DoLP."""
+    quantities, stokes = moments.quantities, moments.stokes
     if stokes.mean[0] > 0.0:
         quantities |= _ratios(stokes)
     if distribution.exists:
@@ -133,14 +195,14 @@ def predict_region(
         () if distribution.exists else (f"mean and deviation of the pixels' DoLP do not exist: {distribution.reason}",)
     )
     return RegionPrediction(
-        channels=channels,
+        channels=moments.channels,
         stokes_dn=stokes,
-        stokes_noise_dn2=stokes_covs["std_temporal"],
+        stokes_noise_dn2=moments.noise_dn2,
         dolp_method=distribution.method,
         dolp_mean_error=distribution.mean_error,
         dolp_std_error=distribution.std_error,
         quantities=quantities,
-        warnings=(*channels.warnings, *plan.warnings, *missing),
+        warnings=(*moments.channels.warnings, *moments.plan.warnings, *missing),
     )
 
 
@@ -203,27 +265,35 @@ class _Distribution:
     reason: str
 
 
-def _distribution(stokes: Moments, tolerance: float) -> _Distribution:
-    if not stokes.mean[0] > 0.0:
-        reason = f"the mean of S0 is {stokes.mean[0]:.3g} DN, not above 0"
-        return _Distribution(
-            mean=np.nan,
-            std=np.nan,
-            mean_error=np.nan,
-            std_error=np.nan,
-            method="none",
-            exists=False,
-            reason=reason,
-        )
-    found = dolp.moments(stokes.mean, stokes.cov, tolerance=tolerance)
+def _distributions(several: Sequence[Moments], tolerance: float) -> list[_Distribution]:
+    """Law of DoLP of each, all at once; none where there is no light."""
+    lit = [k for k, one in enumerate(several) if one.mean[0] > 0.0]
+    laws = [_dark(float(one.mean[0])) for one in several]
+    if lit:
+        means, covs = (np.stack([getattr(several[k], name) for k in lit]) for name in ("mean", "cov"))
+        found = dolp.moments(means, covs, tolerance=tolerance)
+        for place, k in enumerate(lit):
+            laws[k] = _Distribution(
+                mean=float(found.mean[place]),
+                std=float(found.std[place]),
+                mean_error=float(found.mean_error[place]),
+                std_error=float(found.std_error[place]),
+                method=str(found.method[place]),
+                exists=bool(found.exists[place]),
+                reason=str(found.reason[place]),
+            )
+    return laws
+
+
+def _dark(s0: float) -> _Distribution:
     return _Distribution(
-        mean=float(found.mean),
-        std=float(found.std),
-        mean_error=float(found.mean_error),
-        std_error=float(found.std_error),
-        method=str(found.method),
-        exists=bool(found.exists),
-        reason=str(found.reason),
+        mean=np.nan,
+        std=np.nan,
+        mean_error=np.nan,
+        std_error=np.nan,
+        method="none",
+        exists=False,
+        reason=f"the mean of S0 is {s0:.3g} DN, not above 0",
     )
 
 

@@ -142,11 +142,11 @@ def detections_of_sweep(
     [MK14] eq. (30), section IV-B.
     """
     pairs = permutations(alternatives[0], 2) if alternatives else ()
-    by_pair = [_detections_or_reasons(*pair, alternatives, p_false_alarm) for pair in pairs]
+    by_pair = [detections_or_reasons(*pair, alternatives, p_false_alarm) for pair in pairs]
     return tuple(tuple(found[k] for found in by_pair) for k in range(len(alternatives)))
 
 
-def _detections_or_reasons(
+def detections_or_reasons(
     target: str,
     background: str,
     alternatives: Sequence[Mapping[str, RegionPrediction]],
@@ -154,10 +154,23 @@ def _detections_or_reasons(
     *,
     tolerance: float = 1e-10,
 ) -> tuple[PairDetection, ...]:
-    """Return `pair_detection` of each set: together where all exist, one by one where some do not."""
+    """Return what `pair_detection` does for each of several sets of predictions, together where all exist.
+
+    Parameters
+    ----------
+    target, background, p_false_alarm, tolerance
+        As in `pair_detection`.
+    alternatives
+        Each from region to prediction.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
     try:
         return detections_of_pair(target, background, alternatives, p_false_alarm, tolerance=tolerance)
-    except ValueError:
+    except (ValueError, ArithmeticError):
+        # One that cannot be had is refused together with all others: each is asked for itself then.
         return tuple(
             pair_detection(target, background, one, p_false_alarm, tolerance=tolerance) for one in alternatives
         )
@@ -263,7 +276,7 @@ def rocs_of_pair(
             for one in alternatives
         ]
     rates = np.asarray(p_false_alarm).tolist()
-    return _detections_or_reasons(target, background, alternatives, rates, tolerance=tolerance)
+    return detections_or_reasons(target, background, alternatives, rates, tolerance=tolerance)
 
 
 def _counts(prediction: RegionPrediction) -> Moments:

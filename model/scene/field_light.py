@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Literal, get_args
 
 import numpy as np
@@ -188,23 +189,24 @@ def light_over_tiles(
     return replace(_over_tiles(lights_at, found, finer[0].rules, np.nan), finer=finer)
 
 
-def light_by_rules(
+def lights_by_rules(
     lights_at: Callable[[tuple[View, ...], Rules | None], tuple[ApertureLight, ...]],
     rules: Rules,
     *,
-    view: View,
-    part: FieldPart | None,
+    fields: Sequence[tuple[View, FieldPart | None]],
     per_side: int,
     rule: TileRule = "gauss-legendre",
-) -> FieldLight:
-    """Return the light of a region with rules that are known from its light in a neighbouring scene.
+) -> tuple[FieldLight, ...]:
+    """Return the light of a region seen from several places, all together, by rules known from a neighbouring scene.
 
     Parameters
     ----------
-    lights_at, view, part, per_side, rule
+    lights_at, per_side, rule
         As in `light_over_field`. No field is taken as a point.
     rules
         As `known_rules` gives them.
+    fields
+        View of the camera's axis, and part of the field, of each; of one height.
 
     Raises
     ------
@@ -215,9 +217,19 @@ def light_by_rules(
     ----------
     [MK14] eq. (8), (9).
     """
-    if part is None:
-        return FieldLight(lights=lights_at((view,), rules), weights=(1.0,), spread=0.0)
-    return _over_tiles(lights_at, tiles(part, view, per_side=per_side, rule=rule), rules, np.nan)
+    seen = [
+        (Tile(view=view, weight=1.0),) if part is None else tiles(part, view, per_side=per_side, rule=rule)
+        for view, part in fields
+    ]
+    lights = iter(lights_at(tuple(tile.view for one in seen for tile in one), rules))
+    return tuple(
+        FieldLight(
+            lights=tuple(islice(lights, len(one))),
+            weights=tuple(tile.weight for tile in one),
+            spread=0.0 if part is None else np.nan,
+        )
+        for one, (_, part) in zip(seen, fields, strict=True)
+    )
 
 
 def known_rules(several: Sequence[FieldLight]) -> Rules:

@@ -145,11 +145,9 @@ def tiles(part: FieldPart, view: View, *, per_side: int, rule: TileRule = "gauss
         raise ValueError(f"field of view: {per_side} tiles per side, allowed is 1 or more")
     right, across = _along(float(np.tan(part.left_rad)), float(np.tan(part.right_rad)), per_side, rule)
     up, upward = _along(float(np.tan(part.bottom_rad)), float(np.tan(part.top_rad)), per_side, rule)
-    return tuple(
-        Tile(view=off_axis(view, right=float(x), up=float(y)), weight=float(wx * wy))
-        for y, wy in zip(up, upward, strict=True)
-        for x, wx in zip(right, across, strict=True)
-    )
+    views = views_off_axis(view, right=np.tile(right, per_side), up=np.repeat(up, per_side))
+    weights = np.outer(upward, across).ravel().tolist()
+    return tuple(Tile(view=one, weight=weight) for one, weight in zip(views, weights, strict=True))
 
 
 def _along(low: float, high: float, per_side: int, rule: TileRule) -> tuple[FloatArray, FloatArray]:
@@ -188,24 +186,51 @@ def off_axis(view: View, *, right: float, up: float) -> View:
     ValueError
         That line of sight does not meet the ground.
     """
+    return views_off_axis(view, right=np.array([right]), up=np.array([up]))[0]
+
+
+def views_off_axis(view: View, *, right: FloatArray, up: FloatArray) -> tuple[View, ...]:
+    """Return what `off_axis` does for each of several lines of sight.
+
+    Parameters
+    ----------
+    view
+        Of the axis.
+    right, up
+        Shape (K,).
+
+    Raises
+    ------
+    ValueError
+        As `off_axis`.
+    """
     toward = geometry.direction(zenith_rad=view.zenith_rad, azimuth_rad=view.azimuth_rad)
     level = geometry.horizontal_axis(view.azimuth_rad, travels_to_target=False)
     upright = np.cross(toward, level)
     camera_right = np.cos(view.roll_rad) * level + np.sin(view.roll_rad) * upright
     camera_up = np.cross(toward, camera_right)
-    back = toward - right * camera_right - up * camera_up
-    back = back / np.linalg.norm(back)
-    if back[2] <= 0.0:
-        raise ValueError(
-            f"field of view: it reaches above the horizon ({np.degrees(np.arctan(up)):.4g} deg above the axis, which "
-            f"is {np.degrees(view.zenith_rad):.4g} deg from straight down)"
-        )
-    azimuth = float(np.arctan2(back[0], back[1])) if np.hypot(back[0], back[1]) > 0.0 else view.azimuth_rad
-    seen_right = camera_right - (camera_right @ back) * back
+    back = toward - right[:, np.newaxis] * camera_right - up[:, np.newaxis] * camera_up
+    back = back / np.linalg.norm(back, axis=-1, keepdims=True)
+    _require_ground(view, back, up)
+    azimuth = np.where(np.hypot(back[:, 0], back[:, 1]) > 0.0, np.arctan2(back[:, 0], back[:, 1]), view.azimuth_rad)
+    seen_right = camera_right - (back @ camera_right)[:, np.newaxis] * back
     own_level = geometry.horizontal_axis(azimuth, travels_to_target=False)
-    roll = geometry.axis_rotation_rad(own_level, seen_right / np.linalg.norm(seen_right), travel=back)
-    zenith = float(geometry.angle_between_rad(back, np.array([0.0, 0.0, 1.0])))
-    return replace(view, zenith_rad=zenith, azimuth_rad=azimuth, roll_rad=float(roll))
+    seen_right = seen_right / np.linalg.norm(seen_right, axis=-1, keepdims=True)
+    roll = geometry.axis_rotation_rad(own_level, seen_right, travel=back)
+    zenith = geometry.angle_between_rad(back, np.array([0.0, 0.0, 1.0]))
+    return tuple(
+        replace(view, zenith_rad=one, azimuth_rad=around, roll_rad=turn)
+        for one, around, turn in zip(zenith.tolist(), azimuth.tolist(), roll.tolist(), strict=True)
+    )
+
+
+def _require_ground(view: View, back: FloatArray, up: FloatArray) -> None:
+    above = back[:, 2] <= 0.0
+    if np.any(above):
+        raise ValueError(
+            f"field of view: it reaches above the horizon ({np.degrees(np.arctan(up[above][0])):.4g} deg above the "
+            f"axis, which is {np.degrees(view.zenith_rad):.4g} deg from straight down)"
+        )
 
 
 def _nodes(per_side: int, rule: TileRule) -> tuple[FloatArray, FloatArray]:

@@ -4,7 +4,7 @@ The lobe and the diffuse term are integrated apart. For the lobe the nodes lie o
 narrow lobe has as many as a wide one; for the diffuse term they cover the sky evenly.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -158,11 +158,11 @@ class PanelLight:
             start += rule.camera.size
         return self._to_cameras(found)
 
-    def _rules(self, order: int, *, specular: bool) -> tuple[_Rule, ...]:
+    def _rules(self, order: int, *, specular: bool) -> Iterable[_Rule]:
         """Nodes of the lobe or of the diffuse term, block by block, made where they are not kept."""
         nodes = order**2 * len(self._views)
         if nodes > _MANY_NODES:
-            return self.made_rules(order, specular=specular)
+            return self._lobe_rules(order) if specular else self._diffuse_rules(order)
         kept = _kept_of_few if nodes <= _FEW_NODES else _kept_of_many
         return kept(self._surface, self._tilt, self._views, order, specular)
 

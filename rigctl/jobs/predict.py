@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.predict_to_tolerance import AccuratePrediction
-from model.accuracy.series_to_tolerance import SeriesPrediction
+from model.accuracy.series_prediction import SeriesPrediction
 from model.effects.planner import EffectPlan
 from model.prediction.prediction import RegionPrediction
 from model.prediction.region_performance import PairDetection

@@ -11,7 +11,8 @@ from model.accuracy.evaluation.chain import Clock
 from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction
 from model.accuracy.predict_to_tolerance import predict as predict_to
 from model.accuracy.series_effects import SeriesEffects
-from model.accuracy.series_to_tolerance import SeriesPrediction, predict_series
+from model.accuracy.series_prediction import SeriesPrediction
+from model.accuracy.series_to_tolerance import predict_series
 from model.effects.bound import Bound, Estimate
 from model.effects.names import Effect, EffectRule
 from model.effects.planner import LIGHT, EffectPlan, plan, plan_of_all

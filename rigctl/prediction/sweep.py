@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.series_to_tolerance import SeriesPrediction
+from model.accuracy.series_prediction import SeriesPrediction
 from model.prediction.prediction import Quantities, RegionPrediction, reason_missing
 from model.prediction.region_performance import PairDetection, detections_of_sweep
 from rigctl.errors import ConfigError

@@ -9,7 +9,8 @@ import numpy as np
 
 from model.accuracy.estimates.light_error import LightError
 from model.accuracy.estimates.sensitivity import NO_STEPS, Changes, changes, grown, over_field, steps
-from model.accuracy.evaluation.chain import ChainResult, region_light
+from model.accuracy.evaluation.chain import ChainResult
+from model.accuracy.evaluation.lit_scenario import region_light
 from model.accuracy.evaluation.quantities import Reading, readings
 from model.accuracy.planning.numerical_settings import DOLP, ROC, TILES
 from model.effects.acting import acting

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
-from model.prediction.prediction import RegionPrediction, predict
-from model.prediction.region_performance import PairDetection, detections_of_pair, pair_detection
+from model.prediction.prediction import RegionPrediction, predict_all
+from model.prediction.region_performance import PairDetection, detections_or_reasons
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
 
@@ -89,7 +89,7 @@ def changes(
     before = replace(result.scenario, regions=tuple(r for r in result.scenario.regions if r.name == name))
     concerned = tuple(found for pair, found in zip(scene.pairs, result.detections, strict=True) if pair in pairs)
     base = readings(before, {name: result.predictions[name]}, concerned)
-    alone = [_predicted(result, other) for other in alternatives]
+    alone = _predicted(result, alternatives)
     possible = {k: {**result.predictions, name: one} for k, one in enumerate(alone) if one is not None}
     by_pair = [_detections(scene, result, pair, possible) for pair in pairs]
 
@@ -103,24 +103,22 @@ def changes(
     return [changed(k) for k in range(len(alternatives))]
 
 
-def _predicted(result: ChainResult, light: RegionLight) -> RegionPrediction | None:
-    """Prediction of another light of a region; None for light that nothing sends, polarized to more than 1."""
-    own = replace(result.scenario, regions=(light,))
+def _predicted(result: ChainResult, lights: Sequence[RegionLight]) -> list[RegionPrediction | None]:
+    """Predictions of other lights of a region; None for light that nothing sends, polarized to more than 1."""
+    alone, tolerance = [replace(result.scenario, regions=(one,)) for one in lights], result.settings.dolp_tolerance
     try:
-        return predict(own, tolerance=result.settings.dolp_tolerance)[light.name]
+        found = predict_all(alone, tolerance=tolerance)
     except ValueError:
-        return None
+        # One that nothing sends is refused together with all others: each is asked for itself then.
+        return [found for one in lights for found in _predicted(result, (one,))] if len(lights) > 1 else [None]
+    return [one[light.name] for one, light in zip(found, lights, strict=True)]
 
 
 def _detections(
     scene: LitScene, result: ChainResult, pair: tuple[str, str], alternatives: dict[int, dict[str, RegionPrediction]]
 ) -> dict[int, PairDetection]:
-    rates, tolerance, each = scene.p_false_alarm, result.settings.roc_tolerance, list(alternatives.values())
-    try:
-        found = detections_of_pair(*pair, each, rates, tolerance=tolerance)
-    except ValueError:
-        # One background that is singular is refused together with all others: each is asked for itself then.
-        found = tuple(pair_detection(*pair, one, rates, tolerance=tolerance) for one in each)
+    each, tolerance = list(alternatives.values()), result.settings.roc_tolerance
+    found = detections_or_reasons(*pair, each, scene.p_false_alarm, tolerance=tolerance) if each else ()
     return dict(zip(alternatives, found, strict=True))
 
 

@@ -1,25 +1,22 @@
 """The whole chain from sun and materials to detection, evaluated in one place for given numerical settings."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.evaluation.lit_scenario import light_requests, lit_fields, lit_scenario, sun_and_sky, used_settings
 from model.accuracy.evaluation.settings import Settings
 from model.effects.acting import acting
 from model.effects.names import ALL, Effect
-from model.prediction.prediction import RegionPrediction, predict
-from model.prediction.region_performance import PairDetection, pair_detection
-from model.scene.adjacency import with_surroundings
-from model.scene.falloff import cosine_fourth
+from model.prediction.prediction import RegionPrediction, predict_all
+from model.prediction.region_performance import PairDetection, detections_or_reasons
 from model.scene.field_light import FieldLight
 from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination
-from model.scene.lit_scene import LitRegion, LitScene
-from model.scene.scenario import RegionLight, Scenario
+from model.scene.lit_scene import LitScene
+from model.scene.scenario import Scenario
 
 Clock = Callable[[], float]
 
@@ -28,6 +25,8 @@ SKY, LIGHT, STATISTICS, DETECTION = "sky", "light", "statistics", "detection"
 STAGES = (SKY, LIGHT, STATISTICS, DETECTION)
 
 _NO_RULES: Mapping[str, Rules] = {}
+# That a store keeps at the least, of the scenes that are evaluated together.
+_MOST_SKIES, _MOST_LIGHTS = 12, 256
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,6 +49,8 @@ class ChainResult:
         Stage to the time that it took [s]; a store that had the answer makes it short.
     settings, effects
         That were in use.
+    air_key
+        Equal for results under one sky; None where no light of the air was asked for.
     """
 
     scenario: Scenario
@@ -60,6 +61,7 @@ class ChainResult:
     stage_s: dict[str, float]
     settings: Settings
     effects: frozenset[Effect]
+    air_key: object = None
 
 
 def evaluate(
@@ -98,31 +100,94 @@ def evaluate(
     [MK14] eq. (1)-(30).
     """
     lights = LightStore() if store is None else store
-    seen = acting(scene, effects)
-    used = _acting_settings(settings, seen)
+    return evaluate_all((scene,), settings, effects=effects, rules=rules, store=lights, clock=clock)[0]
+
+
+def evaluate_all(
+    scenes: Sequence[LitScene],
+    settings: Settings,
+    *,
+    effects: frozenset[Effect] = ALL,
+    rules: Mapping[str, Rules] = _NO_RULES,
+    store: LightStore,
+    clock: Clock = time.perf_counter,
+) -> tuple[ChainResult, ...]:
+    """Return what `evaluate` does for each of several scenes, each stage of all of them in few array passes.
+
+    Parameters
+    ----------
+    scenes
+        With the same regions and pairs; those under one sky one after another. Each has its share of the time.
+    settings, effects, rules, store, clock
+        As in `evaluate`; a region without rules is looked at scene by scene.
+
+    Raises
+    ------
+    ValueError
+        As `evaluate`.
+
+    References
+    ----------
+    [MK14] eq. (1)-(30).
+    """
+    found: list[ChainResult] = []
+    for some in _together(scenes):
+        found += _evaluated(some, settings, effects, rules, store, clock)
+    return tuple(found)
+
+
+def _together(scenes: Sequence[LitScene]) -> Iterator[list[LitScene]]:
+    """Yield scenes whose skies and lights a store keeps together."""
+    some: list[LitScene] = []
+    skies: set[object] = set()
+    for scene in scenes:
+        sky = None if scene.air is None else scene.air.key
+        if some and (len(skies | {sky}) > _MOST_SKIES or len(some) * len(scene.regions) >= _MOST_LIGHTS):
+            yield some
+            some, skies = [], set()
+        some.append(scene)
+        skies.add(sky)
+    if some:
+        yield some
+
+
+def _evaluated(
+    scenes: Sequence[LitScene],
+    settings: Settings,
+    effects: frozenset[Effect],
+    rules: Mapping[str, Rules],
+    store: LightStore,
+    clock: Clock,
+) -> list[ChainResult]:
+    seen = [acting(scene, effects) for scene in scenes]
+    used, rates = used_settings(settings, seen[0]), scenes[0].p_false_alarm
     taken = dict.fromkeys(STAGES, 0.0)
     with _timed(taken, SKY, clock):
-        illumination = _illumination(seen, used, lights)
+        illuminations = [sun_and_sky(one, used, store) for one in seen]
     with _timed(taken, LIGHT, clock):
-        fields = _fields(seen, used, lights, rules)
+        store.keep_together(request for one in seen for request in light_requests(one, used, rules))
+        fields = [lit_fields(one, used, store, rules) for one in seen]
     with _timed(taken, STATISTICS, clock):
-        scenario = _scenario(seen, fields)
-        predictions = predict(scenario, tolerance=used.dolp_tolerance)
+        scenarios = [lit_scenario(one, field) for one, field in zip(seen, fields, strict=True)]
+        predictions = predict_all(scenarios, tolerance=used.dolp_tolerance)
     with _timed(taken, DETECTION, clock):
-        detections = tuple(
-            pair_detection(target, background, predictions, scene.p_false_alarm, tolerance=used.roc_tolerance)
-            for target, background in scene.pairs
+        by_pair = [
+            detections_or_reasons(*pair, predictions, rates, tolerance=used.roc_tolerance) for pair in scenes[0].pairs
+        ]
+    return [
+        ChainResult(
+            scenario=scenarios[k],
+            illumination=illuminations[k],
+            lights=fields[k],
+            predictions=predictions[k],
+            detections=tuple(found[k] for found in by_pair),
+            stage_s={stage: seconds / len(scenes) for stage, seconds in taken.items()},
+            settings=used,
+            effects=effects,
+            air_key=None if (air := scenes[k].air) is None else air.key,
         )
-    return ChainResult(
-        scenario=scenario,
-        illumination=illumination,
-        lights=fields,
-        predictions=predictions,
-        detections=detections,
-        stage_s=taken,
-        settings=used,
-        effects=effects,
-    )
+        for k in range(len(scenes))
+    ]
 
 
 def scenario_of(
@@ -146,108 +211,8 @@ def scenario_of(
     """
     lights = LightStore() if store is None else store
     seen = acting(scene, effects)
-    used = _acting_settings(settings, seen)
-    return _scenario(seen, _fields(seen, used, lights))
-
-
-def region_light(seen: LitScene, region: LitRegion, field: FieldLight) -> RegionLight:
-    """Return what a prediction takes of the light of a region over its part of the field.
-
-    Parameters
-    ----------
-    seen
-        The scene with the effects that act.
-    region
-        Of the scene, given by its material.
-    field
-        Its light.
-
-    References
-    ----------
-    [MK14] eq. (7)-(10).
-    """
-    whole = field.moments(
-        seen.source,
-        texture_rms=region.texture_rms,
-        texture_diagonal=region.texture_diagonal,
-        texture_cov=region.texture_cov,
-    )
-    over_field = field.moments(seen.source, texture_cov=np.zeros((3, 3))).cov
-    light = RegionLight(
-        name=region.name,
-        stokes_radiance=whole.mean,
-        texture_rms=0.0,
-        texture_cov=whole.cov - over_field,
-        field_cov=over_field,
-    )
-    return _with_falloff(light, region, seen)
-
-
-def _illumination(scene: LitScene, settings: Settings, lights: LightStore) -> Illumination | None:
-    if scene.air is None or not _materials(scene):
-        return None
-    return lights.illumination(scene.air, settings, sun_azimuth_rad=scene.sun_azimuth_rad, parts=scene.parts)
-
-
-def _fields(
-    scene: LitScene, settings: Settings, lights: LightStore, rules: Mapping[str, Rules] = _NO_RULES
-) -> dict[str, FieldLight]:
-    """Light of the regions that are given by a material; they have air and view, or the record was refused."""
-    air, view, azimuth = scene.air, scene.view, scene.sun_azimuth_rad
-    if air is None or view is None:
-        return {}
-    found = {
-        one.name: lights.region(
-            one,
-            settings,
-            air=air,
-            view=view,
-            sun_azimuth_rad=azimuth,
-            parts=scene.parts,
-            rules=rules.get(one.name),
-        )
-        for one in _materials(scene)
-    }
-    around = scene.imperfections.surround_albedo
-    if around is None or not found:
-        return found
-    illumination = lights.illumination(air, settings, sun_azimuth_rad=azimuth, parts=scene.parts)
-    return {
-        name: with_surroundings(light, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
-        for name, light in found.items()
-    }
-
-
-def _acting_settings(settings: Settings, scene: LitScene) -> Settings:
-    return settings if scene.parts.wavelengths else replace(settings, wavelengths=1)
-
-
-def _materials(scene: LitScene) -> tuple[LitRegion, ...]:
-    return tuple(region for region in scene.regions if region.surface is not None)
-
-
-def _scenario(scene: LitScene, fields: dict[str, FieldLight]) -> Scenario:
-    regions = tuple(_region_light(region, fields, scene) for region in scene.regions)
-    return Scenario(regions=regions, sensor=scene.sensor, readout=scene.readout, imperfections=scene.imperfections)
-
-
-def _region_light(region: LitRegion, fields: dict[str, FieldLight], scene: LitScene) -> RegionLight:
-    if region.radiance is None:
-        return region_light(scene, region, fields[region.name])
-    given = RegionLight(
-        name=region.name,
-        stokes_radiance=region.radiance,
-        texture_rms=region.texture_rms,
-        texture_cov=region.texture_cov,
-    )
-    return _with_falloff(given, region, scene)
-
-
-def _with_falloff(light: RegionLight, region: LitRegion, scene: LitScene) -> RegionLight:
-    if region.part is None or not scene.imperfections.off_axis_falloff:
-        return light
-    falloff = cosine_fourth(region.part)
-    return replace(light, falloff_mean=falloff.mean, falloff_var=falloff.var)
+    used = used_settings(settings, seen)
+    return lit_scenario(seen, lit_fields(seen, used, lights))
 
 
 @contextmanager

@@ -1,12 +1,13 @@
 """Sun, sky and light of regions of scenes, computed once for all that ask for them."""
 
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from dataclasses import astuple, dataclass, replace
+from collections import OrderedDict, defaultdict
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeVar, Unpack, cast
 
 import numpy as np
 
+from model.accuracy.evaluation.light_requests import LightRequest, lights_of, passes, scatters, sky_key
 from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.diffuse_light import DiffuseLight
@@ -16,9 +17,7 @@ from model.atmosphere.lighting.solve_column import HowToSolve, LightSolver
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.atmosphere.solver import solve
 from model.atmosphere.transfer.layers import Layer
-from model.scene.aperture_radiance import ApertureLight, aperture_lights
-from model.scene.field_light import FieldLight, light_by_rules, light_over_field, light_over_tiles
-from model.scene.field_of_view import FieldPart, middle, off_axis
+from model.scene.field_light import FieldLight
 from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination, illuminate
 from model.scene.lit_scene import ALL_LIGHT, Air, LightParts, LitRegion
@@ -164,36 +163,56 @@ class LightStore:
         ValueError
             The region's radiance is given, or a number is outside its range.
         """
-        part = region.part
-        if part is not None and not parts.field_of_view:
-            across, upward = middle(part)
-            view, part = off_axis(view, right=across, up=upward), None
-
-        def key_of(parts: LightParts) -> object:
-            return (
-                _sky_key(air, settings, parts),
-                (sun_azimuth_rad, view, region.surface, region.tilt, part, parts.skylight, parts.path_radiance),
-                (settings.hemisphere_tolerance, settings.tiles_per_side, settings.tile_rule),
-                settings.negligible_spread,
-                rules,
-            )
-
-        whole, key = replace(parts, skylight=True, path_radiance=True), key_of(parts)
-        if parts != whole and settings.negligible_spread <= _NEVER and key_of(whole) in self._lights:
+        request = LightRequest(
+            region=region,
+            settings=settings,
+            air=air,
+            view=view,
+            sun_azimuth_rad=sun_azimuth_rad,
+            parts=parts,
+            rules=rules,
+        )
+        whole = replace(parts, skylight=True, path_radiance=True)
+        if parts != whole and settings.negligible_spread <= _NEVER and request.key(whole) in self._lights:
             # What is left out of light that is known needs no computing.
-            return self._lights[key_of(whole)].with_parts(skylight=parts.skylight, path=parts.path_radiance)
+            return self._lights[request.key(whole)].with_parts(skylight=parts.skylight, path=parts.path_radiance)
+        return _kept(self._lights, request.key(parts), _LIGHTS, lambda: self._made((request,))[0])
 
-        def made() -> FieldLight:
-            illumination = self.illumination(air, settings, sun_azimuth_rad=sun_azimuth_rad, parts=parts)
-            try:
-                return _over_field(illumination, region, view, part, settings, parts, rules)
-            except ValueError as error:
-                raise ValueError(f"region {region.name}: {error}") from error
+    def keep_together(self, requests: Iterable[LightRequest]) -> None:
+        """Compute lights in few array passes, those that differ in the view alone in one, and keep them.
 
-        return _kept(self._lights, key, _LIGHTS, made)
+        Parameters
+        ----------
+        requests
+            With known rules; together no more than are kept.
+
+        Raises
+        ------
+        ValueError
+            A number is outside its range.
+        """
+        groups: dict[object, dict[object, LightRequest]] = defaultdict(dict)
+        for one in requests:
+            if one.key(one.parts) not in self._lights:
+                groups[one.alike][one.key(one.parts)] = one
+        for group in groups.values():
+            for keys in passes(group):
+                for key, light in zip(keys, self._made([group[key] for key in keys]), strict=True):
+                    self._lights[key] = light
+        while len(self._lights) > _LIGHTS:
+            self._lights.popitem(last=False)
+
+    def _made(self, requests: Sequence[LightRequest]) -> tuple[FieldLight, ...]:
+        """Lights that differ in the view alone."""
+        one = requests[0]
+        illumination = self.illumination(one.air, one.settings, sun_azimuth_rad=one.sun_azimuth_rad, parts=one.parts)
+        try:
+            return lights_of(illumination, requests)
+        except ValueError as error:
+            raise ValueError(f"region {one.region.name}: {error}") from error
 
     def _kept_sky(self, air: Air, settings: Settings, parts: LightParts) -> _Lit:
-        key = _sky_key(air, settings, parts)
+        key = sky_key(air, settings, parts)
         return _kept(self._skies, key, _SKIES, lambda: self._lit(air, settings, parts))
 
     def _lit(self, air: Air, settings: Settings, parts: LightParts) -> _Lit:
@@ -228,7 +247,7 @@ class LightStore:
             wavelengths=settings.wavelengths,
             split_at_kinks=settings.split_at_kinks,
             dolp_max=air.dolp_max,
-            solver=self._solver if _scatters(parts) else unlit_solution,
+            solver=self._solver if scatters(parts) else unlit_solution,
             settings=settings.solver,
         )
 
@@ -240,65 +259,6 @@ def _mixed(air: Air, one: _Lit, other: _Lit) -> _Lit:
         sky=MixedSky(first=one.sky, second=other.sky, share=air.share),
         sky_error=max(one.sky_error, other.sky_error),
     )
-
-
-def _over_field(
-    illumination: Illumination,
-    region: LitRegion,
-    view: View,
-    part: FieldPart | None,
-    settings: Settings,
-    parts: LightParts,
-    known: Rules | None,
-) -> FieldLight:
-    surface, tilt = region.surface, region.tilt
-    if surface is None or tilt is None:
-        raise ValueError("its radiance is given, there is nothing to compute")
-
-    def lights_at(views: tuple[View, ...], rules: Rules | None) -> tuple[ApertureLight, ...]:
-        return aperture_lights(
-            illumination,
-            surface=surface,
-            tilt=tilt,
-            views=views,
-            tolerance=settings.hemisphere_tolerance,
-            rules=rules,
-            skylight=parts.skylight,
-            path=parts.path_radiance,
-        )
-
-    if known is not None:
-        return light_by_rules(
-            lights_at, known, view=view, part=part, per_side=settings.tiles_per_side, rule=settings.tile_rule
-        )
-    if part is not None and settings.negligible_spread == 0.0:
-        return light_over_tiles(
-            lights_at, view=view, part=part, per_side=settings.tiles_per_side, rule=settings.tile_rule
-        )
-    return light_over_field(
-        lights_at,
-        view=view,
-        part=part,
-        per_side=settings.tiles_per_side,
-        rule=settings.tile_rule,
-        negligible=settings.negligible_spread,
-    )
-
-
-def _scatters(parts: LightParts) -> bool:
-    """Return whether light scattered by the air counts at all."""
-    return parts.skylight or parts.path_radiance
-
-
-def _sky_key(air: Air, settings: Settings, parts: LightParts) -> object:
-    numbers = (
-        settings.wavelengths,
-        settings.split_at_kinks,
-        astuple(settings.solver),
-        settings.sky_zeniths,
-        settings.sky_azimuths,
-    )
-    return (air.key, numbers, parts.skylight, _scatters(parts))
 
 
 def _black(*, zenith_rad: object, phi_rad: object) -> np.ndarray:

@@ -9,7 +9,7 @@ Index = tuple[int, ...]
 
 # Steps of the grid between corners, by the number of its axes: corners are so few that looking at them closely is a
 # fifth of the work, or less.
-_STEPS = {1: 20, 2: 8}
+_STEPS = {1: 34, 2: 8}
 _STEPS_OF_MORE = 4
 
 
