@@ -147,6 +147,11 @@ class CameraSettings:
     bit_depth: int
 
 
+StartSource = Literal["ptp", "camera clock", "trigger", "arrival", "driver", "file", "simulation"]
+"""Source of an exposure's start: the camera's time stamp, by PTP or by its clock held against the host's; between
+trigger and first packet; before the first packet; the video driver's time stamp; a file's change; the simulation."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Frame:
     """One picture, with what is needed to interpret it.
@@ -163,6 +168,11 @@ class Frame:
         Start and end of the exposure, in nanoseconds since 1970 (UTC).
     start_monotonic_ns : int
         Start of the exposure on the host's monotonic clock.
+    start_uncertainty_s : float or None
+        By how much `start_utc_ns` may be off at most, the host's own clock taken for right (for that of the PTP master
+        where the source is "ptp"); None where nobody knows [s].
+    start_source : StartSource or None
+        What the start was found by.
     """
 
     counts: NDArray[np.uint16]
@@ -171,6 +181,8 @@ class Frame:
     start_utc_ns: int
     end_utc_ns: int
     start_monotonic_ns: int
+    start_uncertainty_s: float | None = None
+    start_source: StartSource | None = None
 
 
 class Camera(Protocol):

@@ -166,6 +166,8 @@ class SimCamera:
             start_utc_ns=start_utc_ns,
             end_utc_ns=start_utc_ns + self._exposure_us * 1000,
             start_monotonic_ns=start_monotonic_ns,
+            start_uncertainty_s=0.0,
+            start_source="simulation",
         )
 
     def tally(self) -> FrameTally:

@@ -240,6 +240,7 @@ class FolderCamera:
             start_utc_ns=start_utc_ns,
             end_utc_ns=start_utc_ns + round(self._exposure_s * 1e9),
             start_monotonic_ns=start_monotonic_ns,
+            start_source="file",
         )
 
     def _require_fit(self, path: Path, still: _Still) -> None:

@@ -120,7 +120,8 @@ class GigeCamera:
         used = dict(link.features.used) | ({} if link.setup.plane is None else {"plane": link.setup.plane})
         for feature in filter(link.features.has, _THERMOMETERS):
             used[feature] = f"{link.features.number(feature):g}"
-        return used
+        clock = link.clock.told()
+        return used if clock is None else used | {"clock": clock}
 
     def take_frame(self, *, timeout_s: float) -> Frame:
         """Return a picture whose exposure began after this call, complete and with the settings that it names.
@@ -210,13 +211,15 @@ class GigeCamera:
             self._tally = replace(self._tally, damaged=self._tally.damaged + 1)
             return None
         self._require_settings(link)
+        link.clock.look()
         return frame_of(
             received,
             setup=link.setup,
             settings=self._settings,
             sequence=self._numbers.of(received.frame_id),
             asked=asked,
-            runs_by_itself=self._options.trigger == "free",
+            clock=link.clock,
+            free_period_s=None if self._options.trigger == "software" else 1.0 / self._options.frame_rate_hz,
         )
 
     def _await_picture(self, asked: Asked, deadline_s: float) -> Received | None:

@@ -4,6 +4,7 @@ import ipaddress
 from dataclasses import dataclass
 
 from drivers.cameras.aravis_library import AravisError, AravisLibrary
+from drivers.cameras.gige_clock import CameraClock
 from drivers.cameras.gige_features import GigeFeatures, device_error
 from drivers.cameras.gige_options import GigeOptions, Link
 from drivers.cameras.gige_setup import GigeSetup, set_bandwidth, set_packet_size, set_up
@@ -76,6 +77,7 @@ class GigeLink:
             self.features = GigeFeatures(library, self._device, name=self.name)
             self.identity = _identity(self.features)
             self.setup: GigeSetup = set_up(self.features, options)
+            self.clock = CameraClock(self.features, ptp=options.ptp)
             self._place = place
             if self._is_network:
                 self.set_packet_size(None if options.packet_size == "probe" else options.packet_size)

@@ -55,6 +55,8 @@ class GigeOptions:
         What a step of an exposure is that the camera counts without telling in what [us].
     gain_step_db : float or None
         What a step of the camera's whole-numbered gain is [dB], where its maker is not one that is known.
+    ptp : bool or None
+        Whether the camera's clock follows a PTP master; None: as it was found.
     retakes : int
         How often a damaged picture is taken again before that is an error.
     """
@@ -80,6 +82,7 @@ class GigeOptions:
     byte_order: ByteOrder = "little"
     exposure_step_us: float | None = None
     gain_step_db: float | None = None
+    ptp: bool | None = None
     retakes: int = 20
 
     @property
@@ -114,6 +117,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
     "byte_order": one_of("little", "big"),
     "exposure_step_us": positive,
     "gain_step_db": positive,
+    "ptp": yes_or_no,
     "retakes": whole(0, 1000),
 }
 

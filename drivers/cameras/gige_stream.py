@@ -43,6 +43,8 @@ class Received:
         What it says of itself.
     frame_id : int
         The camera's number of it.
+    stamp_ns : int or None
+        Its time by the camera's own clock; None where it bears none [ns].
     """
 
     first_packet_utc_ns: int
@@ -52,6 +54,7 @@ class Received:
     height: int = 0
     pixel_format_code: int = 0
     frame_id: int = 0
+    stamp_ns: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,13 +165,17 @@ class GigeStream:
             )
         size = ctypes.c_size_t()
         data = self._library.call("buffer_get_data", buffer, ctypes.byref(size))
+        arrived_ns = self._library.call("buffer_get_system_timestamp", buffer)
+        stamp_ns = self._library.call("buffer_get_timestamp", buffer)
         return Received(
             data=ctypes.string_at(data, size.value) if data else b"",
             width=self._library.call("buffer_get_image_width", buffer),
             height=self._library.call("buffer_get_image_height", buffer),
             pixel_format_code=self._library.call("buffer_get_image_pixel_format", buffer),
             frame_id=self._library.call("buffer_get_frame_id", buffer),
-            first_packet_utc_ns=self._library.call("buffer_get_system_timestamp", buffer),
+            first_packet_utc_ns=arrived_ns,
+            # Where the camera tells no frequency of its clock, the library gives the time of arrival for both.
+            stamp_ns=None if stamp_ns in (0, arrived_ns) else stamp_ns,
         )
 
     def _call(self, name: str) -> None:

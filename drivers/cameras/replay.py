@@ -3,6 +3,7 @@
 import math
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from drivers.errors import LimitError, NotConnectedError
@@ -120,10 +121,9 @@ class ReplayedCamera:
             self._shift_ns = now_ns - frame.start_monotonic_ns
         start_ns = max(now_ns, frame.start_monotonic_ns + self._shift_ns)
         start_utc_ns = time.time_ns() + start_ns - now_ns
-        return Frame(
+        return replace(
+            frame,
             counts=frame.counts.copy(),
-            settings=frame.settings,
-            sequence=frame.sequence,
             start_utc_ns=start_utc_ns,
             end_utc_ns=start_utc_ns + frame.end_utc_ns - frame.start_utc_ns,
             start_monotonic_ns=start_ns,

@@ -65,6 +65,8 @@ def _facts(summary: "RunSummary") -> Iterable[tuple[str, str]]:
     yield "full [DN]", _join(f"{value:g}" for value in summary.saturations_dn)
     yield "missing [DN]", _join(f"{value:g}" for value in summary.missing_dn)
     yield "time", f"{summary.start_utc or _UNKNOWN} to {summary.end_utc or _UNKNOWN}"
+    for text in (*summary.start_times, *filter(None, [summary.host_clock])):
+        yield "starts", text
     yield "camera", _join(summary.cameras)
     yield "stage", _join(summary.stages)
 

@@ -115,19 +115,25 @@ def room(folder: Path, *, total_bytes: int, free_bytes: int | None = None) -> Fi
     return Finding(what=f"room in {folder}", found=found, advice=advice)
 
 
-def clock() -> Finding:
-    """Return whether the system's clock follows a time server, and how far off it may be."""
+def utc_error_s() -> float | None:
+    """Return how far the system's clock may be off UTC, as its time service says [s]; None: nothing synchronises it."""
     content = ctypes.create_string_buffer(_TIMEX_BYTES)
     ctypes.CDLL(None).ntp_adjtime(content)
     status = int.from_bytes(content.raw[_STATUS_PLACE : _STATUS_PLACE + 4], "little")
     error_us = int.from_bytes(content.raw[_MAX_ERROR_PLACE : _MAX_ERROR_PLACE + 8], "little")
-    if status & _UNSYNCHRONISED:
+    return None if status & _UNSYNCHRONISED else error_us / 1e6
+
+
+def clock() -> Finding:
+    """Return whether the system's clock follows a time server, and how far off it may be."""
+    error_s = utc_error_s()
+    if error_s is None:
         return Finding(
             what="clock",
             found="not synchronised",
             advice="the sun's place comes from it, 15 arc seconds a second: apt install chrony, or set it by hand",
         )
-    return Finding(what="clock", found=f"synchronised, off by {error_us / 1e3:.0f} ms at most")
+    return Finding(what="clock", found=f"synchronised, off by {error_s * 1e3:.0f} ms at most")
 
 
 def _durable_write_s(path: Path, content: bytes) -> float:

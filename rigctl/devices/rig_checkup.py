@@ -3,6 +3,7 @@
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from rigctl.devices.host_checkup import Finding
 from rigctl.devices.rig import open_rig
 from rigctl.devices.stages import SIMULATED, find_driver
 from rigctl.files.rig_file import REPLAY, RigFile
+from rigctl.runs.frame_record import START_SOURCES, start_error_text
 from rigctl.simulated.camera_address import ON_NETWORK, THIS_MACHINE
 
 _EXPOSURE_S = 0.01
@@ -72,9 +74,9 @@ class RigCheckup:
             settings = rig.camera.configure(exposure_s=_EXPOSURE_S, gain_db=self._rig.camera.gain_db)
             self.pixels = settings.width * settings.height
             timeout_s = self._rig.camera.timeout_s + _EXPOSURE_S
-            times_s = frame_times_s(rig.camera, frames=self._frames, timeout_s=timeout_s)
-            self.camera_s = max(0.0, statistics.median(times_s) - settings.exposure_s)
-            yield from camera_frames(rig.camera, times_s)
+            timed = timed_frames(rig.camera, frames=self._frames, timeout_s=timeout_s)
+            self.camera_s = max(0.0, statistics.median(one.duration_s for one in timed) - settings.exposure_s)
+            yield from camera_frames(rig.camera, timed)
             if self._rig.camera.mosaic_deg is not None:
                 yield cell_finding(rig.camera, self._rig, timeout_s=timeout_s)
 
@@ -146,17 +148,44 @@ def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | Non
     return Finding(what="serial adapter", found=f"waits {wait_ms} ms before it passes bytes on", advice=advice)
 
 
-def frame_times_s(camera: Camera, *, frames: int, timeout_s: float) -> list[float]:
-    """Return how long each of so many pictures takes, exposure included [s]."""
-    return [_timed(lambda: camera.take_frame(timeout_s=timeout_s)) for _ in range(frames)]
+@dataclass(frozen=True, kw_only=True)
+class TimedFrame:
+    """What a picture took, exposure included, and by how much its start may be off, found by what [s]."""
+
+    duration_s: float
+    start_uncertainty_s: float | None = None
+    start_source: str | None = None
 
 
-def camera_frames(camera: Camera, times_s: Sequence[float]) -> Iterator[Finding]:
-    """Return how fast pictures came, and what was lost of them, where the camera counts that."""
+def timed_frames(camera: Camera, *, frames: int, timeout_s: float) -> list[TimedFrame]:
+    """Return how so many pictures came."""
+    timed = []
+    for _ in range(frames):
+        start_s = time.perf_counter()
+        frame = camera.take_frame(timeout_s=timeout_s)
+        timed.append(
+            TimedFrame(
+                duration_s=time.perf_counter() - start_s,
+                start_uncertainty_s=frame.start_uncertainty_s,
+                start_source=frame.start_source,
+            )
+        )
+    return timed
+
+
+def camera_frames(camera: Camera, timed: Sequence[TimedFrame]) -> Iterator[Finding]:
+    """Return how fast pictures came, when, and what was lost of them, where the camera counts that."""
+    times_s = [one.duration_s for one in timed]
     found = (
         f"{len(times_s)} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
     )
     yield Finding(what="camera", found=found)
+    last = timed[-1]  # by then the camera's clock is known, where it has one that can be read
+    if last.start_source is not None:
+        told = (
+            f"{START_SOURCES.get(last.start_source, last.start_source)}, {start_error_text(last.start_uncertainty_s)}"
+        )
+        yield Finding(what="time stamps", found=f"start of an exposure {told}")
     if not isinstance(camera, ReportingCamera):
         return
     facts, tally = camera.facts(), camera.tally()

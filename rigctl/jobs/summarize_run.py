@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from rigctl.files.rig_file import unset_polarizer
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.annotation_record import Annotation
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_events import read_events
+from rigctl.runs.frame_record import FrameRecord, start_time_texts
+from rigctl.runs.run_events import host_clock_text, read_events
 from rigctl.runs.run_folder import Run
 
 GroupKey = tuple[str, float | None, float | None, float | None]
@@ -76,6 +76,10 @@ class RunSummary:
         What happened, and how often.
     doubts : tuple of str
         What is to be known before its numbers are used.
+    start_times : tuple of str
+        By what the starts of exposures were found, and by how much they may be off.
+    host_clock : str or None
+        How well this machine's clock was synchronised; None where the run does not say.
     excluded : tuple of int
         Frames that people have left out; they are not counted above.
     annotations : tuple of Annotation
@@ -100,6 +104,8 @@ class RunSummary:
     remarks: dict[str, int]
     events: dict[str, int]
     doubts: tuple[str, ...] = ()
+    start_times: tuple[str, ...] = ()
+    host_clock: str | None = None
     excluded: tuple[int, ...] = ()
     annotations: tuple[Annotation, ...] = ()
 
@@ -112,7 +118,7 @@ def summarize_run(run: Run) -> RunSummary:
     RunFolderError
         The events cannot be read.
     """
-    frames = run.frames
+    frames, events = run.frames, read_events(run.path)
     return RunSummary(
         run=str(run.path),
         origin=run.session.origin or "not stated",
@@ -130,8 +136,10 @@ def summarize_run(run: Run) -> RunSummary:
         stages=_devices((r.stage_model, r.stage_serial) for r in frames),
         groups=_groups(frames),
         remarks=dict(Counter(remark for r in frames for remark in r.remarks)),
-        events=dict(Counter(event.event for event in read_events(run.path))),
+        events=dict(Counter(event.event for event in events)),
         doubts=unset_polarizer(run.path, placeholder=run.session.polarizer.placeholder),
+        start_times=start_time_texts(frames),
+        host_clock=host_clock_text(events),
         excluded=tuple(record.sequence for record in run.excluded),
         annotations=run.annotations,
     )

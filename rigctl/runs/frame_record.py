@@ -1,5 +1,6 @@
 """Record of one frame: all that is known of it, as its line in the manifest and its own header hold it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pydantic import ConfigDict, TypeAdapter, with_config
@@ -49,6 +50,12 @@ class FrameRecord:
         Start and end of the exposure, as ``rigctl.numbers.utc_time.utc_text`` writes them.
     start_monotonic_ns : int or None
         Start of the exposure on the host's monotonic clock [ns].
+    start_uncertainty_s : float or None
+        By how much `start_utc` may be off at most, the host's clock taken for right (that of the PTP master, where the
+        source is "ptp") [s].
+    start_source : str or None
+        What the start was found by: "ptp", "camera clock", "trigger", "arrival", "driver", "file" or "simulation"
+        (`drivers.interfaces.StartSource`).
     camera_model, camera_serial, stage_model, stage_serial : str or None
         Which devices these were.
     stage_tries : int or None
@@ -103,6 +110,8 @@ class FrameRecord:
     start_utc: str | None = None
     end_utc: str | None = None
     start_monotonic_ns: int | None = None
+    start_uncertainty_s: float | None = None
+    start_source: str | None = None
     camera_model: str | None = None
     camera_serial: str | None = None
     stage_model: str | None = None
@@ -128,3 +137,41 @@ class FrameRecord:
 
 
 FRAME_RECORD = TypeAdapter(FrameRecord)
+
+# How people are told what a start was found by.
+START_SOURCES = {
+    "ptp": "by the camera's clock, which follows a PTP master",
+    "camera clock": "by the camera's clock, held against this machine's",
+    "trigger": "between the trigger and the first packet",
+    "arrival": "before the first packet came in",
+    "driver": "by the time stamp of the video driver",
+    "file": "by the last change of the file",
+    "simulation": "as simulated",
+}
+
+
+def start_time_texts(frames: Iterable[FrameRecord]) -> tuple[str, ...]:
+    """Return how well the starts of exposures are known, one text a source; nothing of frames that do not tell."""
+    errors_s: dict[str, list[float | None]] = {}
+    for frame in frames:
+        if frame.start_source is not None:
+            errors_s.setdefault(frame.start_source, []).append(frame.start_uncertainty_s)
+    return tuple(
+        f"{START_SOURCES.get(source, source)}: {len(found)} frames, {_largest_text(found)}"
+        for source, found in errors_s.items()
+    )
+
+
+def start_error_text(error_s: float | None) -> str:
+    """Return by how much a start may be off, for people."""
+    if error_s is None:
+        return "by how much it may be off is not known"
+    if error_s >= 1e-3:
+        return f"off by {error_s * 1e3:.3g} ms at most"
+    return f"off by {error_s * 1e6:.3g} us at most"
+
+
+def _largest_text(errors_s: list[float | None]) -> str:
+    known = [error_s for error_s in errors_s if error_s is not None]
+    missing = len(errors_s) - len(known)
+    return start_error_text(max(known, default=None)) + (f" (not known of {missing})" if known and missing else "")

@@ -14,6 +14,7 @@ from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 EVENTS_FILE = "events.jsonl"
 METERED_EVENT = "metered"
+HOST_CLOCK_EVENT = "host clock"
 TALLY_EVENT = "camera tally"
 """Counts of a camera's pictures, at the end of each part of a session."""
 _UTC_DIGITS = 19
@@ -83,6 +84,17 @@ def metered_exposures(events: Iterable[RunEvent]) -> tuple[Metered, ...]:
         return tuple(_METERED.validate_python(event.facts) for event in events if event.event == METERED_EVENT)
     except ValidationError as error:
         raise RunFolderError(f"{EVENTS_FILE}: a metered exposure: {explain_invalid(error)}") from error
+
+
+def host_clock_text(events: Iterable[RunEvent]) -> str | None:
+    """Return how well the machine's clock was synchronised when a session began; None where that was not noted."""
+    found = next((event for event in events if event.event == HOST_CLOCK_EVENT), None)
+    if found is None:
+        return None
+    error_s = found.facts.get("utc_error_s")
+    if not isinstance(error_s, float | int):
+        return "this machine's clock was not synchronised: how far from UTC it was is not known"
+    return f"this machine's clock was within {error_s * 1e3:.3g} ms of UTC, as its time service says"
 
 
 def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:

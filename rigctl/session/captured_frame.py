@@ -100,6 +100,8 @@ def record_of(
         start_utc=utc_text(frame.start_utc_ns),
         end_utc=utc_text(frame.end_utc_ns),
         start_monotonic_ns=frame.start_monotonic_ns,
+        start_uncertainty_s=frame.start_uncertainty_s,
+        start_source=frame.start_source,
         camera_frame=frame.sequence,
         exposure_id=None if step.part is None else step.sequence - step.part,
         camera_temperature_c=camera_temperature_c,

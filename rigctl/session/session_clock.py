@@ -30,6 +30,8 @@ class SessionClock:
         Pauses for so many seconds.
     problem : callable
         What is wrong with the first of them, such as "not synchronised"; None if nothing is.
+    utc_error_s : callable
+        How far the first of them may be off, as the system says [s]; None where nothing synchronises it.
     rest : callable or None
         Pauses for so many seconds while somebody is waited for, where `sleep` is no true pause.
     poll_s : float
@@ -42,6 +44,7 @@ class SessionClock:
     monotonic_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], None] = time.sleep
     problem: Callable[[], str | None] = _clock_problem
+    utc_error_s: Callable[[], float | None] = host_checkup.utc_error_s
     rest: Callable[[float], None] | None = None
     poll_s: float = 0.5
     simulated: SimulatedClock | None = None

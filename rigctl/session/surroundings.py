@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 from drivers.interfaces import Camera
 from rigctl.console.terminal import warn
 from rigctl.numbers.utc_time import NS_PER_S
+from rigctl.runs.run_events import HOST_CLOCK_EVENT
 from rigctl.session.guard import Guard
 from rigctl.session.interlocks import (
     InterlockViolation,
@@ -104,6 +105,7 @@ class Surroundings:
 
     def look_first(self, clock: SessionClock) -> None:
         """Look at what does not change in the middle of a session."""
+        self._note(HOST_CLOCK_EVENT, utc_error_s=clock.utc_error_s())
         for violation in self._guard.watched(filter(None, [synchronised_violation(clock.problem())])):
             self._guard.react(violation, cleared=lambda: clock.problem() is None)
 

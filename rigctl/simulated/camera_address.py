@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import ConfigError
+from sim_devices.cameras.device_clock import ClockTruth
 from sim_devices.cameras.gige_faults import GigeFaults
 from sim_devices.micro_polarizers import MicroPolarizers
 from sim_devices.truth_log import TruthLog
@@ -111,7 +112,8 @@ def split_faults(options: str) -> tuple[GigeFaults, str]:
         none of them again; ``die``, ``restart``, ``hang`` and
         ``forget`` are the picture, counted from the camera's power-up, at which its power goes for good, goes and
         comes back, at which it answers nobody for a while, and after which its exposure is not what was set;
-        ``off_s`` and ``hang_s`` say for how long.
+        ``off_s`` and ``hang_s`` say for how long. ``clock_ppm`` gives it a clock that can be read and is so much too
+        fast; ``ptp_offset_ns`` one that follows a PTP master, where the driver's ``ptp=1`` asks for it, so far off.
 
     Raises
     ------
@@ -132,6 +134,9 @@ def split_faults(options: str) -> tuple[GigeFaults, str]:
         values[field] = value
     if problems:
         raise ConfigError(f"camera.address: {'; '.join(problems)}")
+    clock = {name: values.pop(name) for name in ("drift_ppm", "ptp_offset_ns") if name in values}
+    if clock:
+        values["clock"] = ClockTruth(**clock, has_ptp="ptp_offset_ns" in clock)
     return GigeFaults(**values), "&".join(rest)
 
 
@@ -148,6 +153,16 @@ def _picture(text: str) -> int | None:
 def _seconds(text: str) -> float | None:
     seconds = float(text)
     return seconds if 0.0 <= seconds <= 3600.0 else None
+
+
+def _ppm(text: str) -> float | None:
+    ppm = float(text)
+    return ppm if abs(ppm) <= 1000.0 else None
+
+
+def _nanoseconds(text: str) -> int | None:
+    number = int(text)
+    return number if abs(number) <= 10**9 else None
 
 
 def _switch(text: str) -> bool | None:
@@ -175,6 +190,8 @@ _FAULTS: dict[str, tuple[str, _Reader, str]] = {
     "hang": ("hang", _picture, _PICTURE),
     "hang_s": ("hang_s", _seconds, "number of seconds, 0 to 3600"),
     "forget": ("forget", _picture, _PICTURE),
+    "clock_ppm": ("drift_ppm", _ppm, "number from -1000 to 1000"),
+    "ptp_offset_ns": ("ptp_offset_ns", _nanoseconds, "whole number of nanoseconds, a second at most"),
 }
 
 

@@ -254,7 +254,7 @@ def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
         return
     faults, rest = split_faults(tail)
     serial_number = camera.identify().serial_number
-    if faults.lost_share:
+    if faults.lost_share or faults.clock is not None:
         with serve_behind_network(camera, serial_number=serial_number, faults=faults) as place:
             yield f"gige:{place}?{rest}"
         return

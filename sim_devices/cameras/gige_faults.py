@@ -4,6 +4,8 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sim_devices.cameras.device_clock import ClockTruth
+
 
 @dataclass(frozen=True, kw_only=True)
 class GigeFaults:
@@ -28,6 +30,8 @@ class GigeFaults:
         For how long.
     forget : int or None
         After this picture its exposure is another one, set by nobody.
+    clock : ClockTruth or None
+        What its clock is like, where it can be read, as behind a network (`serve_behind_network`); None: it cannot.
     """
 
     lost_share: float = 0.0
@@ -38,6 +42,7 @@ class GigeFaults:
     hang: int | None = None
     hang_s: float = 6.0
     forget: int | None = None
+    clock: ClockTruth | None = None
 
 
 class FaultyPower:

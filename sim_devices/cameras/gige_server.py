@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import Camera
 from sim_devices.cameras import gige_feature_list as registers
 from sim_devices.cameras.aravis_device import AravisDevice
+from sim_devices.cameras.device_clock import DeviceClock
 from sim_devices.cameras.gige_faults import FaultyPower, GigeFaults
 from sim_devices.cameras.lossy_network import Losses, lossy_network
 from sim_devices.cameras.sample_bytes import bytes_of
@@ -29,6 +30,7 @@ def serve_gige_camera(
     address: str = "127.0.0.1",
     serial_number: str = "SIM1",
     faults: GigeFaults | None = None,
+    clock: DeviceClock | None = None,
     wait: Callable[[float], None] = time.sleep,
 ) -> Iterator[AravisDevice]:
     """Serve a camera on an IP address of this machine until the context is left.
@@ -43,6 +45,8 @@ def serve_gige_camera(
         What the camera says that it is.
     faults : GigeFaults or None
         What goes wrong.
+    clock : DeviceClock or None
+        Of which its list of features tells; whoever stands before it answers for the clock.
     wait : callable
         Waits out an exposure [s] once the picture is made, so that light is from the exposure's start and the picture
         leaves at its end.
@@ -60,7 +64,7 @@ def serve_gige_camera(
     raises is raised when the context is left.
     """
     served = _ServedCamera(
-        source, address=address, serial_number=serial_number, faults=faults or GigeFaults(), wait=wait
+        source, address=address, serial_number=serial_number, faults=faults or GigeFaults(), clock=clock, wait=wait
     )
     try:
         with served.power:
@@ -84,14 +88,14 @@ def serve_behind_network(
     """Serve a camera of this machine behind a network that loses what the faults say; give the address to turn to.
 
     Parameters are those of `serve_gige_camera`; the camera itself is at 127.0.0.1, and the address is another one of
-    127.0.0.0/8. Raises as that.
+    127.0.0.0/8. Its clock is as `faults.clock` says. Raises as that.
     """
-    with serve_gige_camera(
-        source, serial_number=serial_number, faults=replace(faults, lost_share=0.0), wait=wait
-    ) as device:
+    clock = None if faults.clock is None else DeviceClock(faults.clock)
+    hidden = replace(faults, lost_share=0.0)
+    with serve_gige_camera(source, serial_number=serial_number, faults=hidden, clock=clock, wait=wait) as device:
         device.promise_resends(faults.resends)
         losses = Losses(share=faults.lost_share, resends=faults.resends)
-        with lossy_network(camera=device.address, address=address, losses=losses):
+        with lossy_network(camera=device.address, address=address, losses=losses, clock=clock):
             yield address
 
 
@@ -105,6 +109,7 @@ class _ServedCamera:
         address: str,
         serial_number: str,
         faults: GigeFaults,
+        clock: DeviceClock | None,
         wait: Callable[[float], None],
     ) -> None:
         self._source, self._wait = source, wait
@@ -112,7 +117,12 @@ class _ServedCamera:
         self._asked = (0.01, 0.0)
         self._settings = source.configure(exposure_s=self._asked[0], gain_db=self._asked[1])
         self.device = AravisDevice(
-            address=address, serial_number=serial_number, edit_features=registers.extended, fill=self._fill
+            address=address,
+            serial_number=serial_number,
+            edit_features=lambda xml: (
+                registers.extended(xml) if clock is None else clock.features(registers.extended(xml))
+            ),
+            fill=self._fill,
         )
         self.power = FaultyPower(faults, power_down=self.device.power_down, power_up=self.power_up, forget=self._forget)
 

@@ -2,7 +2,7 @@
 
 From a reading of the GigE Vision standard (control: GVCP, pictures: GVSP). The camera is libaravis's own, which does
 not send any packet twice: so what passed is kept here for a while, as a camera's memory would, and what is asked for
-again comes from there.
+again comes from there. It has no clock either that could be read: that of a `DeviceClock` answers for it.
 """
 
 import random
@@ -16,16 +16,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivers.errors import NotConnectedError
+from sim_devices.cameras.device_clock import DeviceClock
 
 CONTROL_PORT = 3956
 _CONTROL = struct.Struct(">BBHHH")  # key or status, flags, command, length, request
 _KEY = 0x42
 _DISCOVERY_ACK, _READ_REGISTER_ACK = 0x0003, 0x0081
 _READ_REGISTER, _WRITE_REGISTER, _RESEND = 0x0080, 0x0082, 0x0040
+_READ_MEMORY, _WRITE_MEMORY = 0x0084, 0x0086
 _STREAM_PORT, _STREAM_ADDRESS = 0x0D00, 0x0D18
 _ADDRESS_IN_DISCOVERY = 36  # of its data, the last four of 16 bytes
 _PICTURE = struct.Struct(">HHI")  # status, picture, kind and number of the packet
 _NUMBER = 0xFFFFFF
+_LEADER, _KIND = 1, 0x7F
+_STAMP = slice(12, 20)  # of a leader: when its picture was taken, by the camera's clock
 _HEADERS_BYTES = 28  # IP and UDP
 _KEPT_PICTURES = 8
 _SOCKET_BYTES = 2**22
@@ -65,8 +69,8 @@ class Passed:
 class LossyNetwork:
     """Stands at an address of its own for a camera; `lossy_network` makes one."""
 
-    def __init__(self, *, camera: str, address: str, losses: Losses, seed: int) -> None:
-        self.losses, self.passed = losses, Passed()
+    def __init__(self, *, camera: str, address: str, losses: Losses, clock: DeviceClock | None, seed: int) -> None:
+        self.losses, self.passed, self._clock = losses, Passed(), clock
         self._camera, self._address = (camera, CONTROL_PORT), address
         self._random = random.Random(seed)
         self._control = _socket(address, CONTROL_PORT)
@@ -110,6 +114,10 @@ class LossyNetwork:
 
     def _carry_picture(self, packet: bytes, _camera: tuple[str, int]) -> None:
         _, picture, kind_and_number = _PICTURE.unpack_from(packet)
+        if self._clock is not None and kind_and_number >> 24 & _KIND == _LEADER:
+            # The device stamps it in nanoseconds of UTC.
+            stamp = self._clock.stamp(int.from_bytes(packet[_STAMP], "big")).to_bytes(8, "big")
+            packet = packet[: _STAMP.start] + stamp + packet[_STAMP.stop :]
         if picture not in self._kept:
             self._kept[picture] = {}
             if len(self._kept) > _KEPT_PICTURES:
@@ -135,8 +143,29 @@ class LossyNetwork:
         if command == _RESEND:
             self._send_again(data[_CONTROL.size :])
             return
+        of_clock = self._answer_of_clock(command, data[_CONTROL.size :])
+        if of_clock is not None:
+            self._control.sendto(_CONTROL.pack(0, 0, command + 1, len(of_clock), request) + of_clock, asker)
+            return
         self._asked[request] = (asker, data[_CONTROL.size :] if command == _READ_REGISTER else b"")
         self._to_camera.sendto(self._redirected(data, asker) if command == _WRITE_REGISTER else data, self._camera)
+
+    def _answer_of_clock(self, command: int, content: bytes) -> bytes | None:
+        """Return what the camera's clock answers; None where it is not asked."""
+        clock = self._clock
+        if clock is None or len(content) < 4 or not clock.has(int.from_bytes(content[:4], "big")):
+            return None
+        address = int.from_bytes(content[:4], "big")
+        if command == _READ_REGISTER:
+            return b"".join(
+                clock.read(int.from_bytes(content[k : k + 4], "big")) for k in range(0, len(content) - 3, 4)
+            )
+        if command == _READ_MEMORY:
+            return content[:4] + clock.read(address, int.from_bytes(content[6:8], "big"))
+        if command in (_WRITE_REGISTER, _WRITE_MEMORY):
+            clock.write(address, int.from_bytes(content[4:8], "big"))
+            return (1 if command == _WRITE_REGISTER else 4).to_bytes(4, "big")
+        return None
 
     def _redirected(self, data: bytes, asker: tuple[str, int]) -> bytes:
         """Let the camera send its pictures here, and remember where they were to go."""
@@ -182,7 +211,12 @@ class LossyNetwork:
 
 @contextmanager
 def lossy_network(
-    *, camera: str, address: str = "127.0.0.2", losses: Losses | None = None, seed: int = 0
+    *,
+    camera: str,
+    address: str = "127.0.0.2",
+    losses: Losses | None = None,
+    clock: DeviceClock | None = None,
+    seed: int = 0,
 ) -> Iterator[LossyNetwork]:
     """Give the network between a camera at one address and everybody who turns to the other one.
 
@@ -192,6 +226,8 @@ def lossy_network(
         IP addresses; the second one is of this machine, as all of 127.0.0.0/8 are on Linux.
     losses : Losses or None
         What it does; may be changed while it runs. None: nothing.
+    clock : DeviceClock or None
+        The camera's clock, which stamps its pictures; None: it cannot be read, and stamps are of the host's.
     seed : int
         Of what is lost.
 
@@ -200,7 +236,7 @@ def lossy_network(
     NotConnectedError
         The address is not this machine's, or in use.
     """
-    network = LossyNetwork(camera=camera, address=address, losses=losses or Losses(), seed=seed)
+    network = LossyNetwork(camera=camera, address=address, losses=losses or Losses(), clock=clock, seed=seed)
     network.start()
     try:
         yield network

@@ -21,8 +21,9 @@ from rigctl.reports.report import Bullets, Picture, Report, Section
 from rigctl.reports.table import Column, Table, text_columns
 from rigctl.reports.tables.annotation_tables import annotation_sections
 from rigctl.reports.tables.comparison_tables import fault_table
+from rigctl.runs.frame_record import start_time_texts
 from rigctl.runs.monitor_readings import READINGS_EVENT, monitor_line
-from rigctl.runs.run_events import RunEvent, event_facts, pictures_lost
+from rigctl.runs.run_events import RunEvent, event_facts, host_clock_text, pictures_lost
 from rigctl.runs.session_record import SessionRecord
 
 _SHOWN_EVENTS = 200
@@ -39,7 +40,7 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
     events = Section(title="Events", blocks=(times, _event_table(told[-_SHOWN_EVENTS:])))
     noted = annotation_sections(session.run.annotations)
     faults, beside = _faults(session.run.session, diagnosis), _monitors(session)
-    way = _way(session.events)
+    way = (*_way(session.events), *_times(session))
     sections = [*_simulation(session.run.session), *noted, *pictures, *beside, faults, *way, events]
     return Report(title=session.run.path.name, source=_source(session), sections=sections)
 
@@ -66,6 +67,14 @@ def _way(events: Sequence[RunEvent]) -> Iterable[Section]:
     """Yield what became of pictures on their way from the camera, where it counts them."""
     if lines := pictures_lost(events):
         yield Section(title="Pictures on their way", blocks=(Bullets(items=lines),))
+
+
+def _times(session: SessionHistory) -> Iterable[Section]:
+    """Yield how well the starts of exposures are known."""
+    texts = (*start_time_texts(session.run.frames), *filter(None, [host_clock_text(session.events)]))
+    if texts:
+        lines = tuple(f"{text[0].upper()}{text[1:]}." for text in texts)
+        yield Section(title="Starts of exposures", blocks=(Bullets(items=lines),))
 
 
 def _monitors(session: SessionHistory) -> Iterable[Section]:

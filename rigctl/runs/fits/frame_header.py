@@ -28,6 +28,8 @@ _KEYWORDS = tuple(
         ("start_utc", "DATE-OBS", "start of exposure, UTC"),
         ("end_utc", "DATE-END", "end of exposure, UTC"),
         ("start_monotonic_ns", "MONONS", "[ns] start of exposure, host clock"),
+        ("start_uncertainty_s", "TIMSYER", "[s] by which DATE-OBS may be off at most"),
+        ("start_source", "TIMESRC", "what DATE-OBS was found by"),
         ("exposure_s", "EXPTIME", "[s] exposure"),
         ("gain_db", "GAINDB", "[dB] setting of the camera"),
         ("egain_e_per_dn", "EGAIN", "[e-/DN] electrons per count"),

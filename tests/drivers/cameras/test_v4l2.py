@@ -95,7 +95,43 @@ def test_a_stamp_of_the_start_is_taken_as_it_is(video):
     camera = camera_on(video)
     video.now = 100 * MS
     video.shots = [Shot(0, 105 * MS, flags=v4l2.MONOTONIC | v4l2.AT_START_OF_EXPOSURE)]
-    assert camera.take_frame(timeout_s=1.0).start_monotonic_ns == 105 * MS
+    frame = camera.take_frame(timeout_s=1.0)
+    assert (frame.start_monotonic_ns, frame.start_uncertainty_s, frame.start_source) == (105 * MS, 1e-6, "driver")
+
+
+def test_a_stamp_of_the_end_leaves_the_start_open_by_the_time_between_two_pictures(video):
+    camera = camera_on(video)
+    video.shots = [Shot(0, 50 * MS), Shot(1, 100 * MS), Shot(4, 220 * MS)]
+    assert [camera.take_frame(timeout_s=1.0).start_uncertainty_s for _ in range(3)] == [None, 0.05, 0.04]
+
+
+@pytest.mark.parametrize("flags", [0, v4l2.MONOTONIC])
+def test_a_stamp_of_the_time_of_day_is_found_out_by_its_size(video, flags):
+    camera = camera_on(video)
+    video.now = 100 * MS
+    # The clock went on to the second one only, which is when the first is looked at, too.
+    stamps = (10**18 + 109 * MS, 10**18 + 120 * MS)
+    video.wait = lambda timeout_s: bool(video.shots) and not setattr(video, "now", 125 * MS)
+    video.shots = [Shot(number, stamp, flags=flags) for number, stamp in enumerate(stamps)]
+    frame = camera.take_frame(timeout_s=1.0)
+    assert (frame.sequence, frame.start_monotonic_ns, frame.start_utc_ns) == (1, 110 * MS, 10**18 + 110 * MS)
+
+
+def test_a_time_of_day_that_was_set_meanwhile_tells_no_age(video):
+    hour_ns, off_ns = 3600 * 10**9, [0]
+    chosen = read_v4l2_place("/dev/fake?")
+    camera = V4l2Camera(video, chosen, now_ns=video.now_ns, utc_ns=lambda: 10**18 + video.now + off_ns[0])
+    video.now = 100 * MS
+    video.shots = [Shot(0, 10**18 + hour_ns, flags=0)]
+
+    def set_clock(timeout_s):
+        off_ns[0], video.now = hour_ns, video.now + 50 * MS
+        return bool(video.shots)
+
+    video.wait = set_clock
+    with pytest.raises(DeviceTimeoutError):
+        camera.take_frame(timeout_s=1.0)
+    assert camera.tally().too_old == 1
 
 
 def test_another_clock_is_refused(video):

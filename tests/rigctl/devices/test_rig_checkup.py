@@ -9,7 +9,7 @@ from drivers.errors import NotConnectedError
 from drivers.interfaces import FrameTally
 from rigctl.cli import main
 from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
-from rigctl.devices.rig_checkup import adapter_wait, camera_frames, frame_times_s, interface_mtu
+from rigctl.devices.rig_checkup import TimedFrame, adapter_wait, camera_frames, interface_mtu, timed_frames
 from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
 from rigctl.jobs.doctor import most_important_first
@@ -57,8 +57,9 @@ def test_the_way_to_oneself_is_wide():
 
 def test_pictures_are_timed_and_what_the_camera_counts_is_told():
     camera = small_camera()
-    timed, samples, loss = camera_frames(camera, frame_times_s(camera, frames=3, timeout_s=1.0))
+    timed, stamps, samples, loss = camera_frames(camera, timed_frames(camera, frames=3, timeout_s=1.0))
     assert timed.found.startswith("3 frames")
+    assert stamps.found == "start of an exposure as simulated, off by 0 us at most"
     assert "right-justified" in samples.found
     assert loss.found == "0 damaged, 0 never came"
 
@@ -143,7 +144,7 @@ def test_packets_that_are_lost_are_told_with_their_share(monkeypatch):
     monkeypatch.setattr(
         camera, "tally", lambda: FrameTally(accepted=20, packets=10000, packets_lost=50, packets_resent=49)
     )
-    loss = next(finding for finding in camera_frames(camera, [0.1]) if finding.what == "loss")
+    loss = next(finding for finding in camera_frames(camera, [TimedFrame(duration_s=0.1)]) if finding.what == "loss")
     assert "0.5 % of 10000 packets lost, 49 of them came" in loss.found
     assert loss.advice is not None
 
