@@ -1,6 +1,6 @@
 """Trial of the tolerance in sweeps and grids: random scenes through random ranges, some cases beside finer settings.
 
-Usage: python -m benchmarks.trial_sweeps [--sweeps 100] [--first 0] [--looked-at 3] [--hostile]
+Usage: python -m benchmarks.trial_sweeps [--sweeps 100] [--first 0] [--looked-at 3] [--hostile] [--minutes 30]
 
 Each scene is taken through a range of one number (two thirds) or a grid of two: zenith or azimuth of the camera, zenith
 of the sun, optical depth, slopes. Of the cases that were not judged themselves some are drawn and set beside settings
@@ -10,18 +10,14 @@ finer in every knob. Of every reading that is promised the true error must be no
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from benchmarks.trial_tolerance import FINEST
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
-from model.accuracy.series_prediction import SeriesCase
+from benchmarks.trial_tolerance import seeds_in_time, true_errors
 from model.accuracy.series_to_tolerance import predict_series
-from model.prediction.prediction import predict as predict_scenario
 from model.scene.lit_scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
@@ -33,9 +29,10 @@ Change = Callable[[LitScene, float], LitScene]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """A sweep beside the truth: cases looked at that were not judged, broken promises, largest true error over T."""
+    """A sweep beside the truth: cases in all, those looked at (not judged), broken promises, largest error over T."""
 
     words: str
+    cases: int
     looked_at: int
     broken: tuple[str, ...]
     largest: float
@@ -92,13 +89,6 @@ def swept(scene: LitScene, draw: np.random.Generator) -> tuple[str, tuple[int, .
     return ", ".join(names), sizes, scenes
 
 
-def truth(scene: LitScene, case: SeriesCase) -> dict[Reading, Value]:
-    """Return the readings of the finest settings; moments of DoLP where they exist to the tolerance of the case."""
-    finest = evaluate(scene, replace(FINEST, solver=replace(FINEST.solver, face_m=scene.sensor_height_m)))
-    looser = predict_scenario(finest.scenario, tolerance=case.result.settings.dolp_tolerance)
-    return readings(finest.scenario, looser, ()) | readings(finest.scenario, finest.predictions, finest.detections)
-
-
 def one_sweep(seed: int, *, hostile: bool, looked_at: int) -> Outcome:
     """Return the outcome of the sweep of a seed."""
     draw = np.random.default_rng((seed, 7))
@@ -107,23 +97,22 @@ def one_sweep(seed: int, *, hostile: bool, looked_at: int) -> Outcome:
     try:
         found = predict_series(scenes, shape=sizes, tolerance=tolerance, clock=time.process_time)
     except ValueError as error:
-        return Outcome(words=f"{words} {sizes}: refused: {error}", looked_at=0, broken=(), largest=0.0)
+        return Outcome(words=f"{words} {sizes}: refused: {error}", cases=0, looked_at=0, broken=(), largest=0.0)
     between = [k for k, case in enumerate(found.cases) if not case.is_judged]
     chosen = sorted(draw.choice(between, size=min(looked_at, len(between)), replace=False).tolist())
     broken, largest = [], 0.0
     for k in chosen:
         case = found.cases[k]
-        own = readings(case.result.scenario, case.result.predictions, case.result.detections)
-        true = differences(own, truth(scenes[k], case))
+        true = true_errors(scenes[k], case.result, case.not_guaranteed, tolerance)
         promised = {key: error for key, error in true.items() if key not in case.not_guaranteed}
         broken += [f"case {k}: {'/'.join(key)} {error:.2g}" for key, error in promised.items() if error > tolerance]
         largest = max(largest, max(promised.values(), default=0.0) / tolerance)
     judged = f"{found.judged} of {len(scenes)} judged, {100.0 * found.share_of_estimates:.0f} % for estimates"
     text = f"{words} {sizes} to {tolerance:g}: {judged}, spot checks {found.spot_checks_held}/{found.spot_checks}"
-    return Outcome(words=text, looked_at=len(chosen), broken=tuple(broken), largest=largest)
+    return Outcome(words=text, cases=len(scenes), looked_at=len(chosen), broken=tuple(broken), largest=largest)
 
 
-def outcomes(seeds: range, *, hostile: bool, looked_at: int) -> Iterator[Outcome]:
+def outcomes(seeds: Iterable[int], *, hostile: bool, looked_at: int) -> Iterator[Outcome]:
     """Yield the outcome of each seed, printed."""
     for seed in seeds:
         found = one_sweep(seed, hostile=hostile, looked_at=looked_at)
@@ -138,16 +127,19 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--looked-at", type=int, default=3)
     parser.add_argument("--hostile", action="store_true")
+    parser.add_argument("--minutes", type=float, default=None, help="begin no sweep later than that")
     given = parser.parse_args()
-    kept = run_sweeps(given.sweeps, first=given.first, hostile=given.hostile, looked_at=given.looked_at)
+    seeds = seeds_in_time(given.first, given.sweeps, given.minutes)
+    kept = run_sweeps(seeds, hostile=given.hostile, looked_at=given.looked_at)
     return 0 if kept else 1
 
 
-def run_sweeps(sweeps: int, *, first: int = 0, hostile: bool = False, looked_at: int = 3) -> bool:
-    """Run the trial over a number of sweeps; return whether every promise was kept."""
-    found = list(outcomes(range(first, first + sweeps), hostile=hostile, looked_at=looked_at))
+def run_sweeps(seeds: Iterable[int], *, hostile: bool = False, looked_at: int = 3) -> bool:
+    """Run the trial over some sweeps; return whether every promise was kept."""
+    found = list(outcomes(seeds, hostile=hostile, looked_at=looked_at))
     cases, broken = sum(one.looked_at for one in found), sum(len(one.broken) for one in found)
-    print(f"{len(found)} sweeps, {cases} cases between judged ones: {broken} promises broken")
+    points = sum(one.cases for one in found)
+    print(f"{len(found)} sweeps of {points} cases, {cases} between judged ones looked at: {broken} promises broken")
     print(f"largest true error {max(one.largest for one in found):.2g} of the tolerance")
     return broken == 0
 

@@ -1,23 +1,26 @@
 """Trial of the tolerance: random scenes, predicted to a tolerance, beside the finest settings.
 
 Usage: python -m benchmarks.trial_tolerance [--scenes 1000] [--first 0] [--tolerances 0.1 0.03 0.01 0.003]
-    [--hostile] [--out FILE.csv]
+    [--hostile] [--minutes 30] [--out FILE.csv]
 
 Each scene is predicted to one of the tolerances in turn. Of every reading that is promised the true error must be no
-more than the tolerance. Of each scene the largest estimated error is set beside the largest true one.
+more than the tolerance. Of each scene the largest estimated error is set beside the largest true one. The truth is that
+of settings finer than any plan for these tolerances; where it is so far off that their own error (below 2e-4) could
+count, that of settings finer still.
 """
 
 import argparse
 import csv
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
 from model.accuracy.evaluation.settings import Settings
 from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
@@ -42,6 +45,17 @@ FINEST = Settings(
     dolp_tolerance=1e-11,
     roc_tolerance=1e-11,
 )
+# A tenth of the time. Of 8 random scenes the largest difference from the finest was 2e-5 in light and statistics.
+FINE = replace(
+    FINEST,
+    wavelengths=5,
+    solver=replace(FINEST.solver, nodes=12, element_depth=0.1, tolerance=1e-6, extrapolated=False),
+    sky_zeniths=30,
+    sky_azimuths=26,
+    hemisphere_tolerance=5e-5,
+)
+# A true error above this share of the tolerance is found again, beside the finest settings.
+_DOUBTFUL = 0.5
 # The same for tolerances below 0.003.
 _VERY_FINE = replace(
     FINEST,
@@ -63,6 +77,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--tolerances", type=float, nargs="+", default=[0.1, 0.03, 0.01, 0.003])
     parser.add_argument("--hostile", action="store_true", help="tilted panels, other tiers, laws, sources and airs")
+    parser.add_argument("--minutes", type=float, default=None, help="begin no scene later than that")
     parser.add_argument("--out", type=Path, default=None)
     arguments = parser.parse_args()
     kept = run_tolerance(
@@ -70,9 +85,19 @@ def main() -> int:
         arguments.tolerances,
         first=arguments.first,
         make_scene=hostile_scene if arguments.hostile else random_scene,
+        minutes=arguments.minutes,
         out=arguments.out,
     )
     return 0 if kept else 1
+
+
+def seeds_in_time(first: int, count: int, minutes: float | None) -> Iterator[int]:
+    """Yield one seed after the other, until there are so many, or that long has passed."""
+    begun = time.monotonic()
+    for seed in range(first, first + count):
+        if minutes is not None and time.monotonic() - begun > 60.0 * minutes:
+            return
+        yield seed
 
 
 def run_tolerance(
@@ -81,11 +106,12 @@ def run_tolerance(
     *,
     first: int = 0,
     make_scene: Callable[[int], LitScene] = random_scene,
+    minutes: float | None = None,
     out: Path | None = None,
 ) -> bool:
     """Run the trial over a number of scenes; return whether every promise was kept."""
     rows = []
-    for seed in range(first, first + scenes):
+    for seed in seeds_in_time(first, scenes, minutes):
         rows.append({"seed": seed} | one_scene(make_scene(seed), tolerances[seed % len(tolerances)]))
         print(rows[-1], flush=True)
     if out is not None:
@@ -100,25 +126,38 @@ def run_tolerance(
 def one_scene(scene: LitScene, tolerance: float) -> dict[str, Any]:
     """Return what came of one scene."""
     found = predict(scene, tolerance=tolerance)
-    return {"tolerance": tolerance} | scored(found, truth(scene, found))
+    return {"tolerance": tolerance} | scored(found, true_errors(scene, found.result, found.not_guaranteed, tolerance))
 
 
-def truth(scene: LitScene, found: AccuratePrediction) -> dict[Reading, Value]:
-    """Return the readings of the finest settings.
+def true_errors(
+    scene: LitScene, found: ChainResult, not_guaranteed: Container[Reading], tolerance: float
+) -> dict[Reading, float]:
+    """Return by how much the readings of a prediction are off, in the units of a tolerance.
+
+    Those that something is promised of are taken beside the finest settings where it matters.
+    """
+    own = readings(found.scenario, found.predictions, found.detections)
+    if tolerance >= _FINE_DOWN_TO:
+        errors = differences(own, truth(scene, found, FINE))
+        promised = (error for key, error in errors.items() if key not in not_guaranteed)
+        if max(promised, default=0.0) <= _DOUBTFUL * tolerance:
+            return errors
+    return differences(own, truth(scene, found, FINEST if tolerance >= _FINE_DOWN_TO else _VERY_FINE))
+
+
+def truth(scene: LitScene, found: ChainResult, settings: Settings) -> dict[Reading, Value]:
+    """Return the readings of fine settings.
 
     Whether DoLP has moments depends on the tolerance of its law: those that have none to 1e-11 are taken with the
-    prediction's own, from the light of the finest settings.
+    prediction's own, from the light of the fine settings.
     """
-    settings = FINEST if found.tolerance >= _FINE_DOWN_TO else _VERY_FINE
-    finest = evaluate(scene, replace(settings, solver=replace(settings.solver, face_m=scene.sensor_height_m)))
-    looser = predict_scenario(finest.scenario, tolerance=found.result.settings.dolp_tolerance)
-    return readings(finest.scenario, looser, ()) | readings(finest.scenario, finest.predictions, finest.detections)
+    fine = evaluate(scene, replace(settings, solver=replace(settings.solver, face_m=scene.sensor_height_m)))
+    looser = predict_scenario(fine.scenario, tolerance=found.settings.dolp_tolerance)
+    return readings(fine.scenario, looser, ()) | readings(fine.scenario, fine.predictions, fine.detections)
 
 
-def scored(found: AccuratePrediction, finest: dict[Reading, Value]) -> dict[str, Any]:
+def scored(found: AccuratePrediction, true: Mapping[Reading, float]) -> dict[str, Any]:
     """Return the largest true and estimated error, and how many promises were broken."""
-    own = readings(found.result.scenario, found.result.predictions, found.result.detections)
-    true = differences(own, finest)
     promised = {key: error for key, error in true.items() if key not in found.not_guaranteed}
     broken = {key: error for key, error in promised.items() if error > found.tolerance}
     worst = max(promised, key=lambda key: promised[key], default=None)

@@ -73,7 +73,7 @@ def main() -> int:
     sound &= _run_network(turns=arguments.turns, frames=arguments.lossy_frames)
     sound &= run_effects(arguments.effect_scenes)
     sound &= run_tolerance(arguments.tolerance_scenes, [0.1, 0.03, 0.01, 0.003])
-    sound &= run_sweeps(arguments.sweeps)
+    sound &= run_sweeps(range(arguments.sweeps))
     sound &= run_paper()
     sound &= run_mosaic(arguments.mosaic_seeds)
     sound &= run_honesty(
