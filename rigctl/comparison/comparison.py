@@ -153,6 +153,7 @@ def compare_with_scene(
     radiometric: RadiometricResponse | None = None,
     settings: Settings | None = None,
     light: SceneLight | None = None,
+    coarser: Comparison | None = None,
 ) -> Comparison:
     """Return what a scene file predicts for a run beside what the run shows.
 
@@ -174,6 +175,9 @@ def compare_with_scene(
         Numerical settings in place of those of the scene file.
     light : SceneLight or None
         Keeps skies between calls.
+    coarser : Comparison or None
+        The same with coarser settings, from which is taken what the inputs' uncertainties make of the rows: most of
+        the time goes into that, and few of its digits count.
 
     Raises
     ------
@@ -191,7 +195,9 @@ def compare_with_scene(
     predictions = predicted(inputs.values)
     rows = tuple(_paired(predictions, measurement))
     uncertain = only_uncertain(inputs)
-    propagation = propagate_numbers({row.key: row.predicted for row in rows}, inputs, predicted)
+    propagation = _known_propagation(coarser, rows)
+    if propagation is None:
+        propagation = propagate_numbers({row.key: row.predicted for row in rows}, inputs, predicted)
     decided = _decided(rows, propagation, alpha)
     assumed = (
         *inputs.remarks,
@@ -218,6 +224,13 @@ def compare_with_scene(
         ),
         lights=predictor.lights(inputs.scene),
     )
+
+
+def _known_propagation(coarser: Comparison | None, rows: tuple[Row, ...]) -> Propagation | None:
+    """Return that of a coarser comparison, where it has the same rows."""
+    if coarser is None or [row.key for row in coarser.rows] != [row.key for row in rows]:
+        return None
+    return coarser.propagation
 
 
 def _decided(rows: tuple[Row, ...], propagation: Propagation, alpha: float) -> tuple[Row, ...]:

@@ -10,7 +10,7 @@ from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
 from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction, predict
 from model.effects.names import Effect, EffectRule
 from model.effects.planner import LIGHT, EffectPlan
-from model.prediction.prediction import RegionPrediction
+from model.prediction.prediction import Quantities, RegionPrediction
 from model.prediction.quantity_table import SHARES, angle_of, counts_name, is_counts
 from rigctl.comparison.rows import Row, error_of_both
 from rigctl.comparison.run_prediction import RunPredictor
@@ -27,6 +27,10 @@ FIRST_TOLERANCE = 0.01
 # A next tolerance aims at this share of what is allowed, and is at least twice as small.
 _AIM, _LEAST_STEP = 0.7, 0.5
 _RATIO = "ratio_"
+# Share of an error of S0 that a ratio of counts keeps, where sensors are not linear; they are known to percents.
+_NOT_LINEAR = 0.03
+# Settings that take longer, as the planner counts, are not tried: predictions of such a scene take minutes.
+_LONGEST_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,10 +67,15 @@ class NumericalAccuracy:
 
     @property
     def next_tolerance(self) -> float | None:
-        """What to try next; None where this does, or nothing smaller would."""
-        if self.is_kept or self.tolerance <= SMALLEST or self.share == inf:
+        """What to try next; None where this does, nothing smaller would, or it would take minutes."""
+        if self.is_kept or self.tolerance <= SMALLEST or self.share == inf or self.is_dear:
             return None
         return max(self.tolerance * min(_LEAST_STEP, _AIM * ALLOWED_SHARE / self.share), SMALLEST)
+
+    @property
+    def is_dear(self) -> bool:
+        """Whether finer settings would take minutes."""
+        return self.found.expected_s > _LONGEST_S
 
     @property
     def settings(self) -> dict[str, str]:
@@ -82,9 +91,10 @@ class NumericalAccuracy:
             f"numerical tolerance {self.tolerance:.1e}, chosen for the errors of this comparison: the largest "
             f"numerical error is {kind}{self.share:.2g} of its row's standard error{where}"
         )
-        return (
-            text if self.is_kept else f"{text}; wanted were {ALLOWED_SHARE:g}, which no tolerance that was tried gave"
-        )
+        if self.is_kept:
+            return text
+        why = "finer settings take minutes" if self.is_dear else "no tolerance that was tried gave it"
+        return f"{text}; wanted were {ALLOWED_SHARE:g}, but {why}"
 
     def beside(self, rows: Iterable[Row], predictions: Mapping[str, RegionPrediction]) -> "NumericalAccuracy":
         """Return this beside the rows of a comparison that was made with its settings.
@@ -108,9 +118,7 @@ class NumericalAccuracy:
         region, quantity, statistic = key.region, key.quantity, key.statistic
         numbers = prediction.quantities
         if quantity.startswith(_RATIO):
-            counts = [self._in_tolerance(region, name, "mean") for name in numbers if is_counts(name)]
-            own = self._in_tolerance(region, counts_name(angle_of(quantity.removeprefix(_RATIO))), "mean")
-            return abs(numbers[quantity][statistic]) * (own + max(counts))
+            return self._error_of_ratio(region, quantity, numbers)
         if quantity == "aolp_deg":
             return self._error_of_angle(region, statistic, numbers["dolp"]["mean"], numbers[quantity][statistic])
         found = self._in_tolerance(region, quantity, statistic)
@@ -120,6 +128,16 @@ class NumericalAccuracy:
             numbers["s0"]["mean"] if statistic == "mean" and quantity in ("s1", "s2") else numbers[quantity][statistic]
         )
         return found * abs(scale)
+
+    def _error_of_ratio(self, region: str, quantity: str, numbers: Quantities) -> float:
+        """Of counts over their mean: an error of S0 cancels but for what is not linear, one of (s1, s2) does not."""
+        ratio, counts = abs(numbers[quantity]["mean"]), [name for name in numbers if is_counts(name)]
+        own = self._in_tolerance(region, counts_name(angle_of(quantity.removeprefix(_RATIO))), "mean")
+        of_counts = ratio * (own + max(self._in_tolerance(region, name, "mean") for name in counts))
+        turned = hypot(*(self._in_tolerance(region, name, "mean") for name in ("s1n", "s2n")))
+        # The mean of the channels over that of unpolarised light: they are (S0 + S1 cos + S2 sin) / 2.
+        level = 2.0 * sum(numbers[name]["mean"] for name in counts) / len(counts) / numbers["s0"]["mean"]
+        return min(of_counts, turned * (1.0 + ratio) / level + _NOT_LINEAR * of_counts)
 
     def _error_of_angle(self, region: str, statistic: str, dolp: float, number: float) -> float:
         """Of the mean: half the angle by which (s1, s2) may turn; of a deviation: as of theirs, and of DoLP."""

@@ -165,7 +165,9 @@ def _to_its_errors(
     """Return a comparison with a scene whose numerical errors are far below those of its rows, and what it took."""
     run = run_predictor(measurement, scene=scene, noise=given.noise)
 
-    def compared(tried: NumericalAccuracy) -> tuple[Comparison, NumericalAccuracy]:
+    def compared(
+        tried: NumericalAccuracy, coarser: Comparison | None = None
+    ) -> tuple[Comparison, NumericalAccuracy]:
         made = compare_with_scene(
             measurement,
             scene=without_effects(scene, tried.left_out),
@@ -175,12 +177,13 @@ def _to_its_errors(
             radiometric=given.radiometric,
             settings=tried.found.result.settings,
             light=run.light,
+            coarser=coarser,
         )
         return made, tried.beside(made.rows, made.predictions)
 
     rule = request.rule or "safe"
     comparison, found = compared(accuracy_at(run, tolerance, rule))
-    # Errors of rows are those of the first comparison; a second one, which costs most, is made with what they ask.
+    # Errors of rows are those of the first comparison; a second one is made with what they ask.
     chosen = found
     for _ in range(_MOST_TRIED):
         if chosen.next_tolerance is None:
@@ -191,7 +194,7 @@ def _to_its_errors(
             break
         chosen = finer
     if chosen is not found:
-        comparison, found = compared(chosen)
+        comparison, found = compared(chosen, comparison)
     taken = EffectsTaken(plan=found.effects, taken=acting_effects(scene) - found.left_out)
     return replace(comparison, remarks=(*comparison.remarks, found.remark)), taken, found
 

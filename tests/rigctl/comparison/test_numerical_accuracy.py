@@ -31,11 +31,11 @@ def _row(quantity, error, statistic="mean"):
     return Row(**{**vars(row), "std_error": error, "std_error_inputs": 0.0, "z": 0.0, "agrees": True})
 
 
-def _beside(*rows, spent=None, tolerance=0.01):
+def _beside(*rows, spent=None, tolerance=0.01, expected_s=1.0):
     total = {Reading("a", name, "mean"): error for name, error in ERRORS}
     found = NumericalAccuracy(
         tolerance=tolerance,
-        found=SimpleNamespace(budget=SimpleNamespace(total=total), estimated_only=False),
+        found=SimpleNamespace(budget=SimpleNamespace(total=total), estimated_only=False, expected_s=expected_s),
         effects=SimpleNamespace(spent=Bound() if spent is None else spent),
         left_out=frozenset() if spent is None else frozenset({Effect.SKYLIGHT}),
     )
@@ -49,7 +49,8 @@ def _beside(*rows, spent=None, tolerance=0.01):
         ("s1", 0.1),  # a share of S0, not of itself
         ("dolp", 5e-5),  # absolute
         ("aolp_deg", np.degrees(0.5 * 5e-5 / 0.1)),  # (s1, s2) may turn by 5e-5 of 0.1
-        ("ratio_0", 1.001 * (2e-4 + 3e-4)),  # of the counts, and of their mean
+        # (s1, s2) turn by 5e-5, over the channels' level of 0.999; of the counts' own errors few percents
+        ("ratio_0", 5e-5 * 2.001 / 0.999 + 0.03 * 1.001 * (2e-4 + 3e-4)),
     ],
 )
 def test_the_numerical_error_of_a_row_is_in_its_own_unit(quantity, error):
@@ -72,3 +73,14 @@ def test_no_smaller_tolerance_is_tried_where_this_one_does_or_there_is_none():
     assert _beside(_row("dolp", 1.0)).next_tolerance is None
     assert _beside(_row("dolp", 1e-9), tolerance=1e-6).next_tolerance is None
     assert _beside().share == 0.0
+
+
+def test_settings_that_would_take_minutes_are_not_tried_and_the_reached_error_is_said():
+    found = _beside(_row("dolp", 1e-4), expected_s=60.0)
+    assert found.next_tolerance is None
+    assert "0.5 of its row's standard error" in found.remark
+    assert "take minutes" in found.remark
+
+
+def test_an_error_of_s0_hardly_asks_for_a_smaller_tolerance_of_ratios():
+    assert _beside(_row("ratio_0", 4.2e-4)).is_kept
