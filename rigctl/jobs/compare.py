@@ -165,9 +165,7 @@ def _to_its_errors(
     """Return a comparison with a scene whose numerical errors are far below those of its rows, and what it took."""
     run = run_predictor(measurement, scene=scene, noise=given.noise)
 
-    def compared(
-        tried: NumericalAccuracy, coarser: Comparison | None = None
-    ) -> tuple[Comparison, NumericalAccuracy]:
+    def compared(tried: NumericalAccuracy, coarser: Comparison | None = None) -> tuple[Comparison, NumericalAccuracy]:
         made = compare_with_scene(
             measurement,
             scene=without_effects(scene, tried.left_out),
