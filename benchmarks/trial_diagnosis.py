@@ -1,44 +1,32 @@
 """Trial of a run's diagnosis over worldlike runs of other kinds: false findings, one fault, two faults, odd pictures.
 
-Usage: python -m benchmarks.trial_diagnosis [--seeds 400] [--first-seed 0] [--processes 2] [--parts null one two odd]
+Usage: python -m benchmarks.trial_diagnosis [--seeds 400] [--first-seed 0] [--processes 2] [--parts null two ...]
 
 Faults are ten of their own errors, as a run of the same scene without a fault states them (two: of their joint errors);
 scenes are the same with the fault and without, noise is not. A fault counts as named where it is named, or where the
-line that names another says that the two are not to be told apart. Faults without a rival are those that no other set
-of causes does as well, by the errors of the run without them: these have to be named themselves.
+line that names another says that the two are not to be told apart. "apart" are pairs that can be told from every other
+set of causes (see `drawn_faults`): both have to be named, and no confusion said.
 """
 
 import argparse
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from model.processing.diagnosis.causes import PER_FRAME, known_causes
+from benchmarks.drawn_faults import SIGMAS, DrawnFaults, Which, drawn, family, told_from_all
+from model.processing.diagnosis.causes import known_causes
 from model.processing.diagnosis.diagnosis import Diagnosis, diagnose
-from model.processing.diagnosis.evidence import estimates
-from model.processing.diagnosis.joint_fit import CONFUSED_MARGIN, FALSE_FINDING_RATE, JointFit, fit_faults
-from model.processing.diagnosis.weigher import Weigher, stand_ins
+from model.processing.diagnosis.joint_fit import FALSE_FINDING_RATE, JointFit, fit_faults
 from model.processing.reconstruction import design
 from tests.worldlike import Faults, World, expose, other_world, random_world
 
 Frames = NDArray[np.uint16]
-Which = tuple[str, int | None]
 
-# Largest faults that are tried, in the units of the diagnosis; dark levels as a share of the light.
-_LARGEST = {
-    "throughput": 0.05,
-    "throughput of pairs": 0.05,
-    "drift": 0.03,
-    "angle": float(np.radians(3.0)),
-    "shift": 2.0,
-    "dark level": 0.1,
-    "response power law": 0.2,
-}
-_SIGMAS, _ALIKE, _CHANCE = 10.0, 0.9, 1e-3
+_CHANCE, _TRIES = 1e-3, 20
 _WANTED_FIRST, _WANTED_BOTH = 0.95, 0.90
 
 
@@ -52,12 +40,12 @@ class Tried:
         Of the run.
     truth, named
         What was wrong, and what was named.
-    strict, found
-        Whether it was named itself, or in a stated confusion.
+    strict, outright, found
+        Whether it was named itself, without any confusion with others, or named or in a stated confusion.
     reason
         Why nothing is testable.
-    has_rival
-        Whether another set of causes does the same, as far as this run can tell.
+    is_apart, is_free
+        Whether it can be told from every other set of as many causes, and with every term of the model free.
     """
 
     seed: int
@@ -67,7 +55,9 @@ class Tried:
     strict: bool
     found: bool
     reason: str = ""
-    has_rival: bool = False
+    outright: bool = False
+    is_apart: bool = False
+    is_free: bool = False
 
 
 def _inputs(world: World, frames: Frames) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
@@ -120,99 +110,45 @@ def with_one(seed: int) -> Tried | None:
 
 
 def with_two(seed: int) -> Tried | None:
-    """Diagnose a run with two faults that can be told apart."""
+    """Diagnose a run with two faults that can be told apart when nothing else is thought of."""
     return _with_faults(seed, 2)
 
 
-def _with_faults(seed: int, count: int) -> Tried | None:
-    rng = np.random.default_rng([seed, 3, count])
-    for _ in range(20):
+def with_two_apart(seed: int) -> Tried | None:
+    """Diagnose a run with two faults that can be told from every other set of one or two."""
+    return _with_faults(seed, 2, is_apart=True)
+
+
+def _with_faults(seed: int, count: int, *, is_apart: bool = False) -> Tried | None:
+    rng = np.random.default_rng([seed, 3, count, is_apart] if is_apart else [seed, 3, count])
+    for _ in range(_TRIES):
         world, scene = _world(rng, seed), int(rng.integers(1 << 30))
         fit = _fitted(world, expose(world, Faults(), np.random.default_rng(scene)))
-        if fit is None or fit.named:
+        faults = drawn(fit, rng, count) if fit is not None and not fit.named else None
+        faults = told_from_all(faults) if faults is not None and is_apart else faults
+        if faults is None:
             continue
-        drawn = _drawn(fit, rng, count)
-        if drawn is not None:
-            break
-    else:
-        return None
-    chosen, sizes = drawn
-    faults = _as_faults(fit, chosen, sizes)
-    frames = expose(world, faults, np.random.default_rng(scene), np.random.default_rng(scene + 1))
-    found = diagnosed(world, frames)
-    named = _named(found)
-    truth = tuple((fit.evidence.causes[index].name, fit.evidence.causes[index].frame) for index in chosen)
+        frames = expose(world, faults.of_world(), np.random.default_rng(scene), np.random.default_rng(scene + 1))
+        return _judged(seed, world, faults, diagnosed(world, frames))
+    return None
+
+
+def _judged(seed: int, world: World, faults: DrawnFaults, found: Diagnosis) -> Tried:
+    truth, named = {family(one) for one in faults.names}, _named(found)
     said = {(term.name, term.frame): term.confused_with for term in found.terms if term.is_named}
-    looked_at = named[:1] if count == 1 else named
-    alike = {_family(other) for one in looked_at for other in (one, *said[one])}
-    strict = {_family(one) for one in looked_at} >= {_family(one) for one in truth}
+    looked_at = named[:1] if len(truth) == 1 else named
+    alike = {family(other) for one in looked_at for other in (one, *said[one])}
+    themselves = {family(one) for one in looked_at}
     return Tried(
         seed=seed,
         kind=f"{world.scene}, {len(world.angles_deg)} angles",
-        truth=truth,
+        truth=faults.names,
         named=named,
-        strict=strict,
-        found=alike >= {_family(one) for one in truth},
-        has_rival=_has_rival(fit, chosen, sizes),
-    )
-
-
-def _has_rival(fit: JointFit, chosen: Sequence[int], sizes: Sequence[NDArray[np.float64]]) -> bool:
-    """Return whether other causes would do as well in a run without noise, by the errors of this one."""
-    causes, information = fit.evidence.causes, fit.evidence.information
-    done = sum(causes[index].directions @ size for index, size in zip(chosen, sizes, strict=True))
-    weigher = Weigher(replace(fit.evidence, right=information @ np.asarray(done)))
-    rivals = stand_ins(weigher, tuple(chosen), fit.candidates, margin=CONFUSED_MARGIN)
-    return any(
-        _family((causes[other].name, causes[other].frame)) != _family((causes[index].name, causes[index].frame))
-        for index, others in rivals.items()
-        for other in others
-    )
-
-
-def _family(one: Which) -> Which:
-    """Return a cause, a curved response and a power law being one."""
-    return ("response", None) if one[0].startswith("response") else one
-
-
-def _drawn(fit: JointFit, rng: np.random.Generator, count: int) -> tuple[list[int], list[NDArray[np.float64]]] | None:
-    causes = fit.evidence.causes
-    chosen: list[int] = []
-    while len(chosen) < count:
-        kind = str(rng.choice(list(_LARGEST)))
-        of_kind = [index for index in fit.candidates.tolist() if causes[index].name == kind and index not in chosen]
-        if of_kind:
-            chosen.append(int(rng.choice(of_kind)))
-    if count == 2 and fit.weigher.correlation(*chosen) > _ALIKE:
-        return None
-    fitted = estimates(fit.evidence, chosen)
-    sizes = []
-    for index, part in zip(chosen, fitted.parts, strict=True):
-        spread = fitted.covariance[part, part]
-        along = rng.normal(size=len(spread))
-        size = _SIGMAS * along / np.sqrt(along @ np.linalg.solve(spread, along))
-        largest = _LARGEST[causes[index].name] * (fit.light if causes[index].unit == "DN" else 1.0)
-        if not fitted.is_determined or not np.linalg.norm(size) <= largest:
-            return None
-        sizes.append(size)
-    return chosen, sizes
-
-
-def _as_faults(fit: JointFit, chosen: Sequence[int], sizes: Sequence[NDArray[np.float64]]) -> Faults:
-    causes = fit.evidence.causes
-    total = sum(causes[index].directions @ size for index, size in zip(chosen, sizes, strict=True))
-    parts = np.asarray(total)[:-2].reshape(len(PER_FRAME), -1)
-    tone = sum(
-        float(size[0])
-        for index, size in zip(chosen, sizes, strict=True)
-        if causes[index].frame is None and causes[index].name == "response power law"
-    )
-    return Faults(
-        throughput=dict(enumerate(parts[0].tolist())),
-        angle_deg=dict(enumerate(np.degrees(parts[1]).tolist())),
-        dark_dn=dict(enumerate(parts[2].tolist())),
-        shift_pixels=dict(enumerate(map(tuple, parts[3:5].T.tolist()))),
-        tone=1.0 + tone,
+        strict=themselves >= truth,
+        outright=themselves >= truth and alike == themselves,
+        found=alike >= truth,
+        is_apart=faults.left_by_others >= SIGMAS**2,
+        is_free=faults.stand_beside_all(),
     )
 
 
@@ -248,9 +184,16 @@ _PARTS: dict[str, Callable[[int], Tried | None]] = {
     "null": without_fault,
     "one": with_one,
     "two": with_two,
+    "apart": with_two_apart,
     "odd": odd_picture,
 }
-_LEAST_SHARE = {"null": 1.0 - FALSE_FINDING_RATE, "one": _WANTED_FIRST, "two": _WANTED_BOTH, "odd": 1.0}
+_LEAST_SHARE = {
+    "null": 1.0 - FALSE_FINDING_RATE,
+    "one": _WANTED_FIRST,
+    "two": _WANTED_BOTH,
+    "apart": _WANTED_BOTH,
+    "odd": 1.0,
+}
 
 
 def run_diagnoses(seeds: int, *, first_seed: int = 0, processes: int = 2, parts: Sequence[str] = tuple(_PARTS)) -> bool:
@@ -265,18 +208,28 @@ def run_diagnoses(seeds: int, *, first_seed: int = 0, processes: int = 2, parts:
 
 
 def _told(part: str, tried: Sequence[Tried]) -> bool:
-    found, strict = sum(one.found for one in tried), sum(one.strict for one in tried)
-    alone = [one for one in tried if not one.has_rival]
-    sound = bool(found >= binom.ppf(_CHANCE, len(tried), _LEAST_SHARE[part]))
+    passed = [one.outright if part == "apart" else one.found for one in tried]
+    sound = bool(sum(passed) >= binom.ppf(_CHANCE, len(tried), _LEAST_SHARE[part]))
     print(
-        f"{part}: {len(tried)} runs, {found} as they are, {strict} of them without a stated confusion; "
-        f"of {len(alone)} without a rival {sum(one.strict for one in alone)}; "
-        f"{sum(bool(one.reason) for one in tried)} not testable{'' if sound else '   <- NOT AS STATED'}"
+        f"{part}: {_counted(tried)}; {sum(bool(one.reason) for one in tried)} not testable"
+        f"{'' if sound else '   <- NOT AS STATED'}"
     )
-    for one in tried:
-        if not one.found:
+    if part in ("one", "two", "apart"):
+        print(f"    told from every other set of as many: {_counted([one for one in tried if one.is_apart])}")
+        print(f"    every term of the model free:         {_counted([one for one in tried if one.is_free])}")
+    for one, is_passed in zip(tried, passed, strict=True):
+        if not is_passed:
             print(f"    seed {one.seed} ({one.kind}): {list(one.truth)} -> {list(one.named)}", flush=True)
     return sound
+
+
+def _counted(tried: Sequence[Tried]) -> str:
+    found, strict, outright = (
+        sum(one.found for one in tried),
+        sum(one.strict for one in tried),
+        sum(one.outright for one in tried),
+    )
+    return f"{len(tried)} runs, named or in a confusion {found}, themselves {strict}, without confusion {outright}"
 
 
 def main() -> int:

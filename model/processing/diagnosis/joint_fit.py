@@ -20,6 +20,10 @@ FALSE_FINDING_RATE = 0.01
 LEAST_SHARE_LEFT = 0.05
 # What fine structure between pixels feigns as a curved response (standard deviation).
 _RESPONSE_FLOOR = 0.01
+# Of the information of a throughput: less is what numbers of a computer round.
+_NUMBERS = 1e-13
+# Of the variance that weights allow scores: pictures without any noise leave what numbers of a computer round.
+_LEAST_SCATTER = 1e-6
 _PASSES, _ROUNDS, _MOST_CAUSES, _LEAST_TILES = 8, 4, 6, 12
 # Loss of evidence (natural logarithm) up to which other causes could stand in place of those named: one in a hundred.
 CONFUSED_MARGIN = 4.6
@@ -129,7 +133,7 @@ def share_left(evidence: Evidence, index: int) -> float:
     own = float(direction @ information @ direction)
     size = np.sqrt(np.maximum(np.diag(information)[:count], 0.0))
     held = size > 0.0
-    if not own > 0.0 or not held.any():
+    if not held.any() or not own > _NUMBERS * float(size.max()) ** 2:
         return 0.0
     others = information[:count, :count][np.ix_(held, held)] / np.outer(size[held], size[held])
     cross = (information[:count] @ direction)[held] / size[held]
@@ -163,7 +167,7 @@ def _fit_about(
     Causes that were named before stay where others explain the run hardly better: twins would follow one another.
     """
     sums = _Sums(scores=scores, parameters=parameters, causes=causes, offsets=offsets)
-    evidence = sums.evidence_about(_everything(causes, sums.information, sums.right), ())
+    evidence = sums.evidence_about(sums.everything(), ())
     left_out: set[int] = set()
     while True:
         evidence, candidates, best = _best_causes(sums, evidence, left_out, before)
@@ -250,6 +254,10 @@ class _Sums:
         """Return the evidence with the scatter of what some causes leave at their best sizes."""
         return self.evidence_about(_sum_of(self._evidence(self._unseen, 1.0), chosen), chosen)
 
+    def everything(self) -> FloatArray:
+        """Return the sizes of all faults at once."""
+        return _everything(self._causes, self.information, self.right, self._scores.expected_covariance + self._unseen)
+
     def evidence_about(self, about: FloatArray, fitted: tuple[int, ...]) -> Evidence:
         """Return the evidence with the scatter of what faults of a known size leave, some of them fitted."""
         directions = [self._causes[index].directions for index in fitted]
@@ -268,12 +276,13 @@ class _Sums:
 
 
 def _unseen(information: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the covariance of scores by rounding, and by what feigns a curved response."""
+    """Return the covariance of scores by rounding, of pictures and of numbers, and by what feigns a curved response."""
     frames = len(offsets)
     level = PER_FRAME.index("dark level") * frames
     offset = information[:, level : level + frames] * offsets
     feigned = information[:, len(PER_FRAME) * frames :] * _RESPONSE_FLOOR
-    return np.asarray(offset @ offset.T + feigned @ feigned.T)
+    least = np.diag(_LEAST_SCATTER * np.abs(np.diag(information)))
+    return np.asarray(offset @ offset.T + feigned @ feigned.T + least)
 
 
 def _candidates(evidence: Evidence) -> NDArray[np.intp]:
@@ -285,11 +294,19 @@ def _candidates(evidence: Evidence) -> NDArray[np.intp]:
     return np.array(testable, dtype=np.intp)
 
 
-def _everything(causes: tuple[Cause, ...], information: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the sizes of all faults at once, each held by what is expected of rigs."""
+def _everything(causes: tuple[Cause, ...], information: FloatArray, right: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return the sizes of all faults at once, each held by what is expected of rigs, and by the noise of the scores.
+
+    Notes
+    -----
+    The information of shifts is less than their noise, and in some directions nothing: it cannot stand for that noise.
+    """
     expected = np.column_stack([cause.directions * cause.expected for cause in causes])
-    prior = expected @ expected.T
-    return np.asarray(prior @ np.linalg.lstsq(np.eye(len(right)) + information @ prior, right)[0])
+    done = information @ expected
+    size = np.sqrt(np.diag(noise + done @ done.T))
+    size = np.where(size > 0.0, size, np.inf)
+    scaled = (noise + done @ done.T) / np.outer(size, size)
+    return np.asarray(expected @ (done.T @ (np.linalg.lstsq(scaled, right / size)[0] / size)))
 
 
 def _sum_of(evidence: Evidence, chosen: tuple[int, ...]) -> FloatArray:

@@ -120,9 +120,12 @@ def block_samples(
     slopes = [_block_sums(np.where(good, slope, 0.0)) * per_pixel for slope in _slopes(pictures, height, width)]
     walks = [np.tensordot(onto_light, slope, axes=1) for slope in slopes]
     turned = np.tensordot(slopes_of_angle @ plan.inverse, means, axes=1)
-    bent = _responses(np.tensordot(onto_light, images, axes=1), faults, light, per_pixel)
     gain = 1.0 + faults.throughput[:, None, None]
-    features = np.concatenate([fitted / gain, turned, np.ones_like(fitted), -walks[0], -walks[1], *bent])
+    # Of light before the throughputs: bent after them, it would bend the throughputs, and could stand in their place.
+    bent = _responses(np.tensordot(onto_light, images, axes=1) / gain, faults, light, per_pixel)
+    features = np.concatenate(
+        [fitted / gain, turned, np.ones_like(fitted), -walks[0], -walks[1], *(gain * one for one in bent)]
+    )
     features = np.asarray(features * (pixels > 0))
     return Samples(
         residual=means - fitted,

@@ -62,16 +62,15 @@ class Weigher:
         is_even
             As if every cause were met equally often: what the run itself says.
         """
-        heights, widths = np.empty(len(sets)), self._widths[sets]
+        heights, widths = np.full(len(sets), -np.inf), self._widths[sets]
         for kind in np.unique(widths, axis=0):
             these = np.flatnonzero(np.all(widths == kind, axis=1))
             starts = self._starts[sets[these]]
             parts = [starts[:, at, None] + np.arange(width) for at, width in enumerate(kind)]
             columns = np.concatenate(parts, axis=1)
-            heights[these] = self._of_columns(columns)
-            if sets.shape[1] > 1:
-                close = self._close[columns[:, :, None], columns[:, None, :]]
-                heights[these[np.linalg.eigvalsh(close)[:, 0] < _ALIKE]] = -np.inf
+            close = self._close[columns[:, :, None], columns[:, None, :]]
+            apart = np.linalg.eigvalsh(close)[:, 0] >= _ALIKE if sets.shape[1] > 1 else np.full(len(these), True)
+            heights[these[apart]] = self._of_columns(columns[apart])
         odds = 0.0 if is_even else self._odds[sets].sum(axis=1)
         return np.asarray(heights + odds + sets.shape[1] * self._per_cause)
 
@@ -112,13 +111,14 @@ def best_set(weigher: Weigher, candidates: NDArray[np.intp], *, most: int) -> tu
     Notes
     -----
     A cause is added while that raises the evidence, and each is exchanged for a better one as long as there is any. All
-    pairs are tried against a single cause that does not stand alone.
+    pairs are tried against a single cause that does not stand alone, and against nothing: faults of frames that stand
+    close to one another can hide each other.
     """
     chosen: tuple[int, ...] = ()
     best = weigher.log_evidence(chosen)
     while len(chosen) < most:
         larger, value = _grown(weigher, candidates, chosen)
-        if len(larger) == 2:
+        if len(larger) == 2 or (len(larger) == 1 < len(candidates) and value <= best):
             larger, value = max([(larger, value), _best_pair(weigher, candidates)], key=lambda found: found[1])
         larger, value = _exchanged(weigher, candidates, larger, value)
         if value <= best:

@@ -171,3 +171,33 @@ def test_small_pictures_of_many_angles_have_their_fault_named_or_the_confusion_s
     found = _diagnosed(world, Faults(throughput={1: 0.04}), seed)
     assert found.first is not None
     assert ("throughput", 1) in {(found.first.name, found.first.frame), *found.first.confused_with}
+
+
+_TWELVE_DEG = (7.0, 12.0, 31.0, 48.0, 60.0, 77.0, 93.0, 110.0, 121.0, 139.0, 150.0, 168.0)
+# Light that is hardly polarized, of small pictures: neither a response nor other sets of two do the same.
+_HARDLY_POLARIZED = World(
+    angles_deg=_TWELVE_DEG, height=64, width=96, scene="grain", texture_pixels=3.0, polarized=0.01
+)
+
+
+@pytest.mark.parametrize(
+    ("faults", "names"),
+    [
+        (Faults(drift=0.003, dark_dn={9: 40.0}), {("drift", None), ("dark level", 9)}),
+        # Neighbours that are off to either side hide each other.
+        (Faults(dark_dn={0: 40.0, 1: -40.0}), {("dark level", 0), ("dark level", 1)}),
+        (Faults(throughput={3: 0.02}, shift_pixels={8: (0.5, 0.5)}), {("throughput", 3), ("shift", 8)}),
+    ],
+)
+def test_faults_that_nothing_else_does_are_named_and_no_confusion_is_said(
+    faults: Faults, names: set[tuple[str, int | None]]
+) -> None:
+    found = _diagnosed(_HARDLY_POLARIZED, faults, 5)
+    assert set(_named(found)) == names
+    assert not [term.confused_with for term in found.terms if term.is_named and term.confused_with]
+
+
+def test_shifts_that_pictures_hardly_tell_apart_do_not_hide_themselves() -> None:
+    world = World(angles_deg=tuple(22.5 * k for k in range(8)), height=96, width=96, scene="stars", polarized=0.05)
+    found = _diagnosed(world, Faults(shift_pixels={5: (-0.4, -0.3), 4: (0.35, -0.3)}), 6)
+    assert set(_named(found)) == {("shift", 4), ("shift", 5)}
