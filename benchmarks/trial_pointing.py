@@ -1,24 +1,41 @@
 """Pointing: simulated cameras and panels of known direction; how often the stated intervals hold the truth.
 
-``python -m benchmarks.trial_pointing --seeds 200``
+``python -m benchmarks.trial_pointing --seeds 200``; with ``--draws 300`` also a scene whose angles are drawn from the
+joint law of their errors, beside what the propagation of ``[pointing]`` says.
 """
 
 import argparse
+import json
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammainc, ndtri
 
 from calibration.pointing.camera_pose import camera_axes, direction, fuse, wrapped_rad
 from calibration.pointing.lens import Lens
-from calibration.pointing.panel_pose import panel_stands, panel_tilt
+from calibration.pointing.panel_pose import joint_covariance, panel_stands, panel_tilt
 from calibration.pointing.sources import SunSeen, compass, level, level_panel, positions, shadow, sun_in_picture
+from rigctl.files.scene_file import load_scene
+from rigctl.prediction.propagated_inputs import NumberKey, propagate_numbers
+from rigctl.prediction.scene_prediction import ScenePredictor
+from tests.rigctl.scene_texts import SCENE, written
 
 FloatArray = NDArray[np.float64]
 WIDTH, HEIGHT = 782, 582
 FOCAL_PX = 1500.0
 LENS_STD = np.array([3.0, 3.0, 4.0, 4.0, 0.0, 0.0, 0.0, 0.0])
 CORNER_STD_PX = 0.3
+POINTED = (
+    "geometry.camera_zenith_deg",
+    "regions.paint.tilt_deg",
+    "geometry.camera_azimuth_deg",
+    "regions.paint.tilt_azimuth_deg",
+)
+STATISTICS = ("s0", "s1n", "s2n", "dolp")
 
 
 def true_lens(draws: np.random.Generator) -> tuple[Lens, Lens]:
@@ -82,7 +99,7 @@ def deviations(seed: int) -> Iterator[tuple[str, float]]:
         "compass": compass(reading, std[0], declination_rad=declination, declination_std_rad=declination_std),
         "level": level(tilted[0], tilted[1], std[1]),
         "positions": positions(target + of_place * draws.standard_normal(3), of_place),
-        "panel": level_panel("white", lies.normal, lies.covariance, std[2]),
+        "panel": level_panel("white", lies, std[2]),
         "shadow": shadow(foot, tip, CORNER_STD_PX, sun, stated),
     }
     toward = np.append(angles[0] + draws.uniform(-0.15, 0.15), 0.0)
@@ -90,7 +107,7 @@ def deviations(seed: int) -> Iterator[tuple[str, float]]:
     high = SunSeen(azimuth_rad=angles[0], elevation_rad=looking_up[1] + draws.uniform(-0.1, 0.1), std_rad=0.0)
     at = seen(high.vector[None, :], looking_up, true)[0] + CORNER_STD_PX * draws.standard_normal(2)
     held = looking_up[1:] + std[1] * draws.standard_normal(2)
-    up = fuse([sun_in_picture(at, CORNER_STD_PX, high, stated), level(held[0], held[1], std[1])])
+    up = fuse([sun_in_picture(at, CORNER_STD_PX, high, stated), level(held[0], held[1], std[1])], stated.covariance)
     yield "azimuth by sun and level", float(wrapped_rad(up.angles_rad - looking_up)[0] / up.std_rad[0])
     for name, chosen in (
         ("compass, level", ("compass", "level")),
@@ -98,17 +115,22 @@ def deviations(seed: int) -> Iterator[tuple[str, float]]:
         ("shadow, panel", ("shadow", "panel")),
         ("all", tuple(sources)),
     ):
-        found = fuse([sources[one] for one in chosen])
+        found = fuse([sources[one] for one in chosen], stated.covariance)
         off = wrapped_rad(found.angles_rad - angles) / found.std_rad
         yield from zip((f"{name}: azimuth", f"{name}: elevation", f"{name}: roll"), off.tolist(), strict=True)
         yield f"{name}: contradictions", float(bool(found.contradictions))
     stands = panel_stands(pictured(leaning), 3.0, 2.0, CORNER_STD_PX, stated)
-    tilts = [panel_tilt(stand, found.angles_rad, found.covariance) for stand in stands]
+    tilts = [panel_tilt(stand, found) for stand in stands]
     best = min(tilts, key=lambda one: abs(one.tilt_rad - leaning_tilt))
     yield "tilt of a panel", (best.tilt_rad - leaning_tilt) / best.tilt_std_rad
     turned = wrapped_rad(np.array([best.azimuth_rad - leaning_azimuth]))[0]
     yield "azimuth of a panel", float(turned / best.azimuth_std_rad)
     yield "two stands", float(len(stands) > 1)
+    errors = np.array([*(found.angles_rad - angles), best.tilt_rad - leaning_tilt, turned])
+    errors[[0, 2]] = wrapped_rad(errors[[0, 2]])
+    chi_square = errors @ np.linalg.solve(joint_covariance(found, [best]), errors)
+    # As a standard score: what a normal number exceeds as seldom as five of them this chi-square.
+    yield "camera and panel together", float(ndtri(0.5 + 0.5 * gammainc(2.5, 0.5 * chi_square)))
 
 
 def coverage(seeds: range) -> dict[str, tuple[float, float, float]]:
@@ -137,7 +159,65 @@ def run_pointing(seeds: int) -> bool:
     return all(two > 0.95 - 4.0 * np.sqrt(0.95 * 0.05 / seeds) for _, two, _ in numbers)
 
 
+def pointing_predictor(folder: Path, correlation: float) -> ScenePredictor:
+    """Return a leaning black panel under a fast sky, whose tilt and azimuth are off together with the camera's."""
+    alone = "[[regions]]".join(SCENE.split("[[regions]]")[:2]).replace("wavelengths = 2", "wavelengths = 1")
+    angles = alone.replace("camera_zenith_deg = 50.0", "camera_zenith_deg = { value = 50.0, std = 2.0 }")
+    angles = angles.replace("camera_azimuth_deg = 0.0", "camera_azimuth_deg = { value = 0.0, std = 3.0 }")
+    tilt = "tilt_deg = { value = 20.0, std = 2.5 }\ntilt_azimuth_deg = { value = 10.0, std = 4.0 }"
+    angles = angles.replace('material = "black-paint"', f'material = "black-paint"\n{tilt}')
+    rows = np.eye(4)
+    rows[[0, 1, 2, 3], [1, 0, 3, 2]] = correlation
+    text = f"{angles}[pointing]\nparameters = {json.dumps(POINTED)}\ncorrelation = {rows.tolist()}\n"
+    return ScenePredictor(load_scene(written(folder, text)), None)
+
+
+def propagated(predictor: ScenePredictor) -> FloatArray:
+    """Return the standard uncertainties that the angles alone make of `STATISTICS` of the panel."""
+    uncertain = np.isin(predictor.inputs.names, POINTED)
+    inputs = replace(predictor.inputs, cov=predictor.inputs.cov * np.outer(uncertain, uncertain))
+    found = propagate_numbers(
+        _numbers(predictor, {}), inputs, lambda values: predictor.predictions_of(inputs.at(values))
+    )
+    return np.asarray(np.sqrt(np.diag(found.cov)))
+
+
+def drawn(predictor: ScenePredictor, draws: int) -> FloatArray:
+    """Return their root mean square deviations over draws from the joint law, in pairs on either side."""
+    inputs, base = predictor.inputs, np.array(list(_numbers(predictor, {}).values()))
+    places = [inputs.names.index(key) for key in POINTED]
+    root = np.linalg.cholesky(inputs.cov[np.ix_(places, places)])
+    scores = np.random.default_rng(1).standard_normal((draws // 2, len(POINTED)))
+    off = []
+    for score in np.concatenate([scores, -scores]):
+        values = inputs.values[places] + root @ score
+        off.append(list(_numbers(predictor, dict(zip(POINTED, values.tolist(), strict=True))).values()) - base)
+    return np.asarray(np.sqrt(np.mean(np.square(off), axis=0)))
+
+
+def _numbers(predictor: ScenePredictor, changed: dict[str, float]) -> dict[NumberKey, float]:
+    quantities = predictor.predictions(changed)["paint"].quantities
+    return {NumberKey("paint", name, "mean"): quantities[name]["mean"] for name in STATISTICS}
+
+
+def run_draws(draws: int) -> bool:
+    """Print propagated and drawn uncertainties; return whether they agree within 20 %."""
+    good = True
+    for correlation in (-0.9, 0.0, 0.9):
+        with TemporaryDirectory() as folder:
+            predictor = pointing_predictor(Path(folder), correlation)
+        by_slopes, by_draws = propagated(predictor), drawn(predictor, draws)
+        for name, one, other in zip(STATISTICS, by_slopes.tolist(), by_draws.tolist(), strict=True):
+            print(f"correlation {correlation:+.1f}  {name:<5} propagated {one:.4g}  drawn {other:.4g}")
+        good &= bool(np.all(np.abs(by_slopes / by_draws - 1.0) < 0.2))
+    return good
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=200)
-    raise SystemExit(0 if run_pointing(parser.parse_args().seeds) else 1)
+    parser.add_argument("--draws", type=int, default=0)
+    arguments = parser.parse_args()
+    is_good = run_pointing(arguments.seeds) if arguments.seeds else True
+    is_good &= run_draws(arguments.draws) if arguments.draws else True
+    raise SystemExit(0 if is_good else 1)

@@ -44,19 +44,11 @@ class Lens:
         """Distortion, as OpenCV has it."""
         return np.asarray(self.parameters[4:])
 
-    def _uncertain(self) -> NDArray[np.bool_]:
-        return np.diag(self.covariance) > 0.0
-
-    def moved(self) -> Iterator[tuple["Lens", float]]:
-        """Give the lens with each uncertain number moved by a little, and by how much."""
-        for place in np.flatnonzero(self._uncertain()):
+    def moved(self) -> Iterator[tuple[int, "Lens", float]]:
+        """Give each uncertain number's place, the lens with it moved by a little, and by how much."""
+        for place in np.flatnonzero(np.diag(self.covariance) > 0.0).tolist():
             step = _STEP * float(np.sqrt(self.covariance[place, place]))
-            yield replace(self, parameters=self.parameters + step * np.eye(len(NAMES))[place]), step
-
-    def covariance_used(self) -> FloatArray:
-        """Return the covariance of the numbers that `moved` moves."""
-        used = self._uncertain()
-        return np.asarray(self.covariance[np.ix_(used, used)])
+            yield place, replace(self, parameters=self.parameters + step * np.eye(len(NAMES))[place]), step
 
 
 def plain_lens(focal_px: float, focal_std_px: float, width: int, height: int) -> Lens:

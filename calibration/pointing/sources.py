@@ -1,13 +1,14 @@
 """Sources of a camera's direction: compass, level, positions, sun in a picture, shadow, a panel that lies level."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.pointing.camera_pose import PoseSource, camera_axes, wrapped_rad
-from calibration.pointing.lens import Lens, rays
+from calibration.pointing.lens import NAMES, Lens, rays
+from calibration.pointing.panel_pose import PanelStand
 
 FloatArray = NDArray[np.float64]
 _STEP = 1e-3
@@ -15,6 +16,8 @@ _STEP = 1e-3
 _LEAST_RAD = 1e-6
 # A ray has to fall by this share of its length to meet the ground.
 _LEAST_DOWN = 1e-3
+# The ellipsoid of WGS 84.
+_EQUATOR_M, _ECCENTRICITY_2 = 6_378_137.0, 6.694_379_990_14e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +54,29 @@ def level(elevation_rad: float, roll_rad: float, std_rad: float) -> PoseSource:
         residual=lambda angles: wrapped_rad(np.array([elevation_rad - angles[1], roll_rad - angles[2]])),
         covariance=lambda _: std_rad**2 * np.eye(2),
     )
+
+
+def way_between(camera: Sequence[float], target: Sequence[float]) -> FloatArray:
+    """Return the way from one place to another nearby: east, north, up [m].
+
+    Parameters
+    ----------
+    camera, target : (latitude, longitude, height)
+        North and east are positive [deg, deg, m].
+
+    References
+    ----------
+    Radii of curvature of the ellipsoid of WGS 84 (NIMA TR8350.2), at the middle of both; what is neglected is of the
+    second order in the way over the Earth's radius.
+    """
+    middle = np.radians(0.5 * (camera[0] + target[0]))
+    flattened = 1.0 - _ECCENTRICITY_2 * np.sin(middle) ** 2
+    height = 0.5 * (camera[2] + target[2])
+    by_meridian = _EQUATOR_M * (1.0 - _ECCENTRICITY_2) / flattened**1.5 + height
+    by_parallel = (_EQUATOR_M / np.sqrt(flattened) + height) * np.cos(middle)
+    turned = float(wrapped_rad(np.radians([target[1] - camera[1]]))[0])
+    north = by_meridian * np.radians(target[0] - camera[0])
+    return np.array([by_parallel * turned, north, target[2] - camera[2]])
 
 
 def positions(camera_to_target_m: FloatArray, std_m: FloatArray) -> PoseSource:
@@ -92,7 +118,11 @@ def sun_in_picture(pixel: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens
         expected = camera_axes(angles) @ sun.vector
         return seen.covariance(lambda looks: _across(looks[0], expected)) + (sun.std_rad**2 + _LEAST_RAD**2) * np.eye(2)
 
-    return PoseSource(name="sun in the picture", residual=residual, covariance=covariance)
+    def by_lens(angles: FloatArray) -> FloatArray:
+        expected = camera_axes(angles) @ sun.vector
+        return seen.by_lens(lambda looks: _across(looks[0], expected))
+
+    return PoseSource(name="sun in the picture", residual=residual, covariance=covariance, by_lens=by_lens)
 
 
 def shadow(foot: FloatArray, tip: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens) -> PoseSource:
@@ -121,6 +151,7 @@ def shadow(foot: FloatArray, tip: FloatArray, pixel_std: float, sun: SunSeen, le
         name="shadow",
         residual=lambda angles: residual_of(seen.rays, angles),
         covariance=lambda angles: seen.covariance(lambda local: residual_of(local, angles)) + variance,
+        by_lens=lambda angles: seen.by_lens(lambda local: residual_of(local, angles)),
     )
 
 
@@ -129,46 +160,53 @@ class _SeenPoints:
 
     def __init__(self, pixels: FloatArray, pixel_std: float, lens: Lens) -> None:
         self.rays = rays(pixels, lens)
+        self._std = pixel_std
         steps = _STEP * np.eye(pixels.size).reshape(-1, *pixels.shape)
-        moved = [(rays(pixels + step, lens), _STEP) for step in steps]
-        moved += [(rays(pixels, other), step) for other, step in lens.moved()]
-        self._slopes = np.array([(found - self.rays) / step for found, step in moved])
-        self._errors = np.zeros((len(moved), len(moved)))
-        count = len(steps)
-        self._errors[:count, :count] = pixel_std**2 * np.eye(count)
-        self._errors[count:, count:] = lens.covariance_used()
+        self._by_pixel = [(rays(pixels + step, lens) - self.rays) / _STEP for step in steps]
+        self._by_lens = [np.zeros_like(self.rays) for _ in NAMES]
+        for place, other, step in lens.moved():
+            self._by_lens[place] = (rays(pixels, other) - self.rays) / step
 
     def covariance(self, of: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return the covariance of something that is computed of the rays."""
+        """Return the covariance of something that is computed of the rays, by the errors of the pixels."""
+        slope = self._slope(of, self._by_pixel)
+        return np.asarray(self._std**2 * slope @ slope.T)
+
+    def by_lens(self, of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Return the change of something that is computed of the rays by each number of the lens."""
+        return self._slope(of, self._by_lens)
+
+    def _slope(self, of: Callable[[FloatArray], FloatArray], moves: Sequence[FloatArray]) -> FloatArray:
         base = of(self.rays)
-        columns = [wrapped_rad(of(self.rays + _STEP * slope) - base) / _STEP for slope in self._slopes]
-        slope = np.column_stack(columns)
-        return np.asarray(slope @ self._errors @ slope.T)
+        return np.column_stack([wrapped_rad(of(self.rays + _STEP * move) - base) / _STEP for move in moves])
 
 
-def level_panel(name: str, normal: FloatArray, covariance: FloatArray, tilt_std_rad: float) -> PoseSource:
+def level_panel(name: str, stand: PanelStand, tilt_std_rad: float) -> PoseSource:
     """Return what a panel says that lies level: its normal, in the camera's axes, is the vertical.
 
     Parameters
     ----------
     name : str
         Of the panel.
-    normal : (3,) array
-        Unit vector out of its face, in the camera's axes.
-    covariance : (3, 3) array
-        Of its error.
+    stand : PanelStand
+        How it stands before the camera.
     tilt_std_rad : float
         How level it lies, in each of two directions [rad].
     """
 
-    def residual(angles: FloatArray) -> FloatArray:
-        return _across(normal, camera_axes(angles) @ np.array([0.0, 0.0, 1.0]))
+    def vertical(angles: FloatArray) -> FloatArray:
+        return camera_axes(angles) @ np.array([0.0, 0.0, 1.0])
 
     def spread(angles: FloatArray) -> FloatArray:
-        basis = _basis(camera_axes(angles) @ np.array([0.0, 0.0, 1.0]))
-        return basis @ covariance @ basis.T + tilt_std_rad**2 * np.eye(2)
+        basis = _basis(vertical(angles))
+        return basis @ stand.covariance @ basis.T + tilt_std_rad**2 * np.eye(2)
 
-    return PoseSource(name=f"level panel {name}", residual=residual, covariance=spread)
+    return PoseSource(
+        name=f"level panel {name}",
+        residual=lambda angles: _across(stand.normal, vertical(angles)),
+        covariance=spread,
+        by_lens=lambda angles: np.asarray(_basis(vertical(angles)) @ stand.by_lens),
+    )
 
 
 def _across(seen: FloatArray, expected: FloatArray) -> FloatArray:

@@ -69,8 +69,9 @@ def propagate(
     -----
     Slopes are central differences over one standard uncertainty. A curved input adds, to J cov J', the second moment of
     its own response by Gauss-Hermite quadrature less what its slope says of it: the bend's shift of the mean is in the
-    covariance, since the results stay where they are. Of inputs that are correlated with others only their own bend is
-    seen, not how two of them bend together. Where the results do not exist on one side of an input, the slope to the
+    covariance, since the results stay where they are. Inputs that are correlated with one another are moved together,
+    along the principal axes of their covariance, once one of them is curved; how two axes bend together is not seen,
+    nor how two independent inputs do. Where the results do not exist on one side of an input, the slope to the
     other side has to do, as beside a limit.
 
     References
@@ -80,15 +81,16 @@ def propagate(
     response = _Response(function, values, cov, least, most)
     linear = np.asarray(response.slopes @ response.cov @ response.slopes.T)
     spread = np.sqrt(np.diag(linear))
-    bent = [k for k in response.uncertain if response.bends_more_than(k, curvature_tolerance * spread)]
-    total, curved = linear, []
-    for k in bent:
-        extra = response.extra_by_quadrature(k)
-        if extra is not None:
-            curved.append(k)
+    bent = {k for k in response.uncertain if response.bends_more_than(k, curvature_tolerance * spread)}
+    total, curved = linear, set[int]()
+    for group in response.groups:
+        for inputs, extra in response.extras(group, bent.intersection(group)):
+            curved |= inputs
             total = total + extra
     limited = {*bent, *response.untested}.difference(curved)
-    return Propagation(effects=response.effects, cov=total, curved=tuple(curved), limited=tuple(sorted(limited)))
+    return Propagation(
+        effects=response.effects, cov=total, curved=tuple(sorted(curved)), limited=tuple(sorted(limited))
+    )
 
 
 class _Response:
@@ -120,18 +122,51 @@ class _Response:
         rounding = 1e-9 * np.abs(self._centre)
         return k in self._bends and bool(np.any(np.abs(self._bends[k]) > allowed + rounding))
 
-    def extra_by_quadrature(self, k: int) -> FloatArray | None:
-        """Return the second moment of an input's response less its linear part; None where the limits are too near."""
+    @property
+    def groups(self) -> list[list[int]]:
+        """The uncertain inputs, those that are correlated with one another together."""
+        found: list[list[int]] = []
+        for k in self.uncertain:
+            joined = [group for group in found if any(self.cov[k, other] != 0.0 for other in group)]
+            found = [group for group in found if group not in joined]
+            found.append(sorted([k, *(other for group in joined for other in group)]))
+        return found
+
+    def extras(self, group: list[int], bent: set[int]) -> list[tuple[set[int], FloatArray]]:
+        """Return what the bent inputs of a group add, together where there is room for that, else each alone."""
+        tries = [(bent, self._extra_by_quadrature(group))] if bent else []
+        if len(group) > 1 and tries and tries[0][1] is None:
+            tries = [({k}, self._extra_by_quadrature([k])) for k in sorted(bent)]
+        return [(inputs, extra) for inputs, extra in tries if extra is not None]
+
+    def _extra_by_quadrature(self, group: list[int]) -> FloatArray | None:
+        """Return the second moment of what correlated inputs do less its linear part; None where limits are too near.
+
+        Along principal axes of their covariance the inputs are independent of one another.
+        """
+        variances, axes = np.linalg.eigh(self.cov[np.ix_(group, group)])
+        total = np.zeros((self._centre.size, self._centre.size))
+        for variance, axis in zip(variances, axes.T, strict=True):
+            move = np.zeros(self._values.size)
+            move[group] = np.sqrt(max(variance, 0.0)) * axis
+            extra = self._extra_along(move)
+            if extra is None:
+                return None
+            total += extra
+        return total
+
+    def _extra_along(self, move: FloatArray) -> FloatArray | None:
+        """Return the second moment of the response along one axis less its linear part, by the widest rule there is."""
         for count in _RULES:
             nodes, weights = np.polynomial.hermite_e.hermegauss(count)
-            reach = self._std[k] * nodes.max()
-            if not (reach < self._below[k] and reach < self._above[k]):
+            reach = np.abs(move) * nodes.max()
+            there = reach > 0.0
+            if not np.all((reach < self._below)[there] & (reach < self._above)[there]):
                 continue
-            off = [self._off(k, node * self._std[k]) for node in nodes]
-            known = [one for one in off if one is not None]
+            known = [one for one in (self._moved(node * move) for node in nodes) if one is not None]
             if len(known) == count:
                 moment = (np.array(known).T * (weights / weights.sum())) @ np.array(known)
-                effect = self.slopes[:, k] * self._std[k]
+                effect = self.slopes @ move
                 return np.asarray(moment - np.outer(effect, effect))
         return None
 
@@ -154,9 +189,10 @@ class _Response:
 
     def _off(self, k: int, move: float) -> FloatArray | None:
         """Return the change of the results by a move of one input; None where they do not exist."""
-        moved = self._values.copy()
-        moved[k] += move
+        return self._moved(move * np.eye(self._values.size)[k])
+
+    def _moved(self, move: FloatArray) -> FloatArray | None:
         try:
-            return self._function(moved) - self._centre
+            return self._function(self._values + move) - self._centre
         except ValueError:
             return None

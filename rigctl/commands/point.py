@@ -1,5 +1,6 @@
 """``rigctl point``: where camera and panels point."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,9 @@ from rigctl.console.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:
     from rigctl.jobs.point import Pointed
+
+# Pairs of angles that are shown, and the least correlation of them; --write has all.
+_SHOWN, _WORTH_A_LINE = 6, 0.1
 
 
 def command(
@@ -25,7 +29,9 @@ def command(
         typer.Option(metavar="X,Y,X,Y", help="Shadow of an upright rod on level ground: from its foot to its tip."),
     ] = None,
     compass: Annotated[str | None, typer.Option(metavar="DEG+-S", help="Whereto the camera looks, magnetic.")] = None,
-    declination: Annotated[str | None, typer.Option(metavar="DEG+-S", help="Of the compass, east positive.")] = None,
+    declination: Annotated[
+        str | None, typer.Option(metavar="DEG+-S", help="Of the compass, east positive, or 11.3 W.")
+    ] = None,
     level: Annotated[
         str | None, typer.Option(metavar="E,R+-S", help="Elevation (down is negative) and roll of the camera.")
     ] = None,
@@ -56,11 +62,13 @@ def command(
     """Find azimuth, zenith angle and roll of the camera and tilt of panels, each with its standard uncertainty.
 
     Every source that is given counts by its error; one that the others exclude is said. --write puts the angles into
-    the scene file as { value = ..., std = ... }, so that a comparison allows for them.
+    the scene file as { value = ..., std = ... }, and how their errors go together into its [pointing], so that a
+    comparison allows for them.
 
     Example: rigctl point runs/panels --compass "171 +- 2" --declination "-11.3 +- 0.3" --level "-35,0.4 +- 0.3"
     """
-    from rigctl.jobs.point import PointRequest, point
+    from rigctl.jobs.point import point
+    from rigctl.jobs.point_request import PointRequest
 
     found = point(
         PointRequest(
@@ -102,5 +110,22 @@ def _print(found: "Pointed") -> None:
     for name, numbers in found.regions.items():
         for key, (value, std) in numbers.items():
             console.print(f"{name}.{key:<20} {value:9.3f} +- {std:.3f}", markup=False)
+    for line in _going_together(found):
+        console.print(line, markup=False)
     for line in found.changes:
         progress().print(line, markup=False)
+
+
+def _going_together(found: "Pointed") -> Iterable[str]:
+    """Give the pairs of angles whose errors go together, the closest first."""
+    together = found.pointing
+    if together is None:
+        return
+    rows = [
+        (one, other, together.correlation[i][k])
+        for i, one in enumerate(together.parameters)
+        for k, other in enumerate(together.parameters[:i])
+    ]
+    for one, other, correlation in sorted(rows, key=lambda row: -abs(row[2]))[:_SHOWN]:
+        if abs(correlation) >= _WORTH_A_LINE:
+            yield f"errors of {other} and {one} go together: correlation {correlation:+.2f}"

@@ -229,6 +229,9 @@ def _reasons(predictions: "Mapping[str, RegionPrediction]") -> dict[str, Json]:
 def _of_uncertainty(predicted: "PredictedScene") -> Iterable[str]:
     uncertain, errors = predicted.uncertain_inputs, predicted.uncertainty
     if errors is not None:
+        from rigctl.reports.tables.prediction_tables import correlation_lines
+
+        yield from correlation_lines(errors)
         yield from errors.remarks or (
             () if uncertain else ("no input has a stated uncertainty: all are taken as exact",)
         )

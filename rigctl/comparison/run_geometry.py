@@ -8,7 +8,7 @@ import numpy as np
 
 from rigctl.files.config import Uncertain
 from rigctl.files.light_sections import SunSection
-from rigctl.files.place import GeometrySection, Place, SiteSection
+from rigctl.files.place import GeometrySection, Place, PointingSection, SiteSection
 from rigctl.files.scene_file import SceneFile
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.frame_record import FrameRecord
@@ -117,9 +117,31 @@ def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
     geometry = None if run.session.rig is None else run.session.rig.geometry
     if geometry is None:
         return scene
+    pointing = scene.pointing
     if scene.geometry is not None:
+        pointing = None if pointing is None else _without_angles_of_run(pointing, geometry)
         geometry = _with_stds(geometry, scene.geometry)
-    return scene.model_copy(update={"geometry": geometry})
+    return scene.model_copy(update={"geometry": geometry, "pointing": pointing})
+
+
+def _without_angles_of_run(pointing: PointingSection, geometry: GeometrySection) -> PointingSection | None:
+    """Return how errors go together without the angles whose errors the run itself states; None where nothing is left.
+
+    An angle of the run without a standard uncertainty has that of the scene file, and goes together as before.
+    """
+    stated = {f"geometry.{name}" for name in type(geometry).model_fields if _is_stated_otherwise(geometry, name)}
+    kept = [k for k, key in enumerate(pointing.parameters) if key not in stated]
+    if len(kept) < 2:
+        return None
+    return PointingSection(
+        parameters=tuple(pointing.parameters[k] for k in kept),
+        correlation=tuple(tuple(pointing.correlation[i][k] for k in kept) for i in kept),
+    )
+
+
+def _is_stated_otherwise(geometry: GeometrySection, name: str) -> bool:
+    number = getattr(geometry, name)
+    return number is None or number.std > 0.0
 
 
 def _with_stds(used: GeometrySection, stated: GeometrySection) -> GeometrySection:
@@ -193,6 +215,7 @@ def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, flo
 
 
 def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
+    yield from _pointing_set_aside(scene, changed)
     stated, used = _directions(scene), _directions(changed)
     for name, number in used.items():
         before = stated.get(name)
@@ -202,6 +225,13 @@ def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
             yield f"{name}: {number.value:.2f} of the run, not {before.value:.2f} of the scene file"
     if "geometry.phi_deg" in used and used.get("sun.azimuth_deg") != stated.get("sun.azimuth_deg"):
         yield "geometry.phi_deg: kept as stated, though the run has another sun: no camera azimuth is known"
+
+
+def _pointing_set_aside(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
+    kept = () if changed.pointing is None else changed.pointing.parameters
+    gone = [key for key in (() if scene.pointing is None else scene.pointing.parameters) if key not in kept]
+    if gone:
+        yield f"pointing: set aside for {', '.join(gone)}: the run has errors of its own for angles of [pointing]"
 
 
 def _directions(scene: SceneFile) -> dict[str, Parameter]:

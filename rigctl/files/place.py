@@ -1,13 +1,22 @@
-"""Places: the site on the Earth, and the camera as the target sees it. Rig and scene files share them."""
+"""Places: the site on the Earth, the camera as the target sees it, and how well. Rig and scene files share them."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from rigctl.files.config import Allowed, NotNegative, Section, Uncertain, with_std_apart
 
 NotBelow0 = Annotated[float, Field(ge=0)]
+
+FloatArray = NDArray[np.float64]
+
+# Two correlations of one pair that differ by more are two numbers; and what rounding makes of an eigenvalue.
+_SAME, _SINGULAR = 1e-9, 1e-9
+# A parameter with less of the singular direction is not named.
+_TAKES_PART = 0.1
 
 
 def _zenith(number: Uncertain) -> Uncertain:
@@ -90,3 +99,46 @@ class GeometrySection(Section):
         if (self.camera_azimuth_deg is None) == (self.phi_deg is None):
             raise ValueError("needs exactly one of camera_azimuth_deg and phi_deg")
         return self
+
+
+class PointingSection(Section):
+    """How the errors of the camera's and the panels' angles go together: `rigctl point --write` writes it.
+
+    What finds the panels' tilt from a picture takes the camera's direction for it: both are then off together. Each
+    number has its own standard uncertainty where it stands.
+    """
+
+    parameters: Annotated[tuple[str, ...], Field(min_length=2)]
+    """Angles with a std of their own. Example: `["geometry.camera_zenith_deg", "regions.black_panel.tilt_deg"]`."""
+    correlation: tuple[tuple[Annotated[float, Field(ge=-1, le=1)], ...], ...]
+    """Correlation of their errors, a row for each. Example: `[[1.0, 0.8], [0.8, 1.0]]`."""
+
+    @model_validator(mode="after")
+    def _is_correlation(self) -> "PointingSection":
+        count = len(self.parameters)
+        if len(set(self.parameters)) < count:
+            raise ValueError("parameters names one twice")
+        if len(self.correlation) != count or any(len(row) != count for row in self.correlation):
+            raise ValueError(f"correlation needs {count} rows of {count} numbers, one for each of parameters")
+        found = np.array(self.correlation)
+        if np.any(np.abs(np.diag(found) - 1.0) > _SAME):
+            raise ValueError("correlation is not 1 on its diagonal; standard uncertainties stand with the numbers")
+        for i, j in zip(*np.nonzero(np.abs(found - found.T) > _SAME), strict=True):
+            raise ValueError(
+                f"correlation is not symmetric: [{i}][{j}] is {found[i, j]:g}, [{j}][{i}] is {found[j, i]:g}"
+            )
+        self._require_definite(found)
+        return self
+
+    def _require_definite(self, correlation: FloatArray) -> None:
+        values, vectors = np.linalg.eigh(correlation)
+        if values[0] > _SINGULAR:
+            return
+        strongest = np.argsort(-np.abs(vectors[:, 0]), kind="stable")
+        names = ", ".join(self.parameters[k] for k in strongest if abs(vectors[k, 0]) > _TAKES_PART)
+        if values[0] < -_SINGULAR:
+            raise ValueError(f"correlation is that of no errors: {names} contradict (eigenvalue {values[0]:.2g})")
+        raise ValueError(
+            f"correlation is singular: it says that one of {names} is known exactly from the others; leave one out, "
+            "or take its correlation smaller"
+        )

@@ -13,13 +13,15 @@ from rigctl.files.config import Fraction, NotNegative, Positive, Section, Uncert
 from rigctl.files.effect_sections import Drift, EffectsSection, ErrorsSection
 from rigctl.files.light_sections import AtmosphereSection, FieldSection, ResponseSection, SunSection
 from rigctl.files.material_file import find_material
-from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.place import GeometrySection, PointingSection, SiteSection
 from rigctl.files.regions import Region, require_distinct
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 
 StokesValues = tuple[Uncertain, Uncertain, Uncertain]
 Row = tuple[Uncertain, Uncertain, Uncertain]
 Limits = tuple[float, float]
+_CAMERA_ANGLES = ("camera_zenith_deg", "camera_azimuth_deg", "phi_deg", "camera_roll_deg")
+_PANEL_ANGLES = ("tilt_deg", "tilt_azimuth_deg")
 # Places of a covariance of S0, S1, S2 on and above its diagonal.
 COVARIANCE_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -237,6 +239,8 @@ class SceneFile(Section):
     """The sun, by its angles or by a time."""
     geometry: GeometrySection | None = None
     """Where the camera is as seen from the target."""
+    pointing: PointingSection | None = None
+    """How the errors of the camera's and the panels' angles go together."""
     atmosphere: AtmosphereSection | None = None
     """The air."""
     field_of_view: FieldSection | None = None
@@ -258,6 +262,21 @@ class SceneFile(Section):
     def _one_drift(self) -> "SceneFile":
         if self.rig.light_drift is not None and "illumination_drift" in self.errors.model_fields_set:
             raise ValueError("rig.light_drift and errors.illumination_drift are one number; leave the first out")
+        return self
+
+    @model_validator(mode="after")
+    def _pointing_is_of_angles(self) -> "SceneFile":
+        angles = pointing_angles(self)
+        for key in () if self.pointing is None else self.pointing.parameters:
+            number = angles.get(key)
+            if number is None:
+                there = ", ".join(angles) or "none: no [geometry] and no regions of a material"
+                raise ValueError(f"pointing.parameters: {key!r} is no angle of camera or panel; there are {there}")
+            if number.std == 0.0:
+                raise ValueError(
+                    f"pointing.parameters: {key} is stated as exact, so that its error goes together with nothing; "
+                    f"give its std, {{ value = {number.value:g}, std = 0.5 }}, or leave it out of [pointing]"
+                )
         return self
 
     @model_validator(mode="after")
@@ -286,6 +305,16 @@ class SceneFile(Section):
         if by_phi and self.sun.time is None and self.sun.azimuth_deg is None and tilted:
             raise ValueError("a tilted region needs azimuths: sun.azimuth_deg, and camera_azimuth_deg or phi_deg")
         return self
+
+
+def pointing_angles(scene: SceneFile) -> dict[str, Uncertain]:
+    """Return the angles of camera and panels that a scene states, by their keys."""
+    found: dict[str, Uncertain | None] = {}
+    if scene.geometry is not None:
+        found = {f"geometry.{name}": getattr(scene.geometry, name) for name in _CAMERA_ANGLES}
+    for region in scene.regions:
+        found |= {f"regions.{region.name}.{name}": getattr(region, name) for name in _PANEL_ANGLES}
+    return {key: number for key, number in found.items() if number is not None}
 
 
 def load_scene(path: str | Path) -> SceneFile:

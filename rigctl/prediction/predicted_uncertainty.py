@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.prediction.prediction import RegionPrediction
-from rigctl.prediction.propagated_inputs import NumberKey, curved_inputs, propagate_numbers
+from rigctl.prediction.propagated_inputs import NumberKey, correlated_pairs, curved_inputs, propagate_numbers
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.scene_inputs import only_uncertain
 
@@ -32,12 +32,15 @@ class PredictedUncertainty:
         Region, quantity and statistic to the change by one standard uncertainty of each of these alone, shape (k,).
     remarks : tuple of str
         What was curved, or stood at a limit.
+    correlations : tuple of (input, input, correlation)
+        Inputs whose errors go together, the closest first; the effects are of each alone.
     """
 
     std_errors: Nested
     inputs: tuple[str, ...]
     effects: dict[NumberKey, FloatArray]
     remarks: tuple[str, ...]
+    correlations: tuple[tuple[str, str, float], ...] = ()
 
     def ranked(self, region: str, quantity: str) -> list[tuple[str, float]]:
         """Return inputs with what one standard uncertainty of each changes of a mean, the largest first."""
@@ -88,6 +91,7 @@ def predicted_uncertainty(
             for (key, number), effects in zip(numbers.items(), found.effects, strict=True)
         },
         remarks=tuple(curved_inputs(found, uncertain)),
+        correlations=tuple(correlated_pairs(uncertain)),
     )
 
 

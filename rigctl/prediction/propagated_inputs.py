@@ -75,6 +75,15 @@ def curved_inputs(propagation: Propagation, uncertain: Inputs) -> Iterable[str]:
         yield f"so near to what is possible, for its uncertainty, that a slope had to do: {names}"
 
 
+def correlated_pairs(uncertain: Inputs) -> list[tuple[str, str, float]]:
+    """Return the inputs whose errors go together, two and two with their correlation, the closest first."""
+    std = np.sqrt(np.diag(uncertain.cov))
+    correlation = uncertain.cov / np.outer(std, std)
+    pairs = [(i, k) for k in range(len(std)) for i in range(k) if correlation[i, k] != 0.0]
+    rows = [(uncertain.names[i], uncertain.names[k], float(correlation[i, k])) for i, k in pairs]
+    return sorted(rows, key=lambda row: -abs(row[2]))
+
+
 def _value(key: NumberKey, regions: Mapping[str, RegionPrediction]) -> float:
     try:
         return regions[key.region].quantities[key.quantity][key.statistic]

@@ -19,7 +19,7 @@ from rigctl.files.config import Uncertain
 from rigctl.files.effect_sections import ErrorsSection
 from rigctl.files.material_file import find_material
 from rigctl.files.place import SiteSection
-from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion, SensorSection
+from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion, SensorSection, pointing_angles
 from rigctl.scene.effect_choice import choice_remarks
 from rigctl.scene.geometry_limits import geometry_remarks
 from rigctl.scene.parameter_table import DRIFT, NOISE_FACTOR, SUN_AZIMUTH, SUN_ZENITH
@@ -56,13 +56,14 @@ def scene_of_file(file: SceneFile, noise: NoiseParameters | None = None) -> Scen
         geometry=file.geometry,
         atmosphere=file.atmosphere,
         field_of_view=file.field_of_view,
-        joint_errors=(*joint, *by_site),
+        joint_errors=(*joint, *by_site, *_pointing(file)),
         remarks=(
             *_of_noise(file, noise, known),
             *assumed_materials(file),
             *choice_remarks(file),
             *_of_old_keys(file),
             *geometry_remarks(file),
+            *_of_pointing(file),
         ),
     )
 
@@ -184,6 +185,23 @@ def _sun_of_time(file: SceneFile, time: datetime) -> tuple[Sun, tuple[JointError
     )
     joint = JointErrors(keys=(SUN_ZENITH, SUN_AZIMUTH), covariance=covariance)
     return sun, (joint,) if file.site.is_uncertain else ()
+
+
+def _pointing(file: SceneFile) -> Iterable[JointErrors]:
+    """Give the covariance of the angles of camera and panels, of those that the model has."""
+    if file.pointing is None:
+        return
+    given = {f"regions.{region.name}." for region in file.regions if region.material is None}
+    keys, angles = file.pointing.parameters, pointing_angles(file)
+    used = [k for k, key in enumerate(keys) if key in angles and key.rpartition(".")[0] + "." not in given]
+    std = np.array([angles[keys[k]].std for k in used])
+    correlation = np.array(file.pointing.correlation)[np.ix_(used, used)]
+    if len(used) > 1:
+        yield JointErrors(keys=tuple(keys[k] for k in used), covariance=correlation * np.outer(std, std))
+
+
+def _of_pointing(file: SceneFile) -> Iterable[str]:
+    yield from (f"the errors of {', '.join(one.keys)} go together, as [pointing] says" for one in _pointing(file))
 
 
 def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:

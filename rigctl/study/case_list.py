@@ -38,7 +38,7 @@ def cases_of(section: CasesSection, scenes: Sequence[Scene]) -> tuple[Case, ...]
         cases; all problems at once.
     """
     parameters = [_parameters(section, scene) for scene in scenes]
-    tables = [_values(section, found) for found in parameters]
+    tables = [_values(section, scene, found) for scene, found in zip(scenes, parameters, strict=True)]
     rows = ((place, row) for place, table in enumerate(tables) for row in table)
     keys = tuple(section.parameters)
     return tuple(
@@ -95,7 +95,7 @@ def _parameters(section: CasesSection, scene: Scene) -> dict[str, Parameter]:
     return found
 
 
-def _values(section: CasesSection, found: Mapping[str, Parameter]) -> Iterable[Sequence[float]]:
+def _values(section: CasesSection, scene: Scene, found: Mapping[str, Parameter]) -> Iterable[Sequence[float]]:
     varied = section.parameters
     steps = [one.steps for one in varied.values()]
     if section.kind == "grid":
@@ -106,9 +106,28 @@ def _values(section: CasesSection, found: Mapping[str, Parameter]) -> Iterable[S
     n = section.n or 0
     _require_few(n * {"sobol": len(varied) + 2, "morris": len(varied) + 1}.get(section.kind, 1))
     cube = unit_draws(section.kind, len(varied), n, section.seed)
+    if section.kind in ("random", "latin"):
+        cube = _going_together(cube, section, scene)
     columns = [_at(one, found[key], cube[:, k]) for k, (key, one) in enumerate(varied.items())]
     rows: list[list[float]] = np.stack(columns, axis=1).tolist()
     return rows
+
+
+def _going_together(cube: FloatArray, section: CasesSection, scene: Scene) -> FloatArray:
+    """Return draws of numbers with their stated errors as those errors go together; all others stay independent."""
+    places = {key: k for k, (key, one) in enumerate(section.parameters.items()) if one.std == "stated"}
+    drawn = cube.copy()
+    for joint in scene.joint_errors:
+        chosen = [k for k, key in enumerate(joint.keys) if key in places]
+        columns = [places[joint.keys[k]] for k in chosen]
+        covariance = joint.covariance[np.ix_(chosen, chosen)]
+        std = np.sqrt(np.diag(covariance))
+        if len(chosen) > 1 and np.all(std > 0.0):
+            variances, axes = np.linalg.eigh(covariance / np.outer(std, std))
+            root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+            scores = ndtri(np.maximum(cube[:, columns], np.finfo(np.float64).tiny))
+            drawn[:, columns] = ndtr(scores @ root)
+    return drawn
 
 
 def _require_few(cases: int) -> None:

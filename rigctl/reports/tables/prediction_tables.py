@@ -22,6 +22,8 @@ _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
 Statistics = Mapping[str, float]
 # Probabilities at which the law of DoLP is stated.
 _QUANTILES = ("DoLP 2.5 %", "median", "97.5 %")
+# Pairs of inputs whose errors go together, and the least correlation of them that is shown.
+_PAIRS, _WORTH_A_LINE = 6, 0.1
 # Of as many inputs as make the uncertainty; the rest is in the JSON.
 _SHOWN = 6
 
@@ -130,7 +132,20 @@ def input_effects_json(found: PredictedUncertainty) -> dict[str, Json]:
         region: {quantity: dict(found.ranked(region, quantity)) for quantity in ORDERED if quantity in quantities}
         for region, quantities in found.std_errors.items()
     }
-    return {"uncertain_inputs": list(found.inputs), "input_effects": effects, "input_remarks": list(found.remarks)}
+    together: list[Json] = [{"inputs": [one, other], "correlation": value} for one, other, value in found.correlations]
+    return {
+        "uncertain_inputs": list(found.inputs),
+        "input_effects": effects,
+        "input_correlations": together,
+        "input_remarks": list(found.remarks),
+    }
+
+
+def correlation_lines(found: PredictedUncertainty) -> Iterable[str]:
+    """Give the inputs whose errors go together, the closest pairs, a line each."""
+    for one, other, value in found.correlations[:_PAIRS]:
+        if abs(value) >= _WORTH_A_LINE:
+            yield f"errors of {one} and {other} go together: correlation {value:+.2f}; the table has each alone"
 
 
 def input_effect_tables(found: PredictedUncertainty) -> Iterable[Table[str]]:

@@ -27,6 +27,22 @@ def test_a_square_about_its_vertex_is_taken_by_quadrature():
     np.testing.assert_allclose(found.cov, [[3 * 0.25**2]], rtol=1e-12)
 
 
+def test_correlated_inputs_bend_together_along_the_axes_of_their_covariance():
+    # x0 + x1 ~ N(0, t) with t = 2 s^2 (1 + rho): of its square the second moment is 3 t^2. Each alone makes 3 s^4.
+    cov = 0.25 * np.array([[1.0, 0.9], [0.9, 1.0]])
+    found = _propagate(lambda x: np.array([(x[0] + x[1]) ** 2]), [0.0, 0.0], cov)
+    assert found.curved == (0, 1)
+    np.testing.assert_allclose(found.cov, [[3.0 * cov.sum() ** 2]], rtol=1e-12)
+
+
+def test_correlated_inputs_without_room_together_are_moved_alone():
+    cov = np.array([[0.25, 0.2], [0.2, 0.25]])
+    room = {"least": np.array([-9.0, 0.0]), "curvature_tolerance": 0.01}
+    found = _propagate(lambda x: np.array([x[0] ** 2 + 9.0 * x[1]]), [0.0, 0.6], cov, **room)
+    assert (found.curved, found.limited) == ((0,), ())
+    np.testing.assert_allclose(found.cov, [[81.0 * 0.25 + 3.0 * 0.25**2]], rtol=1e-12)
+
+
 def test_a_curved_response_beside_a_steep_one_is_left_to_slopes():
     def function(x):
         return np.array([100.0 * x[0] + x[1] ** 2])

@@ -143,3 +143,20 @@ def test_a_distance_that_is_not_known_stays_so_on_the_day_of_the_run(tmp_path):
     # 25 May: 0.9748 (NREL).
     assert found.sun.distance_factor.value == pytest.approx(0.9748, abs=1e-3)
     assert found.sun.distance_factor.std == 0.02
+
+
+def test_angles_whose_errors_the_run_states_go_together_with_nothing(tmp_path):
+    text = SCENE.replace("camera_zenith_deg = 50.0", "camera_zenith_deg = { value = 50.0, std = 1.0 }")
+    text = text.replace("camera_azimuth_deg = 0.0", "camera_azimuth_deg = { value = 0.0, std = 2.0 }")
+    text = text.replace('material = "black-paint"', 'material = "black-paint"\ntilt_deg = { value = 9.0, std = 1.0 }')
+    names = ["geometry.camera_zenith_deg", "geometry.camera_azimuth_deg", "regions.paint.tilt_deg"]
+    rows = [[1.0, 0.1, 0.7], [0.1, 1.0, 0.2], [0.7, 0.2, 1.0]]
+    scene = load_scene(written(tmp_path, f"{text}[pointing]\nparameters = {names}\ncorrelation = {rows}\n"))
+    exact = {"camera_zenith_deg": 50.0, "camera_azimuth_deg": {"value": 1.0, "std": 5.0}}
+    found, said = scene_of_run(scene, run_of(rig={"geometry": exact}), [frame(start_utc=AT_NOON)])
+    assert found.pointing.parameters == (names[0], names[2])
+    assert found.pointing.correlation == ((1.0, 0.7), (0.7, 1.0))
+    assert any("pointing: set aside for geometry.camera_azimuth_deg" in line for line in said)
+    stated = {"camera_zenith_deg": {"value": 50.0, "std": 0.5}, "camera_azimuth_deg": {"value": 1.0, "std": 5.0}}
+    found, _ = scene_of_run(scene, run_of(rig={"geometry": stated}), [frame(start_utc=AT_NOON)])
+    assert found.pointing is None

@@ -114,3 +114,37 @@ def test_a_region_given_by_its_material_has_no_radiance_to_paint(tmp_path):
 def test_a_field_of_view_is_angles_or_a_picture(tmp_path, text):
     with pytest.raises(ConfigError, match="needs width_deg and height_deg, or focal_length_mm"):
         load_scene(written(tmp_path, SCENE + "[field_of_view]\n" + text))
+
+
+ZENITH, AZIMUTH = "geometry.camera_zenith_deg", "geometry.camera_azimuth_deg"
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "said"),
+    [
+        ([ZENITH, AZIMUTH], [[1.0, 1.0], [1.0, 1.0]], "correlation is singular"),
+        ([ZENITH, AZIMUTH], [[1.0, 0.5], [0.4, 1.0]], "correlation is not symmetric: [0][1] is 0.5, [1][0] is 0.4"),
+        ([ZENITH, AZIMUTH], [[4.0, 0.5], [0.5, 1.0]], "pointing.correlation"),
+        ([ZENITH, AZIMUTH], [[0.9, 0.5], [0.5, 1.0]], "not 1 on its diagonal"),
+        ([ZENITH, AZIMUTH], [[1.0, 0.5]], "correlation needs 2 rows of 2 numbers"),
+        ([ZENITH, ZENITH], [[1.0, 0.5], [0.5, 1.0]], "names one twice"),
+        ([ZENITH], [[1.0]], "pointing.parameters"),
+        ([ZENITH, "regions.sea.tilt_deg"], [[1.0, 0.5], [0.5, 1.0]], "'regions.sea.tilt_deg' is no angle"),
+        ([ZENITH, "noise.prnu"], [[1.0, 0.5], [0.5, 1.0]], "'noise.prnu' is no angle of camera or panel"),
+        ([ZENITH, "regions.paint.tilt_deg"], [[1.0, 0.5], [0.5, 1.0]], "regions.paint.tilt_deg is stated as exact"),
+        (
+            [ZENITH, AZIMUTH, "geometry.camera_roll_deg"],
+            [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]],
+            "correlation is that of no errors",
+        ),
+    ],
+)
+def test_errors_that_cannot_go_together_are_refused(tmp_path, names, rows, said):
+    text = SCENE.replace("camera_zenith_deg = 50.0", "camera_zenith_deg = { value = 50.0, std = 1.0 }")
+    text = text.replace(
+        "camera_azimuth_deg = 0.0",
+        "camera_azimuth_deg = { value = 0.0, std = 2.0 }\ncamera_roll_deg = { value = 0.0, std = 1.0 }",
+    )
+    with pytest.raises(ConfigError) as refused:
+        load_scene(written(tmp_path, f"{text}[pointing]\nparameters = {names}\ncorrelation = {rows}\n"))
+    assert said in str(refused.value)

@@ -15,7 +15,8 @@ from rigctl import cli
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import Place
 from rigctl.files.scene_file import load_scene
-from rigctl.jobs.point import PointRequest, point
+from rigctl.jobs.point import point
+from rigctl.jobs.point_request import PointRequest
 from rigctl.numbers.utc_time import utc_moment
 from rigctl.scene.skies.sun_position import sun_position
 from tests.calibration.pointing.test_pointing import STANDS, _board
@@ -97,6 +98,12 @@ def test_shadow_and_level_panel_tell_everything(run, tmp_path):
     assert tilt["tilt_deg"][0] == pytest.approx(30.0, abs=4.0 * tilt["tilt_deg"][1])
     assert tilt["tilt_azimuth_deg"][0] == pytest.approx(320.0, abs=4.0 * tilt["tilt_azimuth_deg"][1])
     assert max(one[1] for one in (*geometry.values(), *tilt.values())) < 2.0
+    names, covariance = found.joint
+    assert names[:2] == ("geometry.camera_azimuth_deg", "geometry.camera_zenith_deg")
+    assert np.sqrt(np.diag(covariance))[[0, 3]] == pytest.approx([geometry[names[0][9:]][1], tilt["tilt_deg"][1]])
+    # The panel leans whereto the camera's azimuth says.
+    together = dict(zip(found.pointing.parameters, found.pointing.correlation[0], strict=True))
+    assert together["regions.black.tilt_azimuth_deg"] > 0.5
 
 
 def test_angles_are_written_into_the_scene_with_their_errors(run, tmp_path, capsys):
@@ -114,7 +121,39 @@ def test_angles_are_written_into_the_scene_with_their_errors(run, tmp_path, caps
     assert told["geometry"]["camera_roll_deg"]["value"] == pytest.approx(0.4, abs=1e-3)
     kept = [line for line in text.splitlines() if line.strip().startswith("#")]
     assert all(line in scene.read_text() for line in kept)
+    assert "[pointing]" not in scene.read_text()  # a compass and a level have no error in common
     assert cli.main(["point", str(run), *options, "--write", str(scene)]) == 0
+
+
+def test_errors_that_go_together_are_written_once(run, tmp_path):
+    scene, looks = tmp_path / "scene.toml", np.radians([180.0, -37.0, 1.0])
+    text = (ROOT / "examples/scene-rooftop-noon.toml").read_text()
+    forward = camera_axes(looks)[2]
+    leaning = panel_corners(19.0 * forward, np.radians(30.0), np.radians(10.0), 1.0, np.array([2.0, 1.5]))
+    polygon = f"polygon = {np.round(seen(leaning, looks, LENS), 4).tolist()}"
+    scene.write_text(text.replace("rectangle = { x = 70, y = 190, width = 150, height = 130 }", polygon))
+    request = PointRequest(
+        run=run,
+        focal_px="900 +- 1",
+        compass="180 +- 2",
+        declination="0.5 E +- 0.1",
+        level="-37,1 +- 0.3",
+        outlines=scene,
+        panels=("black_panel=2x1.5",),
+        pixel_std=0.05,
+        write=scene,
+    )
+    first = point(request)
+    found = load_scene(scene).pointing
+    assert found == first.pointing
+    assert found.parameters[-1] == "regions.black_panel.tilt_azimuth_deg"
+    assert found.correlation[0][-1] > 0.95
+    assert not point(request).changes
+    assert scene.read_text().count("[pointing]") == 1
+    once = scene.read_text()
+    assert all(line in once for line in text.splitlines() if line.startswith("#"))
+    point(PointRequest(run=run, compass="180 +- 2", declination="0.5E +- 0.1", write=scene))
+    assert load_scene(scene).pointing is None
 
 
 def test_contradicting_sources_are_said(run, capsys):
@@ -132,6 +171,14 @@ def test_contradicting_sources_are_said(run, capsys):
         ({"compass": "10", "declination": "1 +- 1"}, "--compass: is '10'; write 1 number and an error"),
         ({"compass": "nan +- 1", "declination": "1 +- 1"}, "--compass"),
         ({"level": "1 +- 1"}, "--level: is '1 .- 1'; write 2 numbers"),
+        ({"level": "95,0 +- 1"}, "95 does not lie within -90 and 90"),
+        ({"compass": "10 +- 1", "declination": "-3 W +- 1"}, "not both"),
+        ({"compass": "10 +- 1", "declination": "200 +- 1"}, "200 does not lie within"),
+        ({"sun": "400,10", "focal_px": FOCAL}, "400,10 lies outside of the pictures, which have 320 x 240"),
+        ({"shadow": "10,10,10,10", "focal_px": FOCAL}, "foot and tip lie within"),
+        ({"panels": ("a=1.2.3x1",), "outlines": ROOT / "examples/regions.toml"}, "--panel: is 'a=1.2.3x1'"),
+        ({"level_panels": ("a=1.2.3",)}, "--level-panel: is 'a=1.2.3'"),
+        ({"level_panels": ("a=1", "a=2")}, "a is given twice"),
         ({"sun": "10,10"}, "--lens FILE, or --focal-px"),
         ({"sun": "10", "focal_px": FOCAL}, "--sun: is '10'; write 2 numbers"),
         ({"panels": ("a=1x1",)}, "--outlines FILE"),
@@ -143,6 +190,39 @@ def test_contradicting_sources_are_said(run, capsys):
 def test_what_is_not_enough_is_refused(run, more, said):
     with pytest.raises(ConfigError, match=said):
         point(PointRequest(run=run, **more))
+
+
+def test_sources_that_exclude_one_another_are_said_where_none_can_be_named(run, capsys):
+    # The sun stands 67 deg high and in the picture of a camera that looks down, says the level.
+    options = ["--sun", "160,120", "--focal-px", FOCAL, "--level", "-35,0 +- 0.3"]
+    assert cli.main(["point", str(run), *options]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "level and sun in the picture contradict one another" in said
+
+
+def test_a_compass_may_lie_west_of_north(run):
+    looks = [
+        point(PointRequest(run=run, compass="171 \u00b1 2", declination=text)).pose.angles_rad[0]
+        for text in ("-11.3 +- 0.3", "11.3 W +/- 0.3", "11.3w +- 0.3")
+    ]
+    assert np.degrees(looks) == pytest.approx(159.7)
+
+
+def test_places_on_either_side_of_the_date_line_are_near(run):
+    request = PointRequest(run=run, camera_at="10,179.9999,20 +- 0.1", target_at="10,-179.9999,20 +- 0.1")
+    assert np.degrees(point(request).pose.angles_rad[0]) == pytest.approx(90.0)
+
+
+def test_what_a_long_run_moves_the_sun_is_in_its_error(tmp_path):
+    site = {f"site_{name}": value for name, value in SITE.items()}
+    frames = [(at(0.0, **site, start_utc=f"2010-05-25T{hour}:07:40Z"), np.zeros((240, 320))) for hour in (16, 17)]
+    make_run(tmp_path / "long", frames)
+    of_run = point(PointRequest(run=tmp_path / "long", sun="160,120", focal_px=FOCAL))
+    ns = int(utc_moment("2010-05-25T16:37:40Z").timestamp()) * 10**9
+    of_moment = point(PointRequest(run=tmp_path / "long", sun="160,120", focal_px=FOCAL, at_ns=ns))
+    assert of_run.sun_deg == pytest.approx(of_moment.sun_deg)
+    # 14 deg in an hour at 23 deg from the pole of its path: 4 deg, of a rectangular law.
+    assert np.degrees(of_run.pose.std_rad[1]) > 2.0 > np.degrees(of_moment.pose.std_rad[1])
 
 
 def test_a_run_without_site_has_no_sun(tmp_path):

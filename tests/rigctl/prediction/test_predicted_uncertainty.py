@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.trial_pointing import POINTED, drawn, pointing_predictor, propagated
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
@@ -104,3 +105,25 @@ def test_the_command_shows_errors_and_what_makes_them(tmp_path, capsys):
 def test_the_command_says_that_inputs_are_uncertain(tmp_path, capsys):
     assert main(["predict", str(written(tmp_path, UNCERTAIN))]) == 0
     assert "--uncertainty" in capsys.readouterr().err
+
+
+def test_angles_that_are_off_together_are_propagated_as_draws_of_them(tmp_path):
+    correlation = 0.9
+    predictor = pointing_predictor(tmp_path, correlation)
+    places = [predictor.inputs.names.index(key) for key in POINTED[:2]]
+    assert predictor.inputs.cov[places[0], places[1]] == pytest.approx(correlation * 2.0 * 2.5)
+    # Of eight pairs of draws; the trial has 150. Taken as independent S0 would be three times as uncertain.
+    ratio = propagated(predictor) / drawn(predictor, 16)
+    assert ratio == pytest.approx(1.0, abs=0.6)
+
+
+def test_the_listing_says_which_errors_go_together(tmp_path, capsys):
+    numbers = "camera_zenith_deg = { value = 53.0, std = 1.0 }\ncamera_azimuth_deg = { value = 0.0, std = 2.0 }\n"
+    text = only("geometry", numbers)
+    names = ["geometry.camera_zenith_deg", "geometry.camera_azimuth_deg"]
+    pointing = f"[pointing]\nparameters = {names}\ncorrelation = [[1.0, -0.6], [-0.6, 1.0]]\n"
+    scene = written(tmp_path, text + pointing)
+    assert main(["predict", str(scene), "--uncertainty"]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "errors of geometry.camera_zenith_deg and geometry.camera_azimuth_deg go together: correlation -0.60" in said
+    assert "as [pointing] says" in said

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.trial_pointing import POINTED, pointing_predictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.study_file import CasesSection
@@ -106,3 +107,15 @@ def test_a_stated_deviation_has_to_be_there(scene):
 def test_what_a_study_file_cannot_mean_is_refused(content, words):
     with pytest.raises(ValueError, match=words):
         CasesSection.model_validate(content)
+
+
+@pytest.mark.parametrize("kind", ["random", "latin"])
+def test_stated_errors_are_drawn_as_they_go_together(tmp_path, kind):
+    scene = pointing_predictor(tmp_path, -0.9).scene
+    varied = {key: {"std": "stated"} for key in POINTED}
+    found = columns(cases_of(section(kind=kind, n=400, seed=1, parameters=varied), [scene]))
+    correlation = np.corrcoef(found.T)
+    # Of 400 draws: 0.05 where there is none, 0.01 where it is 0.9.
+    assert correlation[0, 1] == pytest.approx(-0.9, abs=0.05)
+    assert correlation[0, 2] == pytest.approx(0.0, abs=0.2)
+    assert np.std(found[:, 0]) == pytest.approx(2.0, rel=0.15)
