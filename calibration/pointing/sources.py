@@ -195,7 +195,7 @@ def level_panel(name: str, stand: PanelStand, tilt_std_rad: float) -> PoseSource
     """
 
     def vertical(angles: FloatArray) -> FloatArray:
-        return camera_axes(angles) @ np.array([0.0, 0.0, 1.0])
+        return np.asarray(camera_axes(angles)[:, 2])
 
     def spread(angles: FloatArray) -> FloatArray:
         basis = _basis(vertical(angles))
