@@ -233,7 +233,7 @@ def _run(arguments: list[str]) -> int:
     except SystemExit as finished:  # typer has said what there is to say: help, a usage error, an exit code
         return finished.code if isinstance(finished.code, int) else 0
     except Exception as error:
-        code, message = _failure(error)
+        code, message = failure_of(error)
         _say(message)
         return code
     return 0
@@ -249,7 +249,7 @@ def _run_for_programs(arguments: list[str]) -> int:
     except SystemExit as finished:
         return finished.code if isinstance(finished.code, int) else 0
     except Exception as error:
-        code, message = _failure(error)
+        code, message = failure_of(error)
     else:
         return code if isinstance(code, int) else 0
     sys.stdout.write(failure_json(code, visible(message), verb=arguments[0]))
@@ -257,7 +257,7 @@ def _run_for_programs(arguments: list[str]) -> int:
     return code
 
 
-def _failure(error: Exception) -> tuple[int, str]:
+def failure_of(error: Exception) -> tuple[int, str]:
     """Return the exit code and the words of a failure."""
     if isinstance(error, tuple(kind for kind, _ in EXIT_CODES)):
         return next(code for kind, code in EXIT_CODES if isinstance(error, kind)), str(error)

@@ -15,7 +15,7 @@ from rigctl.runs.session_record import DeviceAsTaken, SessionRecord
 from rigctl.runs.wholeness import wholeness
 
 Fact = str | float | None
-_KEPT_FILES = (SESSION_FILE, MANIFEST_FILE, EVENTS_FILE, ANNOTATIONS_FILE)
+KEPT_FILES = (SESSION_FILE, MANIFEST_FILE, EVENTS_FILE, ANNOTATIONS_FILE)
 _MS_PER_S = 1000.0
 _ZENITH_DEG = 90.0
 
@@ -28,7 +28,7 @@ def is_run(folder: Path) -> bool:
 def fingerprint(run: Path) -> str:
     """Return what changes when a run does: size and time of its journals, and of the folder, whose frames they name."""
     facts = []
-    for path in (run, *(run / name for name in _KEPT_FILES)):
+    for path in (run, *(run / name for name in KEPT_FILES)):
         try:
             stat = path.stat()
         except FileNotFoundError:

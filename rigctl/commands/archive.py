@@ -5,12 +5,16 @@ from typing import Annotated
 
 import typer
 
+from rigctl.commands import archive_runs
 from rigctl.console.terminal import print_json, print_json_list, progress, results
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Index an archive of runs, find runs in it, and see how the rig fared.\n\nExample: rigctl archive index runs",
+    help="Index an archive of runs, find runs in it, do a job over all of them, and see how the rig fared.\n\n"
+    "Example: rigctl archive index runs",
 )
+for _command in (archive_runs.compare, archive_runs.stokes, archive_runs.verify, archive_runs.recalibrate):
+    app.command()(_command)
 
 _Root = Annotated[Path, typer.Argument(metavar="ROOT", help="Folder with runs at any depth below it.")]
 _Json = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]

@@ -43,8 +43,8 @@ def command(
 
     Example: rigctl study examples/study-panels.toml --out panels-study --workers 2
     """
+    from rigctl.cluster.on_dask import Engine
     from rigctl.jobs.study import StudyRequest
-    from rigctl.study.on_dask import Engine
 
     if scheduler is not None and workers is not None:
         raise ConfigError("--workers: is of this machine; a scheduler has its own")

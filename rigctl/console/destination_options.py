@@ -68,7 +68,9 @@ _NEW = _Place(kind="new")
 _ABSENT = _Place(kind="absent")
 # As many figures and sets of materials as are asked for.
 _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
+_ARCHIVED = ("archive.csv", "archive.json", "archive.html")
 DESTINATIONS: dict[str, dict[str, _Place]] = {
+    **{f"archive {verb}": {"out": _folder(*_ARCHIVED)} for verb in ("compare", "stokes", "verify", "recalibrate")},
     "acquire": {"out": _NEW},
     "bundle": {"out": _FILE},
     "record": {"out": _FILE},
@@ -195,8 +197,8 @@ def _is_edited(verb: str, path: Path, values: Mapping[str, Any]) -> bool:
 def _inputs(values: Mapping[str, Any], places: Mapping[str, _Place]) -> list[Path]:
     found: list[Path] = []
     for key, value in values.items():
-        # A rig file that is written into is no input of the calibration.
-        if key in places or key == "write":
+        # A rig file that is written into is no input of the calibration; an archive grows, and its rows with it.
+        if key in places or key in ("write", "root"):
             continue
         many = value if isinstance(value, (list, tuple)) else (value,)
         found += [one for one in many if isinstance(one, Path)]

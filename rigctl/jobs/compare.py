@@ -94,7 +94,7 @@ def compare_run(
     ConfigError, DataError
         A file is wrong, or the run is unfit for what is asked.
     """
-    _require_possible(request)
+    require_possible(request)
     scene, regions = _outlined(request)
     run = used_run(run_path)
     picked = picked_for_run(request.calibrations, run, _KINDS if request.scale == "panel" else _KINDS[:-1])
@@ -126,7 +126,8 @@ def compare_run(
     return found
 
 
-def _require_possible(request: CompareRequest) -> None:
+def require_possible(request: CompareRequest) -> None:
+    """Refuse a request that is none, whatever the run: no scene and no regions, or an impossible alpha."""
     if not 0.0 < request.alpha < 1.0:
         raise ConfigError(f"--alpha: is {request.alpha:g}; allowed is above 0 and below 1, for instance 0.001")
     if request.scene is None and request.regions is None:

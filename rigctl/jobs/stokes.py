@@ -18,6 +18,7 @@ from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
 from rigctl.reports.outputs.measurement_files import write_stokes
 from rigctl.reports.tables.numbers_json import diagnosis_json, measurement_json
+from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import used_run
 
 
@@ -108,9 +109,13 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
     ConfigError, DataError
         A file is wrong, or the run is unfit.
     """
+    return stokes_of(used_run(request.run), request)
+
+
+def stokes_of(run: Run, request: StokesRequest) -> StokesOfRun:
+    """Return the Stokes parameters of a run that was read already, as `stokes_of_run` does."""
     given_regions = request.regions or []
     regions = load_regions(given_regions) if isinstance(given_regions, Path) else given_regions
-    run = used_run(request.run)
     picked = picked_for_run(request.calibrations, run, ("noise", "polarizer", "flat", "registration"))
     given = read_calibrations(picked.paths, run)
     seen = diagnosed(run, regions, given, correct=request.correct)

@@ -8,6 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from rigctl.cluster.held_folder import held_folder
+from rigctl.cluster.on_dask import Engine, client_of, compute_all
 from rigctl.errors import ConfigError
 from rigctl.files.study_file import SENSITIVITY_KINDS, StudyFile, load_study
 from rigctl.numbers.utc_time import utc_text
@@ -15,13 +17,12 @@ from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.roc_curves import ROC_RATES, parse_roc
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import get
-from rigctl.study.batch import Batch, BatchResult, batches_of
+from rigctl.study.batch import Batch, BatchResult, batches_of, compute, failed, parts_of
 from rigctl.study.case_list import cases_of
-from rigctl.study.kept_parts import held_folder, read_parts, write_part
-from rigctl.study.on_dask import Engine, client_of, compute_all
+from rigctl.study.kept_parts import read_parts, write_part
 from rigctl.study.sensitivity import MorrisEffect, SobolIndex, morris_of, numbers_of, sobol_of
 from rigctl.study.study_arrays import StudyArrays, arrays_of
-from rigctl.study.study_case import Case, StudyScene, Wanted, case_hash, code_version, study_scene
+from rigctl.study.study_case import PACKAGES, Case, StudyScene, Wanted, case_hash, code_version, study_scene
 from rigctl.study.study_store import CONVENTIONS, Axis, StudyTable, column_name, write_parquet, write_zarr
 
 _DETECTION = ("p_detection", "auc")
@@ -160,9 +161,10 @@ def _computed(request: StudyRequest, plan: _Plan, left: Sequence[Case], tell: Ca
         tell(new)
 
     try:
-        with client_of(request.engine) as client:
+        with client_of(request.engine, command="study", packages=PACKAGES) as client:
             workers = max(1, len(client.scheduler_info()["workers"]))
-            compute_all(client, batches_of(left, plan.scenes, plan.wanted, workers=workers), keep)
+            batches = batches_of(left, plan.scenes, plan.wanted, workers=workers)
+            compute_all(client, compute, batches, keep, parts=parts_of, lost=failed)
     except KeyboardInterrupt:
         return "stopped"
     return "whole"

@@ -13,7 +13,8 @@ The frames are the truth; the manifest is their table of contents and can be mad
 
 import hashlib
 from collections import Counter
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,8 @@ class Run:
         Frames that people have left out; they are not among `frames`.
     annotations : tuple of Annotation
         What people have noted of it.
+    written_angles_deg : mapping
+        Sequence numbers of frames whose polarizer angle was recalibrated to the angle that their files state [deg].
     """
 
     path: Path
@@ -68,6 +71,7 @@ class Run:
     created_utc: str
     excluded: tuple[FrameRecord, ...] = ()
     annotations: tuple[Annotation, ...] = ()
+    written_angles_deg: Mapping[int, float | None] = field(default_factory=dict)
 
     def counts(self, record: FrameRecord) -> NDArray[np.uint16]:
         """Return the samples of a frame, once its checksum has been found right.
@@ -82,6 +86,8 @@ class Run:
         RunFolderError
             The file is gone, or is not the one that was written.
         """
+        if record.sequence in self.written_angles_deg:
+            record = replace(record, polarizer_angle_deg=self.written_angles_deg[record.sequence])
         return read_frame(self.path, record).counts
 
 

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
 
@@ -230,3 +230,26 @@ def _rocs(
         for kind, of_kind in enumerate(ROC_KINDS):
             roc[there, kind] = [one.p_detection for one in curves[of_kind]]
     return roc
+
+
+def parts_of(batch: Batch) -> tuple[Batch, ...]:
+    """Return a batch as batches of one case each."""
+    return tuple(replace(batch, cases=(case,)) for case in batch.cases)
+
+
+def failed(batch: Batch, reason: str) -> BatchResult:
+    """Return the result of a batch that no worker could compute."""
+    cases = len(batch.cases)
+    regions = tuple(region.name for region in batch.scene.file.regions)
+    return BatchResult(
+        numbers=tuple(case.number for case in batch.cases),
+        regions=regions,
+        pairs=(),
+        values=np.full((cases, len(regions), len(batch.wanted.columns)), np.nan),
+        p_detection=np.empty((cases, 0, 0)),
+        auc=np.empty((cases, 0)),
+        roc=np.empty((cases, 0, 0)),
+        seconds=np.full(cases, np.nan),
+        is_new_sky=np.zeros(cases, dtype=bool),
+        reasons=(reason,) * cases,
+    )

@@ -1,43 +1,17 @@
 """What of a study is done: a durable file for each batch; a kill or a power cut takes what was in flight alone."""
 
-import fcntl
 import io
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from rigctl.cluster.held_folder import PARTS_FOLDER
 from rigctl.errors import DataError
 from rigctl.storage.array_archive import read_arrays
 from rigctl.storage.durable_file import write_durably
 from rigctl.study.batch import BatchResult
-
-PARTS_FOLDER = "parts"
-_LOCK_FILE = ".lock"
-
-
-@contextmanager
-def held_folder(out: Path) -> Iterator[None]:
-    """Hold a study's folder, which is made where it is not there: no other study writes into it meanwhile.
-
-    Raises
-    ------
-    DataError
-        Another study holds it.
-    """
-    (out / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(out / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise DataError(f"{out}: another study is computed into this folder now; name another --out") from error
-        yield
-    finally:
-        os.close(descriptor)
 
 
 @dataclass(frozen=True, kw_only=True)

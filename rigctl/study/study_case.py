@@ -3,17 +3,13 @@
 import hashlib
 import json
 from dataclasses import dataclass, field
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 
+from rigctl.cluster import on_dask
 from rigctl.files.scene_file import SceneFile, load_scene
-from rigctl.scene.skies.sky_store import sources_of
-from rigctl.version import VERSION
 
 # What a number hangs on, beside the inputs.
-_PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.prediction", "rigctl.study")
-_TOLD_DIGITS = 12
+PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.prediction", "rigctl.study")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,11 +91,6 @@ def scene_digest(file: SceneFile) -> str:
     return digest.hexdigest()
 
 
-@cache
 def code_version() -> str:
     """Return the program's version with a hash of the code that numbers follow from."""
-    digest = hashlib.sha256()
-    for package in _PACKAGES:
-        for name, source in sorted(sources_of(files(package)).items()):
-            digest.update(f"{package}/{name}\0".encode() + source.read_bytes() + b"\0")
-    return f"{VERSION}+{digest.hexdigest()[:_TOLD_DIGITS]}"
+    return on_dask.code_version(PACKAGES)

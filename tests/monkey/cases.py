@@ -99,6 +99,10 @@ record rig.toml session.toml --out OUT
 """
 # They take several seconds.
 _HEAVY = """
+archive verify . --out OUT --workers 1 --json
+archive stokes . --regions regions.toml --out OUT --workers 1 --json
+archive compare . --scene scene.toml --where "frames>1" --out OUT --workers 1 --json
+archive recalibrate . --scene scene.toml --polarizer polarizer.json --noise noise.json --out OUT --workers 1 --json
 compare run --scene scene.toml --noise noise.json --out OUT --json
 compare run --scene scene.toml --radiometric radiometric.json --alpha 0.01 --anonymous --out OUT
 compare run --regions regions.toml --out OUT --json

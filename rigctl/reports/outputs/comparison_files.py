@@ -31,6 +31,11 @@ def write_comparison(found: ComparedRun, out: Path) -> None:
     write_folder(out, contents)
 
 
+def write_comparison_numbers(found: ComparedRun, out: Path) -> None:
+    """Write comparison.json alone."""
+    write_folder(out, {"comparison.json": json_file(compared_json(found))})
+
+
 def write_series(series: ComparedSeries, out: Path) -> None:
     """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
     for point, run in zip(series.points, series.runs, strict=True):

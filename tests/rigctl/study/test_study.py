@@ -12,14 +12,14 @@ import pytest
 
 pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
 
+from rigctl.cluster.held_folder import PARTS_FOLDER, held_folder
+from rigctl.cluster.on_dask import Engine, require_same_code
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.study import StudyRequest, run_study
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.study import study_case
 from rigctl.study.batch import Batch, compute
-from rigctl.study.kept_parts import PARTS_FOLDER, held_folder
-from rigctl.study.on_dask import Engine, require_same_code
 from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE, GRID, study_file
 
 
@@ -141,11 +141,11 @@ def test_an_unknown_quantity_is_refused_with_what_there_is(tmp_path, engine):
 
 def test_a_worker_of_another_version_is_refused(tmp_path):
     class OldWorkers:
-        def run(self, function):
+        def run(self, function, packages):
             return {"tcp://10.0.0.7:41001": "0.0.1+old", "tcp://10.0.0.8:41001": study_case.code_version()}
 
     with pytest.raises(ConfigError, match=r"and tcp://10\.0\.0\.7:41001 has 0\.0\.1\+old: install the same"):
-        require_same_code(OldWorkers())
+        require_same_code(OldWorkers(), study_case.PACKAGES)
     # One that comes later refuses its first batch.
     study = study_file(tmp_path, GRID).parent / "small.toml"
     wanted = study_case.Wanted(columns=(), detection=False, roc=None, tolerance=None)
@@ -154,13 +154,13 @@ def test_a_worker_of_another_version_is_refused(tmp_path):
 
 
 def test_no_scheduler_is_a_clear_error(tmp_path, monkeypatch):
-    monkeypatch.setattr("rigctl.study.on_dask._CONNECT_S", 0.5)
+    monkeypatch.setattr("rigctl.cluster.on_dask._CONNECT_S", 0.5)
     with pytest.raises(ConfigError, match="no scheduler of dask answers there"):
         run_study(request(study_file(tmp_path, GRID), Engine(scheduler="tcp://127.0.0.1:9", workers=1)))
 
 
 def test_a_folder_takes_one_study_at_a_time(tmp_path, engine):
-    with held_folder(tmp_path / "out"), pytest.raises(DataError, match="another study"):
+    with held_folder(tmp_path / "out"), pytest.raises(DataError, match="another command"):
         run_study(request(study_file(tmp_path, GRID), engine))
 
 

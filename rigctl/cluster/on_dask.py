@@ -1,0 +1,180 @@
+"""Tasks on dask: workers of this machine, or those of a scheduler that somebody else runs."""
+
+import hashlib
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any, TypeVar
+
+from rigctl.errors import ConfigError, DataError
+from rigctl.scene.skies.sky_store import sources_of
+from rigctl.version import VERSION
+
+TaskT = TypeVar("TaskT")
+ResultT = TypeVar("ResultT")
+
+_NEEDED = "needs dask.distributed, xarray, zarr and pyarrow: pip install 'rigctl[cluster]'"
+_TOLD_DIGITS = 12
+# A worker that is killed is started anew and its task given to another; so often before the task is to blame.
+_LOST_WORKERS = 10
+# Tasks that wait at each worker: its next is there when one is done, and few are lost with the client.
+_WAITING = 2
+_CONNECT_S = 15
+
+
+@dataclass(frozen=True, kw_only=True)
+class Engine:
+    """Where tasks are done: the address of a scheduler, or so many processes here."""
+
+    scheduler: str | None
+    workers: int
+
+
+@cache
+def code_version(packages: tuple[str, ...]) -> str:
+    """Return the program's version with a hash of the code of packages, from which results follow."""
+    digest = hashlib.sha256()
+    for package in packages:
+        for name, source in sorted(sources_of(files(package)).items()):
+            digest.update(f"{package}/{name}\0".encode() + source.read_bytes() + b"\0")
+    return f"{VERSION}+{digest.hexdigest()[:_TOLD_DIGITS]}"
+
+
+@contextmanager
+def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Iterator[Any]:
+    """Hold a client of dask; workers of this machine end with it.
+
+    Parameters
+    ----------
+    engine : Engine
+        Where.
+    command : str
+        Which one needs dask, for messages.
+    packages : tuple of str
+        Whose code has to be the same on all workers.
+
+    Raises
+    ------
+    ConfigError
+        dask is not installed, no scheduler answers, or a worker has another version of the program.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise ConfigError(f"rigctl {command} {_NEEDED}") from error
+    settings = {
+        "distributed.scheduler.allowed-failures": _LOST_WORKERS,
+        "distributed.comm.timeouts.connect": _CONNECT_S,
+    }
+    with dask.config.set(settings):
+        if engine.scheduler is None:
+            with (
+                LocalCluster(
+                    n_workers=engine.workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    # Nothing listens beyond this machine.
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                ) as cluster,
+                Client(cluster) as client,
+            ):
+                yield client
+            return
+        try:
+            client = Client(engine.scheduler, timeout=_CONNECT_S)
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"--scheduler {engine.scheduler}: no scheduler of dask answers there: {error}") from error
+        with client:
+            require_same_code(client, packages)
+            yield client
+
+
+def require_same_code(client: Any, packages: tuple[str, ...]) -> None:
+    """Refuse workers of another version, and a scheduler without any."""
+    try:
+        codes = client.run(code_version, packages)
+    except ImportError as error:
+        raise ConfigError(f"--scheduler: rigctl is not installed on a worker: {error}") from error
+    if not codes:
+        raise ConfigError("--scheduler: it has no workers; start some: dask worker ADDRESS --nthreads 1")
+    own = code_version(packages)
+    others = {worker: code for worker, code in codes.items() if code != own}
+    if others:
+        told = ", ".join(f"{worker} has {code}" for worker, code in sorted(others.items()))
+        raise ConfigError(f"--scheduler: this is rigctl {own}, and {told}: install the same on all")
+
+
+def compute_all(
+    client: Any,
+    work: Callable[[TaskT], ResultT],
+    tasks: Iterator[TaskT],
+    keep: Callable[[TaskT, ResultT], None],
+    *,
+    parts: Callable[[TaskT], Sequence[TaskT]],
+    lost: Callable[[TaskT, str], ResultT],
+) -> None:
+    """Do tasks, and keep the result of each as it comes; which comes first is not said.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        From `client_of`.
+    work : callable
+        Does a task on a worker.
+    tasks : iterator
+        As many as there are; only some for each worker are taken from it at a time.
+    keep : callable
+        Takes a task and its result; called in this thread.
+    parts : callable
+        A task that ends its workers to smaller ones, of which one alone may be to blame; itself where it is one.
+    lost : callable
+        Gives the result of a task that nothing smaller is made of and that ends its workers, with the reason.
+
+    Raises
+    ------
+    ConfigError
+        A worker is of another version.
+    DataError
+        The scheduler or all of its workers are gone.
+    """
+    from distributed import KilledWorker, as_completed
+    from distributed.client import FutureCancelledError
+
+    under_way: dict[str, TaskT] = {}
+    workers = max(1, len(client.scheduler_info()["workers"]))
+    queue = as_completed()
+
+    def give(task: TaskT) -> None:
+        future = client.submit(work, task, pure=False)
+        under_way[future.key] = task
+        queue.add(future)
+
+    for _, task in zip(range((1 + _WAITING) * workers), tasks, strict=False):
+        give(task)
+    while under_way:
+        try:
+            future = next(queue)
+            task = under_way.pop(future.key)
+            result = future.result()
+        except KilledWorker as error:
+            smaller = parts(task)
+            if len(smaller) > 1:
+                for one in smaller:
+                    give(one)
+                continue
+            result = lost(task, f"every worker that had it ended (no memory?): {error}")
+        except (StopIteration, FutureCancelledError, OSError) as error:
+            raise DataError(_gone(len(under_way) + 1)) from error
+        keep(task, result)
+        for _, following in zip(range(1), tasks, strict=False):
+            give(following)
+
+
+def _gone(tasks: int) -> str:
+    return f"the scheduler is gone with {tasks} tasks under way; what was done is kept: give the command again"

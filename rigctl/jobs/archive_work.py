@@ -1,0 +1,239 @@
+"""What a worker does with runs of an archive: the job of a single run, and the row that comes of it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rigctl.archive.run_facts import facts_of
+from rigctl.archive.run_rows import RegionNumbers, RunRow, Verb
+from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, failure_of
+from rigctl.cluster.on_dask import Engine, code_version
+from rigctl.comparison.comparison import Comparison
+from rigctl.errors import ConfigError
+from rigctl.files.regions import Region, load_regions
+from rigctl.files.scene_file import load_scene
+from rigctl.jobs.compare import CompareRequest, compare_run
+from rigctl.jobs.stokes import StokesOfRun, StokesRequest, stokes_of, stokes_of_run
+from rigctl.jobs.verify import verify
+from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.picked_calibrations import PickedCalibrations
+from rigctl.measurement.recalibration import recalibrated
+from rigctl.measurement.run_calibrations import CalibrationPaths
+from rigctl.reports.outputs.comparison_files import write_comparison_numbers
+from rigctl.reports.tables.numbers_json import SCHEMA_VERSION
+from rigctl.reports.writers.data_files import json_file
+from rigctl.reports.writers.output_folder import write_folder
+from rigctl.runs.wholeness import used_run
+from rigctl.storage.bounded_file import sha256_of
+from rigctl.storage.destination import results_of
+from rigctl.storage.origin import Origin
+
+RUNS_FOLDER = "runs"
+FAILED = "failed"
+# Of what the rows hang on.
+PACKAGES = ("model", "calibration", "rigctl")
+_TOLD_DIGITS = 8
+_VERIFIED = {"whole": 0, "unfinished": EXIT_INCOMPLETE, "damaged": EXIT_DATA}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArchiveRequest:
+    """A job that is to be done on every run of an archive that matches.
+
+    Attributes
+    ----------
+    verb : {"compare", "stokes", "verify", "recalibrate"}
+        The job.
+    root, out : Path
+        The archive, and the folder of the results.
+    engine : Engine
+        Where it is done.
+    where : str or None
+        Expression as of `rigctl archive find`; None is every run.
+    settings : CompareRequest
+        Scene, regions and calibrations, as far as the job takes them.
+    full : bool
+        Write for each run all that the command of a single run writes.
+    """
+
+    verb: Verb
+    root: Path
+    out: Path
+    engine: Engine
+    where: str | None = None
+    settings: CompareRequest = field(default_factory=CompareRequest)
+    full: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTask:
+    """Runs that one worker does together: their names below the root, and all that is asked of them."""
+
+    names: tuple[str, ...]
+    request: ArchiveRequest
+    code: str
+
+
+def rows_of(task: RunTask) -> tuple[RunRow, ...]:
+    """Return the rows of runs; one that fails is told, and ends no other.
+
+    Raises
+    ------
+    ConfigError
+        This program is of another version than the client.
+    """
+    if task.code != code_version(PACKAGES):
+        raise ConfigError(f"a worker has rigctl {code_version(PACKAGES)}, the client {task.code}: install the same")
+    return tuple(_row(name, task.request) for name in task.names)
+
+
+def _row(name: str, request: ArchiveRequest) -> RunRow:
+    run, start_s = request.root / name, time.perf_counter()
+    try:
+        with results_of(Origin(command=f"archive {request.verb}", digest=""), force=True):
+            made = _WORK[request.verb](name, run, request)
+    except Exception as error:
+        code, text = failure_of(error)
+        made = RunRow(run=name, exit_code=code, verdict=FAILED, reason=text)
+    facts = facts_of(run)
+    utc, zenith = facts.get("utc"), facts.get("sun_zenith")
+    return replace(
+        made,
+        reason=" ".join(made.reason.split()),
+        utc=utc if isinstance(utc, str) else "",
+        sun_zenith=zenith if isinstance(zenith, float) else None,
+        seconds=time.perf_counter() - start_s,
+    )
+
+
+def _of_comparison(name: str, run: Path, request: ArchiveRequest) -> RunRow:
+    out = _own_folder(name, request)
+    found = compare_run(run, request.settings, out=out if request.full else None)
+    if not request.full:
+        write_comparison_numbers(found, out)
+    comparison = found.comparison
+    if comparison.agrees is None:
+        reasons = tuple(dict.fromkeys(one.reason for one in comparison.regions.values() if one.reason))
+    else:
+        reasons = comparison.diagnosis.points_to if comparison.agrees is False else ()
+    return RunRow(
+        run=name,
+        exit_code={True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[comparison.agrees],
+        verdict=comparison.verdict,
+        reason="; ".join(reasons),
+        calibrations=_told(found.picked),
+        regions=_compared_regions(comparison, found.measurement),
+    )
+
+
+def _compared_regions(comparison: Comparison, measurement: Measurement) -> tuple[RegionNumbers, ...]:
+    means = {(row.region, row.quantity): row for row in comparison.rows if row.statistic == "mean"}
+    found = []
+    for region in _measured_regions(measurement):
+        row = means.get((region.region, "dolp"))
+        judged = comparison.regions.get(region.region)
+        found.append(
+            replace(
+                region,
+                verdict="" if judged is None else judged.verdict,
+                dolp_predicted=None if row is None else row.predicted,
+                dolp_z=None if row is None else row.z,
+            )
+        )
+    return tuple(found)
+
+
+def _measured_regions(measurement: Measurement) -> tuple[RegionNumbers, ...]:
+    found = []
+    for name, region in measurement.regions.items():
+        dolp = region.quantities.get("dolp", {}).get("mean")
+        aolp = region.quantities.get("aolp_deg", {}).get("mean")
+        found.append(
+            RegionNumbers(
+                region=name,
+                dolp=None if dolp is None else dolp.value,
+                dolp_sigma=None if dolp is None else dolp.std_error,
+                aolp_deg=None if aolp is None else aolp.value,
+                aolp_sigma_deg=None if aolp is None else aolp.std_error,
+            )
+        )
+    return tuple(found)
+
+
+def _of_stokes(name: str, run: Path, request: ArchiveRequest) -> RunRow:
+    return _stokes_row(name, stokes_of_run(_stokes_request(name, run, request, request.settings.calibrations)))
+
+
+def _stokes_request(name: str, run: Path, request: ArchiveRequest, paths: CalibrationPaths) -> StokesRequest:
+    return StokesRequest(
+        run=run,
+        out=_own_folder(name, request) if request.full else None,
+        regions=_regions(request.settings),
+        calibrations=paths,
+        correct=request.settings.correct,
+    )
+
+
+def _stokes_row(name: str, found: StokesOfRun) -> RunRow:
+    flagged = tuple(check.name for check in found.checks if check.verdict == "flagged")
+    return RunRow(
+        run=name,
+        exit_code=EXIT_DATA if found.refused else 0,
+        verdict="refused" if found.refused else "flagged" if flagged else "sound",
+        reason="; ".join(found.refused or dict.fromkeys(flagged)),
+        calibrations=_told(found.picked),
+        regions=_measured_regions(found.measurement),
+    )
+
+
+def _of_recalibration(name: str, run: Path, request: ArchiveRequest) -> RunRow:
+    """Measure a run with no calibration of any file, and with those that are named or picked today."""
+    taken = used_run(run)
+    regions = _regions(request.settings)
+    before = stokes_of(taken, StokesRequest(run=run, regions=regions))
+    today, picked = recalibrated(taken, request.settings.calibrations)
+    paths = replace(picked.paths, picks=False, store=None)
+    found = stokes_of(today, _stokes_request(name, run, request, paths))
+    if not request.full:
+        numbers = {"schema_version": SCHEMA_VERSION, **found.as_json(), **picked.as_json()}
+        write_folder(_own_folder(name, request), {"stokes.json": json_file(numbers)})
+    row = _stokes_row(name, found)
+    old = {region.region: region for region in _measured_regions(before.measurement)}
+    changed = tuple(
+        region
+        if region.region not in old
+        else replace(region, dolp_before=old[region.region].dolp, aolp_before_deg=old[region.region].aolp_deg)
+        for region in row.regions
+    )
+    return replace(row, calibrations=_told(picked), regions=changed)
+
+
+def _of_verification(name: str, run: Path, _: ArchiveRequest) -> RunRow:
+    found = verify(run)
+    said = [*(f"{one.file}: {one.problem}" for one in found.bad), *(found.gaps if found.state != "whole" else ())]
+    return RunRow(run=name, exit_code=_VERIFIED[found.state], verdict=found.state, reason=said[0] if said else "")
+
+
+_WORK: dict[Verb, Callable[[str, Path, ArchiveRequest], RunRow]] = {
+    "compare": _of_comparison,
+    "stokes": _of_stokes,
+    "verify": _of_verification,
+    "recalibrate": _of_recalibration,
+}
+
+
+def _own_folder(name: str, request: ArchiveRequest) -> Path:
+    return request.out / RUNS_FOLDER / name
+
+
+def _regions(settings: CompareRequest) -> list[Region]:
+    if settings.regions is not None:
+        return load_regions(settings.regions)
+    return list(load_scene(settings.scene).regions) if isinstance(settings.scene, Path) else []
+
+
+def _told(picked: PickedCalibrations | None) -> str:
+    """Return the calibrations of a row: kind, file and the beginning of its hash."""
+    files = {} if picked is None else picked.paths.files
+    return "; ".join(f"{kind} {path.name} {sha256_of(path)[:_TOLD_DIGITS]}" for kind, path in files.items())
