@@ -20,6 +20,12 @@ _NEEDED = "needs dask.distributed, xarray, zarr and pyarrow: pip install 'rigctl
 _TOLD_DIGITS = 12
 # A worker that is killed is started anew and its task given to another; so often before the task is to blame.
 _LOST_WORKERS = 10
+# Of workers of this machine. One thread of linear algebra each, as they are as many as cores. dask has them give freed
+# memory back at once, which costs arrays of some 100 kB a page fault every time, and look at the stack every 10 ms.
+_OF_WORKERS = {
+    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
+    "distributed.worker.profile.enabled": False,
+}
 # Tasks that wait at each worker: its next is there when one is done, and few are lost with the client.
 _WAITING = 2
 _CONNECT_S = 15
@@ -69,6 +75,7 @@ def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Ite
     settings = {
         "distributed.scheduler.allowed-failures": _LOST_WORKERS,
         "distributed.comm.timeouts.connect": _CONNECT_S,
+        **_OF_WORKERS,
     }
     with dask.config.set(settings):
         if engine.scheduler is None:
