@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file as load_polarizer
     from rigctl.files.rig_file import load_rig
     from rigctl.files.scene_file import load_scene
+    from rigctl.interface.archive import open_archive
     from rigctl.interface.calls import acquire, compare, predict, sky, stokes, surface, sweep
     from rigctl.interface.run import open_run
 
@@ -22,6 +23,7 @@ __all__ = [
     "load_polarizer",
     "load_rig",
     "load_scene",
+    "open_archive",
     "open_run",
     "predict",
     "sky",
@@ -38,6 +40,7 @@ _ELSEWHERE = {
     "load_polarizer": ("rigctl.calibrations.polarizer.polarizer_file", "read_polarizer_file"),
     "load_rig": ("rigctl.files.rig_file", "load_rig"),
     "load_scene": ("rigctl.files.scene_file", "load_scene"),
+    "open_archive": ("rigctl.interface.archive", "open_archive"),
 }
 
 

@@ -31,6 +31,24 @@ def find_runs(root: Path, expression: str) -> FoundRuns:
     return FoundRuns(rows=tuple(find(root, parse(expression))))
 
 
+def matching_runs(root: Path, where: str | None) -> list[str]:
+    """Return the runs of an archive that an expression holds of, all where there is none, from its root.
+
+    The index is brought up to date where an expression asks it.
+
+    Raises
+    ------
+    ConfigError
+        There is no such folder, or the expression is none.
+    """
+    require_folder(root)
+    if where is None:
+        return sorted(run.relative_to(root).as_posix() for run in found_below(root)[0])
+    condition = parse(where)
+    update_index(root)
+    return sorted({str(row["run"]) for row in find(root, condition)})
+
+
 def archive_health(root: Path) -> ArchiveHealth:
     """Return how a rig fared over all runs of an archive; the index is not needed.
 

@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from rigctl.archive.expression import parse
-from rigctl.archive.run_index import find, found_below, require_folder, update_index
 from rigctl.archive.run_rows import RunRow, inputs_hash, read_rows, write_rows
 from rigctl.calibrations.store import KINDS
 from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT
@@ -20,6 +18,7 @@ from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import load_regions
 from rigctl.files.scene_file import load_scene
+from rigctl.jobs.archive import matching_runs
 from rigctl.jobs.archive_work import FAILED, PACKAGES, ArchiveRequest, RunTask, rows_of
 from rigctl.measurement.picked_calibrations import store_of_run
 from rigctl.measurement.run_calibrations import CalibrationPaths
@@ -109,7 +108,7 @@ def run_over_archive(
     """
     request = _absolute(request)
     settings = _settings_text(request)
-    names = _matching(request)
+    names = matching_runs(request.root, request.where)
     with held_folder(request.out):
         stores = _Stores(request)
         hashes = {name: inputs_hash(request.root / name, f"{settings}{name}\0{stores.of_run(name)}") for name in names}
@@ -133,16 +132,6 @@ def run_over_archive(
 def _is_done(row: RunRow | None) -> bool:
     """Return whether a row stands; one that a fault of the program or of the machine ended is tried again."""
     return row is not None and row.exit_code != EXIT_OWN_FAULT
-
-
-def _matching(request: ArchiveRequest) -> list[str]:
-    """Return the names of the runs that match; the index is brought up to date where an expression asks it."""
-    require_folder(request.root)
-    if request.where is None:
-        return sorted(run.relative_to(request.root).as_posix() for run in found_below(request.root)[0])
-    condition = parse(request.where)
-    update_index(request.root)
-    return sorted({str(row["run"]) for row in find(request.root, condition)})
 
 
 def _done(

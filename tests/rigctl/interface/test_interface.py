@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rigctl
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.regions import load_regions
 from rigctl.interface import data_frames as optional_packages
 from rigctl.jobs.predict import PredictedScene
@@ -17,7 +17,7 @@ from tests.rigctl.made_runs import at, make_run
 
 NAMES = {
     "open_run", "load_scene", "load_rig", "load_noise", "load_polarizer", "predict", "compare", "sweep", "sky",
-    "surface", "stokes", "acquire",
+    "surface", "stokes", "acquire", "open_archive",
 }  # fmt: skip
 SCENE = EXAMPLES / "scene-panels.toml"
 
@@ -178,3 +178,35 @@ def test_a_registration_can_be_forced_as_by_the_command(run_path, regions_file, 
         with pytest.raises(ConfigError, match="asked"):
             call(run_path, regions=regions_file, register="registration.json", force_registration=True)
     assert [request.calibrations.force_registration for request in asked] == [True, True]
+
+
+@pytest.fixture
+def archive(tmp_path, run_path):
+    """Return an archive of a run, its copy, one of larger frames, and one that cannot be read."""
+    for name in ("a", "deep/b", "torn"):
+        shutil.copytree(run_path, tmp_path / name)
+    make_run(tmp_path / "large", [(at(angle), np.full((30, 24), 500)) for angle in (0.0, 45.0, 90.0)])
+    (tmp_path / "torn" / "session.json").unlink()
+    return tmp_path
+
+
+def test_an_archive_is_one_lazy_array(archive, run_path, monkeypatch):
+    pytest.importorskip("dask.array", reason="pip install 'rigctl[cluster]'")
+    with pytest.raises(ConfigError, match=r"frames of 2 sizes .* 16 of shape=\(20, 24\), 3 of shape=\(30, 24\)"):
+        rigctl.open_archive(archive)
+    with pytest.warns(UserWarning, match="1 runs are left out"):
+        found = rigctl.open_archive(archive, shape=(20, 24), kind="scene")
+    assert found.counts.chunks == ((1,) * 16, (20,), (24,))
+    assert list(dict.fromkeys(found.run.values)) == ["a", "deep/b"]
+    assert "session.json" in found.attrs["left_out"]
+    frames = rigctl.open_run(run_path).frames("scene")
+    second = found.where(found.run == "deep/b", drop=True)
+    np.testing.assert_array_equal(second.counts.values, frames.counts)
+    np.testing.assert_array_equal(second.polarizer_angle_deg.values, frames.polarizer_angle_deg)
+    assert set(found.coords) == {"run", "sequence", "kind", "time", "polarizer_angle_deg", "exposure_s"}
+    # Only what is asked for is read: of one frame the others may be gone.
+    shutil.rmtree(archive / "deep" / "b" / "frames")
+    assert int(found.counts[0].sum()) == int(frames.counts[0].sum())
+    with pytest.raises(RunFolderError, match="cannot be read"):
+        found.counts[-1].values  # noqa: B018
+    assert rigctl.open_archive(archive, where="run = 'a'").sizes["frame"] == 8
