@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from rigctl.console.anonymity import anonymous
+from rigctl.console.options import options_of
 from rigctl.storage.destination import (
     Destination,
     Kind,
@@ -129,7 +130,7 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
         return command
     if any(place.kind in ("file", "folder") for place in places.values()) and verb not in _ALWAYS_ANEW:
         known = {one.name for one in command.params}
-        command.params += [option for option in _shared_options() if option.name not in known]
+        command.params += [option for option in options_of(_shared) if option.name not in known]
     has_own_anonymous = _ANONYMOUS in inspect.signature(body).parameters
 
     @functools.wraps(body)
@@ -156,23 +157,16 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
     return command
 
 
-def _shared_options() -> list[Any]:
-    """Return the options of all commands that write results, as the command line library makes them."""
-    app = typer.Typer(add_completion=False)
-
-    @app.command()
-    def forced(
-        force: Annotated[
-            bool, typer.Option("--force", help="Replace results of rigctl, of another command or of other inputs too.")
-        ] = False,
-        anonymous: Annotated[
-            bool,
-            typer.Option("--anonymous", help="Leave serial numbers, ports, site, folders and machine out of results."),
-        ] = False,
-    ) -> None:
-        """Have the options."""
-
-    return [one for one in typer.main.get_command(app).params if one.name in (_FORCE, _ANONYMOUS)]
+def _shared(
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace results of rigctl, of another command or of other inputs too.")
+    ] = False,
+    anonymous: Annotated[
+        bool,
+        typer.Option("--anonymous", help="Leave serial numbers, ports, site, folders and machine out of results."),
+    ] = False,
+) -> None:
+    """Have the options of all commands that write results."""
 
 
 def _destinations(verb: str, places: Mapping[str, _Place], values: Mapping[str, Any]) -> list[Destination]:

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from rigctl.console.options import options_of
+
 _NAME = "ignore_exclusions"
 READERS = frozenset(
     {
@@ -58,7 +60,7 @@ def with_exclusion_option(verb: str, command: Any) -> Any:
     body = command.callback
     if verb not in READERS or body is None:
         return command
-    command.params += _option()
+    command.params += options_of(_ignoring)
 
     @functools.wraps(body)
     def run_with(**values: Any) -> Any:
@@ -69,16 +71,9 @@ def with_exclusion_option(verb: str, command: Any) -> Any:
     return command
 
 
-def _option() -> list[Any]:
-    """Return the option as the command line library makes it."""
-    app = typer.Typer(add_completion=False)
-
-    @app.command()
-    def ignoring(
-        ignore_exclusions: Annotated[
-            bool, typer.Option("--ignore-exclusions", help="Take frames too that people have excluded.")
-        ] = False,
-    ) -> None:
-        """Have the option."""
-
-    return [one for one in typer.main.get_command(app).params if one.name == _NAME]
+def _ignoring(
+    ignore_exclusions: Annotated[
+        bool, typer.Option("--ignore-exclusions", help="Take frames too that people have excluded.")
+    ] = False,
+) -> None:
+    """Have the option."""

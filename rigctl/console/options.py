@@ -1,9 +1,10 @@
 """Options that several commands read: calibrations, lists, choices, times and sizes."""
 
-from collections.abc import Iterable
+import inspect
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -119,3 +120,11 @@ def time_option(name: str, text: str | None) -> int | None:
 def frame_bytes(max_frame_mb: int) -> int:
     """Return the largest picture that is read, in bytes."""
     return max_frame_mb * _BYTES_PER_MB
+
+
+def options_of(taking: Callable[..., None]) -> list[Any]:
+    """Return the options of a function as the command line library makes them, to be added to other commands."""
+    app = typer.Typer(add_completion=False)
+    app.command()(taking)
+    names = inspect.signature(taking).parameters
+    return [one for one in typer.main.get_command(app).params if one.name in names]

@@ -16,8 +16,7 @@ from rigctl.runs.journal import Journal
 from rigctl.runs.run_description import SESSION_FILE, explain_invalid, first_link, read_description
 from rigctl.runs.run_folder import Run
 from rigctl.runs.run_lock import locked_file
-from rigctl.runs.sealed_lines import Lines, read_lines
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.runs.sealed_lines import Lines, journal_bytes, read_lines
 from rigctl.storage.durable_file import flush_folder
 
 ANNOTATIONS_FILE = "annotations.jsonl"
@@ -85,12 +84,7 @@ def read_annotation_lines(path: Path) -> Lines:
     RunFolderError
         The file cannot be read.
     """
-    file = path / ANNOTATIONS_FILE
-    try:
-        data = read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
-    except OSError as error:
-        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
-    return read_lines(data, _link(path))
+    return read_lines(journal_bytes(path / ANNOTATIONS_FILE), _link(path))
 
 
 def annotation_problems(journal: Lines) -> list[str]:

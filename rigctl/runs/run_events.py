@@ -9,8 +9,7 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.run_description import SESSION_FILE, explain_invalid, first_link, read_description
-from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.runs.sealed_lines import Lines, first_link_of, journal_bytes, read_lines
 
 EVENTS_FILE = "events.jsonl"
 METERED_EVENT = "metered"
@@ -143,11 +142,7 @@ def read_journal(path: Path) -> Lines:
     RunFolderError
         The file cannot be read.
     """
-    file = path / EVENTS_FILE
-    try:
-        data = read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
-    except OSError as error:
-        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
+    data = journal_bytes(path / EVENTS_FILE)
     try:
         first = first_link(read_description(path / SESSION_FILE))
     except DataError:

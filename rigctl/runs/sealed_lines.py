@@ -4,6 +4,10 @@ import hashlib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
+
+from rigctl.errors import RunFolderError
+from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 _SEAL = re.compile(rb', "line_sha256": "([0-9a-f]{64})", "chain_sha256": "([0-9a-f]{64})"\}$')
 
@@ -75,6 +79,20 @@ def sealed_all(contents: Iterable[bytes], link: str | None) -> bytes:
             line, link = sealed(content, link)
         lines.append(line)
     return b"".join(lines)
+
+
+def journal_bytes(file: Path) -> bytes:
+    """Return the bytes of a journal; none where there is no such file.
+
+    Raises
+    ------
+    RunFolderError
+        The file cannot be read.
+    """
+    try:
+        return read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
+    except OSError as error:
+        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
 
 
 def read_lines(data: bytes, first_link: str | None) -> Lines:

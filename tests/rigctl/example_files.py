@@ -7,6 +7,18 @@ from rigctl.files.session_file import SessionFile
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
+SHORT_SESSION = """
+name = "short"
+[[take]]
+kind = "dark"
+exposure_ms = 0.03
+cycles = 1
+[[take]]
+kind = "scene"
+exposure_ms = 0.03
+cycles = 1
+"""
+
 SMALL_SCENE = """
 name = "small"
 background_radiance = 20.0

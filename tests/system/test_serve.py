@@ -13,18 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-SESSION = """
-name = "short"
-[[take]]
-kind = "dark"
-exposure_ms = 0.03
-cycles = 1
-[[take]]
-kind = "scene"
-exposure_ms = 0.03
-cycles = 1
-"""
+from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION
 
 
 class Page:
@@ -67,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("serve")
     (folder / "rig.toml").write_text((EXAMPLES / "rig-sim.toml").read_text().replace("speed=20", "speed=200"))
     (folder / "scene-panels.toml").write_text((EXAMPLES / "scene-panels.toml").read_text())
-    (folder / "short.toml").write_text(SESSION)
+    (folder / "short.toml").write_text(SHORT_SESSION)
     (folder / "runs").mkdir()
     return folder
 

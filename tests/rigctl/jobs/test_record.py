@@ -19,19 +19,10 @@ from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import take_session
 from sim_devices.clock import SimClock
 from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of
-from tests.rigctl.example_files import EXAMPLES, small_rig
+from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION, small_rig
 from tests.rigctl.session.test_mosaic_session import mosaic_rig
 
-SESSION = """
-name = "short"
-[[take]]
-kind = "dark"
-exposure_ms = 0.03
-cycles = 1
-[[take]]
-kind = "scene"
-exposure_ms = 0.03
-cycles = 1
+SESSION = f"""{SHORT_SESSION}
 [interlocks]
 fault = "stop"
 gone = "stop"
