@@ -63,6 +63,13 @@ def small_rig(folder: Path, *, seed: int = 1, port: str = "sim:ellx?speed=50") -
     return rig.model_copy(update={"simulation": simulation, "stage": rig.stage.model_copy(update={"port": port})})
 
 
+def small_rig_text(folder: Path) -> str:
+    """Return the example rig's text with a picture of 96 x 48 pixels; its scene file is written into `folder`."""
+    (folder / "scene.toml").write_text(SMALL_SCENE)
+    text = (EXAMPLES / "rig-sim.toml").read_text().replace("scene-panels.toml", "scene.toml")
+    return text.replace("width = 782", "width = 96").replace("height = 582", "height = 48")
+
+
 def small_session(*, cycles: int = 2, name: str = "small") -> SessionFile:
     """Return a session of dark frames and four angles."""
     return SessionFile.model_validate(

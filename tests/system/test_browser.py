@@ -22,7 +22,7 @@ from rigctl.files.config import load
 from rigctl.files.regions import RegionsFile
 from rigctl.session.take_session import take_session
 from rigctl.simulated.lens_position import turn_lens
-from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE, small_rig, small_session
+from tests.rigctl.example_files import small_rig, small_rig_text, small_session
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(
@@ -135,10 +135,7 @@ cycles = {cycles}
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rig")
-    text = (EXAMPLES / "rig-sim.toml").read_text().replace("speed=20", "speed=200")
-    text = text.replace("width = 782", "width = 96").replace("height = 582", "height = 48")
-    (folder / "rig.toml").write_text(text.replace("scene-panels.toml", "scene.toml"))
-    (folder / "scene.toml").write_text(SMALL_SCENE)
+    (folder / "rig.toml").write_text(small_rig_text(folder).replace("speed=20", "speed=200"))
     (folder / "short.toml").write_text(SESSION.format(name="short", cycles=1000))
     (folder / "runs").mkdir()
     return folder / "rig.toml"

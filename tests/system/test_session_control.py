@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.example_files import EXAMPLES, small_rig_text
 
 _DEADLINE_S = 60.0
 _INCOMPLETE = 75
@@ -32,6 +32,10 @@ def _status(run):
     return json.loads(_rigctl("status", run, "--json").stdout)
 
 
+def _frames_on(run):
+    return len(list((run / "frames").glob("*.fits")))
+
+
 def _events(run):
     return (run / "events.jsonl").read_text() if (run / "events.jsonl").exists() else ""
 
@@ -42,9 +46,10 @@ def running(tmp_path):
     session = tmp_path / "session.toml"
     session.write_text('name = "long"\n[[take]]\nkind = "scene"\nexposure_ms = 1\ncycles = 1000\n')
     run = tmp_path / "run"
-    command = [sys.executable, "-m", "rigctl", "acquire", EXAMPLES / "rig-sim.toml", session, "--out", run]
+    (tmp_path / "rig.toml").write_text(small_rig_text(tmp_path))
+    command = [sys.executable, "-m", "rigctl", "acquire", tmp_path / "rig.toml", session, "--out", run]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        _wait_for(lambda: list((run / "frames").glob("*.fits")))
+        _wait_for(lambda: _frames_on(run))
         yield run, process
         process.kill()
 
@@ -61,7 +66,7 @@ def test_status_hold_resume_and_stop_by_command(running):
     assert held["live"]["remaining_s"] > 0
     assert _rigctl("resume", run).returncode == 0
     _wait_for(lambda: '"go on"' in _events(run))
-    _wait_for(lambda: _status(run)["frames"] > held["frames"] + 4)
+    _wait_for(lambda: _frames_on(run) > held["frames"] + 4)
     assert set(_status(run)["live"]["angles"]) == {"0", "45", "90", "135"}
     assert _rigctl("stop", run).returncode == 0
     assert process.wait(_DEADLINE_S) == _INCOMPLETE

@@ -15,7 +15,7 @@ from rigctl.jobs.bundle import bundle
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
-from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
+from tests.rigctl.example_files import small_rig_text, small_session
 
 # Planted below; none may be found in what is passed on.
 SECRETS = (
@@ -38,9 +38,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a run with secrets in its files, its events and its frames."""
     monkeypatch.setattr("rigctl.console.scrubbing.getpass.getuser", lambda: "janedoe")
     monkeypatch.setattr("rigctl.console.scrubbing.platform.node", lambda: "lab-machine-7.example.org")
-    small_rig(tmp_path)
-    text = (EXAMPLES / "rig-sim.toml").read_text().replace("scene-panels.toml", "scene.toml")
-    text = text.replace("width = 782", "width = 96").replace("height = 582", "height = 48")
+    text = small_rig_text(tmp_path)
     text += """
 [notify]
 webhook = "https://hooks.example.org/services/T0P-SECRET"

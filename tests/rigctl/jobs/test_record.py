@@ -19,7 +19,7 @@ from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import take_session
 from sim_devices.clock import SimClock
 from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of
-from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION, small_rig
+from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION, small_rig_text
 from tests.rigctl.session.test_mosaic_session import mosaic_rig
 
 SESSION = f"""{SHORT_SESSION}
@@ -36,10 +36,8 @@ DRIVERS = {
 
 def files(folder: Path, *, stage: str = "ellx", port: str | None = None) -> tuple[Path, Path]:
     """Write rig and session file of the small rig with a stage."""
-    small_rig(folder)
     driver, simulated = DRIVERS[stage]
-    text = (EXAMPLES / "rig-sim.toml").read_text().replace("scene-panels.toml", "scene.toml")
-    text = text.replace("width = 782", "width = 96").replace("height = 582", "height = 48")
+    text = small_rig_text(folder)
     text = text.replace('driver = "ellx"', driver)
     text = text.replace('port = "sim:ellx?speed=20"', f'port = "{port or simulated}"')
     text = text if stage == "ellx" else text.replace('address = "0"\n', "")
