@@ -21,14 +21,14 @@ from rigctl.interface.results import (
     SurfaceResult,
     SweepResult,
 )
-from rigctl.interface.run import FilePath, Run, maybe_path, open_run
+from rigctl.interface.run import FilePath, Run, maybe_path, none_fits, open_run
 from rigctl.jobs.acquire import AcquireRequest, prepare_session
 from rigctl.jobs.acquire import acquire as take
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.predict import PredictRequest, predict_scene, sweep_scene_over
 from rigctl.jobs.sky import compute_sky
 from rigctl.jobs.surface import look_at_surface
-from rigctl.measurement.run_calibrations import CalibrationPaths
+from rigctl.measurement.picked_calibrations import calibration_paths
 
 SceneGiven = str | Path | SceneFile
 
@@ -39,6 +39,7 @@ def predict(
     changes: Mapping[str, float] | None = None,
     noise: FilePath | None = None,
     radiometric: FilePath | None = None,
+    calibrations: FilePath | None = None,
     light: LightPart = "total",
     engine: Engine = "own",
     uncertainty: bool = False,
@@ -54,6 +55,10 @@ def predict(
         ``{"sensor.f_number": 2.1}``; docs/parameters.md lists them.
     noise, radiometric : path or None
         Calibration files, in place of assumed noise, and of optics and efficiency.
+    calibrations : path, "none" or None
+        Store that calibrations which are not named are picked from, as the commands pick them: the folder
+        ``calibrations`` beside the scene file unless given. "none" picks none, ``noise="none"`` none of one kind.
+        What was picked, and why, is in `.calibrations` of the result.
     light : {"total", "reflected", "reflected_sun", "reflected_sky", "path"}
         As if only that part of the light came.
     engine : {"own", "sasktran2"}
@@ -66,9 +71,9 @@ def predict(
     ConfigError, DataError
         A file is wrong or does not fit, or there is no such number.
     """
-    request = _predict_request(scene, changes, noise, radiometric, light, engine)
+    request = _predict_request(scene, changes, noise, radiometric, calibrations, light, engine)
     found = predict_scene(request, uncertainty=uncertainty)
-    _warn_of(found.doubts)
+    _warn_of((*found.doubts, *none_fits(found.picked.choices)))
     return Prediction(**vars(found))
 
 
@@ -80,6 +85,7 @@ def sweep(
     changes: Mapping[str, float] | None = None,
     noise: FilePath | None = None,
     radiometric: FilePath | None = None,
+    calibrations: FilePath | None = None,
     light: LightPart = "total",
     engine: Engine = "own",
     out: FilePath | None = None,
@@ -94,7 +100,7 @@ def sweep(
         Which number, such as "sun.zenith_deg".
     values : sequence of float
         In the unit that the key ends in.
-    changes, noise, radiometric, light, engine
+    changes, noise, radiometric, calibrations, light, engine
         As in `predict`.
     out : path or None
         Folder for sweep.csv, sweep.json and sweep.png.
@@ -107,9 +113,9 @@ def sweep(
     at = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if at.ndim != 1 or not len(at) or not np.all(np.isfinite(at)):
         raise ConfigError("values: wanted is a list of one number or more, all of them finite")
-    request = _predict_request(scene, changes, noise, radiometric, light, engine)
+    request = _predict_request(scene, changes, noise, radiometric, calibrations, light, engine)
     found = sweep_scene_over(request, key, at, out=maybe_path(out))
-    _warn_of(found.doubts)
+    _warn_of((*found.doubts, *none_fits(found.picked.choices)))
     return SweepResult(**vars(found))
 
 
@@ -124,6 +130,7 @@ def compare(
     register: FilePath | None = None,
     force_registration: bool = False,
     polarizer: FilePath | None = None,
+    calibrations: FilePath | None = None,
     alpha: float = 1e-3,
     scale: ScaleKind = "absolute",
     correct: Sequence[str] = (),
@@ -141,6 +148,10 @@ def compare(
         Regions file; beside a scene, its regions where they are now.
     noise, radiometric, flat, register, polarizer : path or None
         Calibration files.
+    calibrations : path, "none" or None
+        Store that calibrations which are not named are picked from, as the commands pick them: the folder
+        ``calibrations`` beside the run's rig file unless given. "none" picks none, ``noise="none"`` none of one kind.
+        What was picked, and why, is in `.calibrations` of the result.
     force_registration : bool
         Apply a registration even where it makes edges no better.
     alpha : float
@@ -160,19 +171,24 @@ def compare(
     request = CompareRequest(
         scene=None if scene is None else _scene(scene),
         regions=maybe_path(regions),
-        calibrations=CalibrationPaths(
-            noise=maybe_path(noise),
-            radiometric=maybe_path(radiometric),
-            flat=maybe_path(flat),
-            registration=maybe_path(register),
-            polarizer=maybe_path(polarizer),
+        calibrations=calibration_paths(
+            {
+                "noise": maybe_path(noise),
+                "radiometric": maybe_path(radiometric),
+                "flat": maybe_path(flat),
+                "registration": maybe_path(register),
+                "polarizer": maybe_path(polarizer),
+            },
+            store=maybe_path(calibrations),
             force_registration=force_registration,
         ),
         alpha=alpha,
         scale=scale,
         correct=tuple(correct),
     )
-    return ComparisonResult(**vars(compare_run(_folder(run), request, out=maybe_path(out))))
+    found = compare_run(_folder(run), request, out=maybe_path(out))
+    _warn_of(none_fits(() if found.picked is None else found.picked.choices))
+    return ComparisonResult(**vars(found))
 
 
 def stokes(
@@ -184,6 +200,7 @@ def stokes(
     register: FilePath | None = None,
     force_registration: bool = False,
     polarizer: FilePath | None = None,
+    calibrations: FilePath | None = None,
     correct: Sequence[str] = (),
     out: FilePath | None = None,
 ) -> StokesResult:
@@ -195,6 +212,7 @@ def stokes(
         register=register,
         force_registration=force_registration,
         polarizer=polarizer,
+        calibrations=calibrations,
         correct=tuple(correct),
         out=out,
     )
@@ -267,6 +285,7 @@ def acquire(
     *,
     noise: FilePath | None = None,
     polarizer: FilePath | None = None,
+    calibrations: FilePath | None = None,
 ) -> Run:
     """Take a session, of a simulated rig for instance, and return its run.
 
@@ -278,16 +297,26 @@ def acquire(
         Run folder to make; it must not exist yet.
     noise, polarizer : path or None
         Calibrations that the devices have to agree with.
+    calibrations : path, "none" or None
+        Store that calibrations which are not named are picked from, as the commands pick them: the folder
+        ``calibrations`` beside the rig file unless given. "none" picks none, ``noise="none"`` none of one kind.
+        What was picked, and why, is in `.calibrations` of the run.
 
     Raises
     ------
     ConfigError, DataError, DeviceError, RunFolderError
         A file is wrong, a calibration does not fit, a device fails, or the folder cannot be written.
     """
-    prepared = prepare_session(
-        AcquireRequest(rig=Path(rig), session=Path(session), noise=maybe_path(noise), polarizer=maybe_path(polarizer))
+    request = AcquireRequest(
+        rig=Path(rig),
+        session=Path(session),
+        noise=maybe_path(noise),
+        polarizer=maybe_path(polarizer),
+        store=maybe_path(calibrations),
+        picks=True,
     )
-    _warn_of(prepared.doubts)
+    prepared = prepare_session(request)
+    _warn_of((*prepared.doubts, *none_fits(prepared.picked.choices)))
     take(prepared, Path(out), warn=lambda text: _warn_of([text]))
     return open_run(out)
 
@@ -297,6 +326,7 @@ def _predict_request(
     changes: Mapping[str, float] | None,
     noise: FilePath | None,
     radiometric: FilePath | None,
+    calibrations: FilePath | None,
     light: LightPart,
     engine: Engine,
 ) -> PredictRequest:
@@ -307,6 +337,8 @@ def _predict_request(
         light=light,
         engine=engine,
         changes=dict(changes or {}),
+        store=maybe_path(calibrations),
+        picks=True,
     )
 
 

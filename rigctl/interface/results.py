@@ -4,10 +4,13 @@ from collections.abc import Iterable
 from operator import itemgetter
 from typing import Any
 
+from rigctl.calibrations.rig_picks import RigPicks
 from rigctl.comparison.compared_run import ComparedRun
+from rigctl.console.json_text import Json
 from rigctl.interface.data_frames import Backend, Number, data_frame, measured_numbers, number_table, optional
 from rigctl.jobs.predict import PredictedScene, SweptScene
 from rigctl.jobs.stokes import StokesOfRun
+from rigctl.measurement.picked_calibrations import PickedCalibrations
 from rigctl.reports.figures.comparison_figures import scores
 from rigctl.reports.figures.measurement_figures import scene_pictures
 from rigctl.reports.figures.prediction_figures import sweep_png
@@ -27,16 +30,32 @@ from rigctl.scene.sky_map import SkyMap
 _AGREES = {True: "model and measurement agree", False: "model and measurement DISAGREE", None: "cannot be judged"}
 
 
+def _calibrations(picked: PickedCalibrations | RigPicks | None) -> dict[str, Json]:
+    picks = () if picked is None or picked.store is None else (one.pick for one in picked.choices)
+    return {one.kind: one.as_json() for one in picks if one is not None}
+
+
+def _with(picked: PickedCalibrations | RigPicks | None) -> str:
+    picks = () if picked is None else (one.pick for one in picked.choices)
+    files = [f"{one.kind} {one.file.name}" for one in picks if one is not None]
+    return f", with {', '.join(files)}" if files else ""
+
+
 class Prediction(PredictedScene):
     """What the model says of a scene: `rigctl.jobs.predict.PredictedScene`, shown and as a table."""
 
     def __repr__(self) -> str:
-        return f"<prediction of {', '.join(self.found.predictions)}>"
+        return f"<prediction of {', '.join(self.found.predictions)}{_with(self.picked)}>"
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        return _calibrations(self.picked)
 
     def _repr_html_(self) -> str:
         numbers = {name: prediction.quantities for name, prediction in self.found.predictions.items()}
         tables = "".join(table_fragment(table) for table in quantity_tables(numbers))
-        return tables + lines_fragment(self.found.remarks)
+        return tables + lines_fragment((*self.picked.lines, *self.found.remarks))
 
     def table(self, *, backend: Backend = "pandas") -> Any:
         """Return every predicted number: region, quantity, statistic, value, std_error_inputs.
@@ -62,11 +81,17 @@ class SweepResult(SweptScene):
 
     def __repr__(self) -> str:
         values = self.found.values
-        return f"<sweep of {self.found.key}, {len(values)} values from {values[0]:g} to {values[-1]:g}>"
+        span = f"{len(values)} values from {values[0]:g} to {values[-1]:g}"
+        return f"<sweep of {self.found.key}, {span}{_with(self.picked)}>"
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        return _calibrations(self.picked)
 
     def _repr_html_(self) -> str:
         tables = "".join(table_fragment(table) for table in sweep_tables(self.found))
-        return picture_fragment(sweep_png(self.found)) + tables + lines_fragment(self.remarks)
+        return picture_fragment(sweep_png(self.found)) + tables + lines_fragment((*self.picked.lines, *self.remarks))
 
     def table(self, *, backend: Backend = "pandas") -> Any:
         """Return every number at every value: key, at, region, quantity, statistic, value."""
@@ -87,7 +112,12 @@ class ComparisonResult(ComparedRun):
     """A run beside the model: `rigctl.comparison.compared_run.ComparedRun`, shown and as a table."""
 
     def __repr__(self) -> str:
-        return f"<comparison of {self.measurement.run.path}: {_AGREES[self.agrees]}>"
+        return f"<comparison of {self.measurement.run.path}: {_AGREES[self.agrees]}{_with(self.picked)}>"
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        return _calibrations(self.picked)
 
     def _repr_html_(self) -> str:
         off = tuple(sorted(self.comparison.disagreements, key=lambda row: -abs(row.z or 0.0)))
@@ -113,7 +143,13 @@ class StokesResult(StokesOfRun):
 
     def __repr__(self) -> str:
         grid = self.measurement.grid
-        return f"<Stokes parameters of {self.measurement.run.path}: {grid.height} x {grid.width} pixels [{grid.unit}]>"
+        pixels = f"{grid.height} x {grid.width} pixels [{grid.unit}]"
+        return f"<Stokes parameters of {self.measurement.run.path}: {pixels}{_with(self.picked)}>"
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        return _calibrations(self.picked)
 
     def _repr_html_(self) -> str:
         tables = quantity_tables({name: region_statistics(one) for name, one in self.measurement.regions.items()})
@@ -122,7 +158,7 @@ class StokesResult(StokesOfRun):
                 picture_fragment(scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)),
                 *(table_fragment(table) for table in tables),
                 table_fragment(check_table(self.checks)),
-                lines_fragment(self.remarks),
+                lines_fragment((*(() if self.picked is None else self.picked.lines), *self.remarks)),
             )
         )
 

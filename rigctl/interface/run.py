@@ -1,7 +1,7 @@
 """A run folder in Python: its frames as arrays, its Stokes parameters, the numbers of its regions."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.calibrations.picking import Choice
 from rigctl.console.exclusion_option import exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
@@ -21,7 +22,7 @@ from rigctl.interface.data_frames import Backend, optional
 from rigctl.interface.results import StokesResult
 from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.live.run_state import state_of
-from rigctl.measurement.run_calibrations import CalibrationPaths
+from rigctl.measurement.picked_calibrations import calibration_paths
 from rigctl.runs.annotations import annotated, exclusion_remark
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run as RunRecord
@@ -125,6 +126,12 @@ class Run:
         """What `rigctl verify` says of it without looking into its frames: "whole", "unfinished" or "damaged"."""
         return wholeness(self.path, read_contents(self.path)).state
 
+    @property
+    def calibrations(self) -> Mapping[str, Any]:
+        """Calibrations that its session picked, by kind: file, sha256, why, age_days; empty where none was."""
+        picked = self.record.session_json.get("calibrations")
+        return dict(picked) if isinstance(picked, dict) else {}
+
     @cached_property
     def _summary(self) -> str:
         kinds = [record.kind for record in self.record.frames]
@@ -165,6 +172,7 @@ class Run:
         register: FilePath | None = None,
         force_registration: bool = False,
         polarizer: FilePath | None = None,
+        calibrations: FilePath | None = None,
         correct: tuple[str, ...] = (),
         out: FilePath | None = None,
     ) -> StokesResult:
@@ -176,6 +184,10 @@ class Run:
             Regions file, or regions such as those of a scene file.
         noise, flat, register, polarizer : path or None
             Calibration files.
+        calibrations : path, "none" or None
+            Store that calibrations which are not named are picked from, as `rigctl stokes` picks them: the folder
+            ``calibrations`` beside the run's rig file unless given; "none" picks none, as ``noise="none"`` does of one
+            kind. What was picked, and why, is in `.calibrations` of the result.
         force_registration : bool
             Apply a registration even where it makes edges no better.
         correct : tuple of str
@@ -192,17 +204,23 @@ class Run:
             run=self.path,
             out=maybe_path(out),
             regions=Path(regions) if isinstance(regions, str) else _listed(regions),
-            calibrations=CalibrationPaths(
-                noise=maybe_path(noise),
-                flat=maybe_path(flat),
-                registration=maybe_path(register),
-                polarizer=maybe_path(polarizer),
+            calibrations=calibration_paths(
+                {
+                    "noise": maybe_path(noise),
+                    "flat": maybe_path(flat),
+                    "registration": maybe_path(register),
+                    "polarizer": maybe_path(polarizer),
+                },
+                store=maybe_path(calibrations),
                 force_registration=force_registration,
             ),
             correct=tuple(correct),
         )
         with exclusions_ignored() if self.ignore_exclusions else nullcontext():
-            return StokesResult(**vars(stokes_of_run(request)))
+            found = stokes_of_run(request)
+        for line in none_fits(() if found.picked is None else found.picked.choices):
+            warnings.warn(line, stacklevel=2)
+        return StokesResult(**vars(found))
 
     def to_xarray(self) -> Any:
         """Return the run as an `xarray.Dataset`: the frames' counts with their angles, and the Stokes pictures.
@@ -248,6 +266,11 @@ class Run:
                 "makes such a file"
             )
         return list(load_scene(scene).regions)
+
+
+def none_fits(choices: Sequence[Choice]) -> list[str]:
+    """Return the kinds of calibration of which a store has some, and none that fits, in words."""
+    return [choice.line for choice in choices if choice.pick is None and choice.others]
 
 
 def _listed(regions: Path | Sequence[Region] | None) -> Path | list[Region] | None:

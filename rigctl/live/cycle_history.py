@@ -91,12 +91,16 @@ def cycle_history(run: Run, means: Means) -> CycleHistory:
 
     Notes
     -----
-    Frames of one round and cycle number belong together; takes that repeat a number at the same exposure are one.
+    Frames of one round and cycle number belong together; takes that repeat a number at the same exposure are one. A
+    cycle that lacks an angle since a frame of it is excluded is left out, as measuring leaves it out.
     """
     rig_file, session = files_of(run)
     noise = run.session.noise
     levels = LightLevels(noise=None if noise is None else mean_noise(noise))
-    seen = [_seen(record, means[record.sequence]) for record in run.frames if record.start_utc is not None]
+    torn = _torn_by_exclusions(run)
+    dated = (record for record in run.frames if record.start_utc is not None)
+    used = [record for record in dated if record.kind != "scene" or (record.round, record.cycle) not in torn]
+    seen = [_seen(record, means[record.sequence]) for record in used]
     for frame in seen:
         if frame.kind == "dark":
             levels.add_dark(frame)
@@ -104,6 +108,19 @@ def cycle_history(run: Run, means: Means) -> CycleHistory:
     extinction_ratio = rig_file.polarizer.extinction_ratio
     looks = _looks(seen, levels, reference=reference, extinction_ratio=extinction_ratio)
     return CycleHistory(reference=reference, looks=tuple(looks))
+
+
+def _torn_by_exclusions(run: Run) -> set[tuple[int | None, int | None]]:
+    """Return the cycles that lack an angle, of those that the rest of the run has, since frames are excluded."""
+    excluded = {(one.round, one.cycle) for one in run.excluded if one.kind == "scene" and one.cycle is not None}
+    if not excluded:
+        return set()
+    angles: dict[tuple[int | None, int | None], set[str]] = defaultdict(set)
+    for one in run.frames:
+        if one.kind == "scene":
+            angles[one.round, one.cycle].add(str(one.polarizer_angle_target_deg))
+    every = set().union(*angles.values())
+    return {cycle for cycle in excluded if angles[cycle] < every}
 
 
 def _looks(

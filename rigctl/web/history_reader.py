@@ -3,11 +3,13 @@
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.session_file import PICTURE
 from rigctl.live.cycle_history import CycleLook, Means, cycle_history
 from rigctl.live.region_means import PixelMean, RegionMeans
+from rigctl.runs.annotation_record import excluded_frames, exclusions_text
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
 from rigctl.runs.run_inputs import files_of
@@ -43,10 +45,10 @@ class HistoryReader:
                 self._thread = threading.Thread(target=self._work, name="history", daemon=True)
                 self._thread.start()
         if not run.session.is_of_session or self._problem:
-            return Curves(frames_there=len(run.frames))
+            return Curves(frames_there=len(run.frames), left_out=_left_out(run))
         read = tuple(record for record in run.frames if record.sequence in means)
-        looks = cycle_history(_with_frames(run, read), means).looks
-        return _curves(looks, read, frames_read=len(read), frames_there=len(run.frames))
+        looks = cycle_history(replace(run, frames=read), means).looks
+        return replace(_curves(looks, read, frames_there=len(run.frames)), left_out=_left_out(run))
 
     def _work(self) -> None:
         regions: RegionMeans | None = None
@@ -70,20 +72,11 @@ class HistoryReader:
                 self._means[record.sequence] = means
 
 
-def _with_frames(run: Run, frames: tuple[FrameRecord, ...]) -> Run:
-    return Run(
-        path=run.path,
-        session=run.session,
-        session_json=run.session_json,
-        frames=frames,
-        created_by=run.created_by,
-        created_utc=run.created_utc,
-    )
+def _left_out(run: Run) -> str:
+    return exclusions_text(excluded_frames(run.annotations)) if run.excluded else ""
 
 
-def _curves(
-    looks: Sequence[CycleLook], frames: Sequence[FrameRecord], *, frames_read: int, frames_there: int
-) -> Curves:
+def _curves(looks: Sequence[CycleLook], frames: Sequence[FrameRecord], *, frames_there: int) -> Curves:
     suns = {(frame.round, frame.cycle): frame.sun_elevation_deg for frame in frames}
     elevations = [suns.get((look.round, look.cycle)) for look in looks]
     names = sorted({name for look in looks for name in look.regions}, key=lambda name: (name == PICTURE, name))
@@ -93,7 +86,7 @@ def _curves(
         sum_rule=tuple(None if look.sum_rule is None else look.sum_rule.value for look in looks),
         drift_percent_per_min=tuple(None if look.drift is None else _PERCENT * look.drift.per_min for look in looks),
         regions=tuple(_curve(name, looks) for name in names),
-        frames_read=frames_read,
+        frames_read=len(frames),
         frames_there=frames_there,
     )
 

@@ -21,7 +21,7 @@ from rigctl.version import VERSION
 from rigctl.web.connections import Sockets
 from rigctl.web.hands import Hands, hand_routes
 from rigctl.web.pictures import Picture
-from rigctl.web.run_look import RunRow
+from rigctl.web.run_look import Curves, RunRow
 from rigctl.web.run_reader import RunReader
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".txt": "text/plain"}
@@ -174,11 +174,12 @@ class _Page:
         content |= asdict(reader.look()) | {"calibrations": [asdict(one) for one in reader.calibrations()]}
         try:
             curves = reader.curves()
-            key = f"{curves.frames_read}/{curves.frames_there}/{len(curves.time_s)}"
+            key = f"{curves.frames_read}/{curves.frames_there}/{len(curves.time_s)}/{curves.left_out}"
             is_known = question.get("curves") == key
             return content | {"curves": None if is_known else asdict(curves), "curves_key": key}
         except (DataError, ConfigError) as error:
-            return content | {"curves": None, "problems": [*content["problems"], str(error)]}
+            problems = [*content["problems"], *({str(error)} - set(content["problems"]))]
+            return content | {"curves": asdict(Curves()), "curves_key": "none", "problems": problems}
 
     def _of_hands(self) -> dict[str, Any]:
         if self._hands is None:

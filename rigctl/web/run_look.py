@@ -73,6 +73,8 @@ class Curves:
         The picture and the session's regions.
     frames_read, frames_there : int
         How far the frames have been read: the curves grow with them.
+    left_out : str
+        Frames that people have excluded, and why: no curve has them. Empty where there are none.
     """
 
     time_s: tuple[float, ...] = ()
@@ -82,6 +84,7 @@ class Curves:
     regions: tuple[RegionCurve, ...] = ()
     frames_read: int = 0
     frames_there: int = 0
+    left_out: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

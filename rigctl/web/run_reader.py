@@ -13,7 +13,7 @@ from rigctl.live.live_status import STATUS_FILE, read_status
 from rigctl.live.run_state import State, session_state
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.runs.annotation_record import Annotation
-from rigctl.runs.annotations import read_annotations
+from rigctl.runs.annotations import annotated
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.monitor_readings import READINGS_EVENT
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, event_facts, read_events
@@ -23,7 +23,7 @@ from rigctl.web.calibrations_beside import CalibrationsBeside
 from rigctl.web.history_reader import HistoryReader
 from rigctl.web.pictures import Picture
 from rigctl.web.run_look import CalibrationLook, Curves, Happening, Liveliness, NewestFrame, RunLook, RunRow
-from rigctl.web.run_pictures import RunPictures, last_cycle, newest_by_name
+from rigctl.web.run_pictures import MAPS, RunPictures, last_cycle, newest_by_name
 from rigctl.web.run_tail import RunTail
 
 T = TypeVar("T")
@@ -68,7 +68,8 @@ class RunReader:
         problems: list[str] = []
         run = _or_problem(self._run, problems)
         events = _or_problem(lambda: read_events(self._path), problems) or []
-        noted = _or_problem(lambda: read_annotations(self._path), problems) or ()
+        used = None if run is None else _or_problem(lambda: annotated(run), problems)
+        noted = () if used is None else used.annotations
         process = _or_problem(lambda: writing_process(self._path), problems)
         state = session_state(process, [event.event for event in events])
         liveliness = _LIVELINESS[state] if run is not None else "waiting"
@@ -79,19 +80,19 @@ class RunReader:
             events=_happenings(events, noted),
         )
         look = replace(look, since_utc=self._since(look.state, events), advice=self._advice(look.state, events))
-        look = look if run is None else _with_frames(look, run)
+        look = look if run is None else _with_frames(look, run, used)
         look = self._with_plan(look, problems)
         return replace(look, problems=(*problems, *self._tail.problems, *filter(None, [self._history.problem])))
 
     def curves(self) -> Curves:
-        """Return the numbers of its cycles, as far as its frames have been read.
+        """Return the numbers of its cycles, as far as its frames have been read, without those that are excluded.
 
         Raises
         ------
         DataError
-            The run cannot be read.
+            The run cannot be read, or nobody knows which frames are excluded.
         """
-        run = self._run()
+        run = self._used_run()
         return Curves() if run is None else self._history.curves(run)
 
     def calibrations(self) -> tuple[CalibrationLook, ...]:
@@ -107,11 +108,11 @@ class RunReader:
         DataError
             The run cannot be read.
         """
-        run = self._run()
+        run = self._used_run() if name in MAPS else self._run()
         return None if run is None else self._pictures.newest_sequence(run, name)
 
     def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
-        """Return the newest picture of an angle or a map; None where there is none.
+        """Return the newest picture of an angle, or a map without excluded frames; None where there is none.
 
         Parameters
         ----------
@@ -125,9 +126,9 @@ class RunReader:
         Raises
         ------
         DataError
-            A frame is damaged.
+            A frame is damaged, or of a map: nobody knows which frames are excluded.
         """
-        run = self._run()
+        run = self._used_run() if name in MAPS else self._run()
         return None if run is None else self._pictures.picture(run, name, zebra=zebra, dolp_top=dolp_top)
 
     def begun_utc(self) -> str:
@@ -143,6 +144,10 @@ class RunReader:
     def _run(self) -> Run | None:
         with self._reading:
             return self._tail.run(self._tail.read())
+
+    def _used_run(self) -> Run | None:
+        run = self._run()
+        return None if run is None else annotated(run)
 
     def _stale_or(self, state: Liveliness) -> Liveliness:
         return "stale" if state == "live" and time.time() - self._written_s() > _STALE_S else state
@@ -201,10 +206,10 @@ def _or_problem(read: Callable[[], T], problems: list[str]) -> T | None:
         return None
 
 
-def _with_frames(look: RunLook, run: Run) -> RunLook:
+def _with_frames(look: RunLook, run: Run, used: Run | None) -> RunLook:
     frames = run.frames
     last = frames[-1] if frames else None
-    cycle = last_cycle(frames)
+    cycle = () if used is None else last_cycle(used.frames)
     return replace(
         look,
         is_simulated=run.session.origin == "simulated",

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rigctl
 from rigctl import cli
 from rigctl.jobs.annotate import exclude_frames, note_run
 from rigctl.jobs.calibrate_axis import AxisRequest, calibrate_axis
@@ -163,6 +164,25 @@ def _regions(lab):
         'schema_version = 1\n[[regions]]\nname = "all"\nrectangle = { x = 2, y = 2, width = 28, height = 20 }\n'
     )
     return file
+
+
+def test_python_picks_as_the_commands_do(lab):
+    path = lab / f"run-{RUN_DAYS[2]:03d}"
+    found = rigctl.compare(path, regions=_regions(lab))
+    assert found.calibrations == picked_for_run(STORE, used_run(path), ("noise", "polarizer")).as_json()["calibrations"]
+    assert found.calibrations["noise"]["why"].startswith("the newest before the frames, of 3")
+    assert "with noise noise-0.json, polarizer axis-0.json" in repr(found)
+    assert set(rigctl.stokes(path, noise="none").calibrations) == {"polarizer"}
+    assert rigctl.stokes(path, calibrations="none").calibrations == {}
+    assert "noise calibration: " in rigctl.open_run(path).stokes()._repr_html_()
+    elsewhere = rigctl.stokes(path, calibrations=lab / "calibrations", polarizer="none")
+    assert Path(elsewhere.calibrations["noise"]["file"]).name == "noise-0.json"
+
+
+def test_python_warns_where_none_of_the_store_fits(lab):
+    run = _run(lab / "run-other-gain", 30, 22.5, gain_db=6.0)
+    with pytest.warns(UserWarning, match="no noise calibration: of 5 in the store none fits"):
+        assert "noise" not in rigctl.stokes(run, polarizer="none").calibrations
 
 
 def test_another_gain_setting_is_refused_with_its_reason_and_none_is_picked(lab, tmp_path, capsys):

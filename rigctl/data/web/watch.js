@@ -195,6 +195,7 @@ function histogram(head, id = "histogram") {
 function curves(found) {
   if (!found) return;
   $("read").textContent = found.frames_read < found.frames_there ? `(${found.frames_read} of ${found.frames_there} frames read)` : "";
+  $("left-out").textContent = found.left_out ? `Excluded frames are left out of curves and maps: ${found.left_out}` : "";
   const bySun = $("against").value === "sun" && found.sun_zenith_deg.some((z) => z !== null);
   const x = bySun ? found.sun_zenith_deg : found.time_s, xLabel = bySun ? "zenith angle of the sun [deg]" : "time (UTC)";
   const order = x.map((_, i) => i).filter((i) => x[i] !== null).sort((a, b) => x[a] - x[b]);

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from rigctl.calibrations.noise.noise_file import QUANTITIES
+from rigctl.errors import DataError
+from rigctl.jobs.annotate import exclude_frames
+from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
 from rigctl.web.pictures import picture_of
+from rigctl.web.run_look import Curves
 from rigctl.web.run_reader import RunReader, last_cycle
 from rigctl.web.sources import RunsOfFolder, source_at
 from tests.rigctl.example_files import small_rig, small_session
@@ -124,6 +128,45 @@ def test_a_session_has_curves_of_its_cycles(tmp_path: Path) -> None:
     assert len(curves.time_s) == 2
     assert all(0.0 < value < 1.0 for value in curves.regions[0].dolp)
     assert reader.look().is_simulated
+
+
+def _curves(reader: RunReader) -> Curves:
+    for _ in range(500):
+        curves = reader.curves()
+        if curves.frames_read == curves.frames_there:
+            break
+    return curves
+
+
+def test_excluded_frames_leave_curves_and_maps_while_somebody_looks(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    take_session(small_rig(tmp_path), small_session(cycles=3), run, files={})
+    reader = RunReader(run)
+    before, maps_before = _curves(reader), reader.look().maps_of
+    last = read_run(run).frames[-1]
+    exclude_frames(run, str(last.sequence), reason="a bird", undo=False, by="ann")
+    after = _curves(reader)
+    assert (len(before.time_s), len(after.time_s), after.frames_there) == (3, 2, before.frames_there - 1)
+    assert after.time_s == before.time_s[:2]
+    assert (before.left_out, after.left_out) == ("", f"{last.sequence}: a bird (ann)")
+    assert (maps_before[:7], reader.look().maps_of[:7]) == ("scene, ", "scene, ")
+    assert (f"cycle {last.cycle + 1}" in maps_before, f"cycle {last.cycle}" in reader.look().maps_of) == (True, True)
+    assert reader.look().frames == len(read_run(run).frames)  # they are there all the same
+    exclude_frames(run, str(last.sequence), reason=None, undo=True, by="ann")
+    assert _curves(reader) == before
+
+
+def test_curves_are_refused_where_nobody_knows_what_is_excluded(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    take_session(small_rig(tmp_path), small_session(cycles=2), run, files={})
+    exclude_frames(run, "1", reason="a bird", undo=False, by="ann")
+    file = run / "annotations.jsonl"
+    file.write_bytes(file.read_bytes().replace(b"bird", b"bard"))
+    reader = RunReader(run)
+    with pytest.raises(DataError, match="which frames are excluded is not known"):
+        reader.curves()
+    assert any("which frames are excluded is not known" in text for text in reader.look().problems)
+    assert (reader.look().maps_of, reader.picture("0") is not None) == ("", True)
 
 
 def test_a_folder_lists_its_runs_with_what_lies_beside_them(tmp_path: Path) -> None:
