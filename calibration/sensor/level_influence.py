@@ -140,4 +140,13 @@ def _beside_response(signal_dn: FloatArray, light: FloatArray, own_dn2: FloatArr
         for offset in (_USUAL_OFFSET, _OFFSET)
         for shape in (signal_dn, even)
     ]
-    return point_influence(models, signal_dn, own_dn2, abscissa=light, p_false=_FALSE_LIGHT)
+    without_offset = [
+        CurveModel(
+            design=scaled[:, None] ** np.arange(1, n_terms),
+            scatter_shape=signal_dn,
+            term_sizes=full * np.array(bends[: n_terms - 1]),
+            is_strict=True,
+        )
+        for n_terms in (2, 3, 4)
+    ]
+    return point_influence([*models, *without_offset], signal_dn, own_dn2, abscissa=light, p_false=_FALSE_LIGHT)

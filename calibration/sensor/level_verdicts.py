@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.estimate import percent_with_error
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.level_influence import LightInfluence
+from calibration.sensor.level_influence import LightInfluence, LightName
 from calibration.sensor.level_names import describe_level
 from calibration.sensor.outlying_points import PointInfluence
 
@@ -19,6 +19,7 @@ Mask = NDArray[np.bool_]
 # Deviations on both axes that agree to this many errors, or to a quarter, have one cause.
 _ALIKE_SIGMA, _ALIKE_SHARE = 4.0, 0.25
 _UNCLEAR = "unclear_level"
+_MS_PER_S = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,23 +150,39 @@ class _Beside:
             variance_std_error=by_noise[1] if by_noise else None,
             mean_off=off_light[0] if off_light else None,
             mean_std_error=off_light[1] if off_light else None,
-            cause=_UNCLEAR if cause is None and self.unclear else cause,
+            cause=_UNCLEAR if cause is None and self.is_unclear else cause,
         )
 
     @property
-    def unclear(self) -> str | None:
-        """What the level is off by on a curve that is as likely as the one that explains it, and what the other is."""
-        for one in self.light:
-            rival = one.points.rival
-            if rival is not None and rival.outlying[self.row]:
-                off = percent_with_error(*_relative(rival, self.row))
-                instead = _instead(one.points, one.light)
-                return f"its mean is {off} off the response to the {one.light} of the others, or {instead}"
+    def is_unclear(self) -> bool:
+        return self.unclear_light is not None or self.is_unclear_noise
+
+    @property
+    def unclear_light(self) -> LightInfluence | None:
+        """The light by which the level is off a curve that is as likely as the one that explains it."""
+        rivals = ((one, one.points.rival) for one in self.light)
+        return next((one for one, rival in rivals if rival is not None and rival.outlying[self.row]), None)
+
+    @property
+    def is_unclear_noise(self) -> bool:
         rival = None if self.noise is None else self.noise.rival
-        if self.noise is None or rival is None or not rival.outlying[self.row_of_noise]:
-            return None
-        off = percent_with_error(*_relative(rival, self.row_of_noise))
-        return f"its temporal variance is {off} off the curve of the others, or {_instead(self.noise, None)}"
+        return rival is not None and bool(rival.outlying[self.row_of_noise])
+
+    def unclear(self, level: LevelStatistics) -> str:
+        """Return what the level is off by on the other curve, and what else it may be."""
+        one = self.unclear_light
+        if one is not None and one.points.rival is not None:
+            off = _relative(one.points.rival, self.row)
+            stated = level.exposure_s if one.light == "exposure" else level.photons
+            fixed = _fixed_light(one.light, off[0] * (stated or 0.0))
+            instead = _instead(one.points, one.points.rival, fixed)
+            what = f"its mean is {percent_with_error(*off)} off the response to the {one.light} of the others"
+            return f"{what}, or {instead}"
+        if self.noise is None or self.noise.rival is None:
+            return ""
+        off = _relative(self.noise.rival, self.row_of_noise)
+        instead = _instead(self.noise, self.noise.rival)
+        return f"its temporal variance is {percent_with_error(*off)} off the curve of the others, or {instead}"
 
     def flag(self, level: LevelStatistics) -> Flag:
         cause, worst = self.influence.cause or _UNCLEAR, self.worst_light
@@ -175,20 +192,30 @@ class _Beside:
         return Flag(
             name="unclear_level",
             level=name,
-            message=f"{name}: {self.unclear}: these frames do not tell which, and it stays in all numbers: take it "
-            f"again, and more levels beside it",
+            message=f"{name}: {self.unclear(level)}: these frames do not tell which, and it stays in all numbers: take "
+            f"it again, and more levels beside it",
         )
 
 
-def _instead(points: PointInfluence, light: str | None) -> str:
+def _instead(points: PointInfluence, rival: PointInfluence, fixed: str = "") -> str:
     """Return what explains all levels where none of them is wrong."""
-    rival = points.rival
-    if rival is not None and points.model.n_free > rival.model.n_free:
-        if points.model.first_term_std is None and rival.model.first_term_std is not None and light is not None:
-            fixed = "a fixed time (a shutter)" if light == "exposure" else "a fixed number"
-            return f"all are off what is stated of their {light} by {fixed}"
-        return "this curve bends more than usual"
-    return "all levels scatter by more than their errors"
+    best, other = points.model, rival.model
+    if other.is_strict or (best.first_term_std is None and other.first_term_std is not None):
+        return fixed
+    return (
+        "this curve bends more than usual"
+        if best.n_free > other.n_free
+        else "all levels scatter by more than their errors"
+    )
+
+
+def _fixed_light(light: LightName, more: float) -> str:
+    """Return what all levels have more or less of than is stated, if the one that is off by so much is right."""
+    if light == "exposure":
+        word = "longer" if more > 0.0 else "shorter"
+        return f"all exposures are {word} than stated by {_MS_PER_S * abs(more):.2g} ms (a shutter, a readout)"
+    word = "more" if more > 0.0 else "fewer"
+    return f"all levels have {abs(more):.2g} photons {word} than stated (a shutter, stray light)"
 
 
 def _relative(points: PointInfluence, row: int) -> tuple[float, float]:

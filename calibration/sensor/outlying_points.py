@@ -15,8 +15,8 @@ Mask = NDArray[np.bool_]
 _ODDS_COST = 2.0 * np.log(100.0)
 # Odds of less than 1 to 10 between two curves do not tell which it is.
 _AS_WELL = 2.0 * np.log(10.0)
-# A single point this many of its own errors off is told of up to odds of 1 to 100: another curve may bend to it.
-_FAR_SIGMA, _FAR_AS_WELL = 10.0, 2.0 * np.log(100.0)
+# A point that is off by ten of its own errors is seen to be off by more than this.
+_FAR_SIGMA = 6.0
 # A wrong point may be anywhere within its own size.
 _LARGEST_SHARE = 0.25
 _LEAST_FREEDOM = 3
@@ -43,6 +43,9 @@ class CurveModel:
         None where nothing is known of any.
     is_usual : bool
         False for a curve that is believed where it explains more than one wrong point would.
+    is_strict : bool
+        True for a curve that hardly any set follows to the last: it is never taken, and tells whether a single point
+        alone speaks against it.
     """
 
     design: FloatArray
@@ -50,6 +53,7 @@ class CurveModel:
     first_term_std: float | None = None
     term_sizes: FloatArray | None = None
     is_usual: bool = True
+    is_strict: bool = False
 
     @property
     def n_free(self) -> int:
@@ -75,9 +79,11 @@ class PointInfluence:
         The curve that explains the points at the least cost of terms and of wrong points.
     cost : float
         That cost: twice the negative logarithm of the likelihood, with Occam's factors.
+    cost_of_each : (n,) array
+        What each point adds to the cost.
     rival : PointInfluence or None
-        Another curve with outlying points that explains all as well, where this one has none: which of the two it is
-        cannot be told.
+        Another curve with outlying points that explains all as well, where this one has none, or that explains all but
+        a single far one as well: which of the two it is cannot be told.
     """
 
     abscissa: FloatArray
@@ -89,6 +95,7 @@ class PointInfluence:
     scatter: float
     model: CurveModel
     cost: float
+    cost_of_each: FloatArray
     rival: Optional["PointInfluence"] = None
 
 
@@ -130,30 +137,37 @@ def point_influence(
     """
     possible = [model for model in models if len(values) - model.n_free > _LEAST_FREEDOM]
     found: list[PointInfluence] = []
-    for model in sorted(possible, key=lambda one: not one.is_usual):
-        if model.is_usual or not found or _cheapest(found).outlying.any():
+    for model in sorted(possible, key=lambda one: (one.is_strict, not one.is_usual)):
+        if model.is_strict and (not found or _cheapest(found).outlying.any()):
+            break
+        if model.is_strict or model.is_usual or not found or _cheapest(found).outlying.any():
             found.append(_eliminate(model, values, sampling_variance, abscissa, p_false))
     return _with_rival(_cheapest(found), found) if found else None
 
 
 def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
-    return min(found, key=lambda one: one.cost)
+    return min((one for one in found if not one.model.is_strict), key=lambda one: one.cost)
 
 
 def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
-    """Return the best curve with the best one that has outlying points, where that explains all as well."""
-    others = [
-        one
-        for one in found
-        if one.outlying.any() and one.cost < best.cost + (_FAR_AS_WELL if _is_one_far_off(one) else _AS_WELL)
-    ]
-    return best if best.outlying.any() or not others else replace(best, rival=_cheapest(others))
+    """Return the best curve with another that has outlying points, where that explains all, or all others, as well."""
+    if best.outlying.any():
+        return best
+    wrong = [one for one in found if one.outlying.any()]
+    as_well = [one for one in wrong if not one.model.is_strict and one.cost < best.cost + _AS_WELL]
+    if not as_well:
+        as_well = [one for one in wrong if one.model.is_usual and _speaks_alone(one, best)]
+    return replace(best, rival=min(as_well, key=lambda one: one.cost)) if as_well else best
 
 
-def _is_one_far_off(points: PointInfluence) -> bool:
-    own = np.sqrt(points.variance + np.square(points.scatter * points.model.scatter_shape))
-    off = np.abs(points.deviation[points.outlying])
-    return points.model.is_usual and off.size == 1 and bool(off[0] >= _FAR_SIGMA * own[points.outlying][0])
+def _speaks_alone(points: PointInfluence, best: PointInfluence) -> bool:
+    """Return whether a single point, far off the curve of the others, is all that speaks for the best curve."""
+    if np.count_nonzero(points.outlying) != 1:
+        return False
+    own = np.sqrt(points.variance + np.square(points.scatter * points.model.scatter_shape))[points.outlying]
+    of_others = (one.cost - one.cost_of_each[points.outlying][0] for one in (points, best))
+    without, with_it = of_others
+    return bool(abs(points.deviation[points.outlying][0]) > _FAR_SIGMA * own[0]) and without < with_it + _AS_WELL
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -290,6 +304,7 @@ def _beside_the_others(
         scatter=float(np.sqrt(fit.scatter_variance)),
         model=model,
         cost=float(cost.sum()) + unusual + _cost_of_terms(model, fit.covariance, n_points=len(values)),
+        cost_of_each=cost,
     )
 
 
