@@ -145,7 +145,7 @@ def _beside_response(signal_dn: FloatArray, light: FloatArray, own_dn2: FloatArr
             design=scaled[:, None] ** np.arange(1, n_terms),
             scatter_shape=signal_dn,
             term_sizes=full * np.array(bends[: n_terms - 1]),
-            is_strict=True,
+            is_through_zero=True,
         )
         for n_terms in (2, 3, 4)
     ]

@@ -200,7 +200,7 @@ class _Beside:
 def _instead(points: PointInfluence, rival: PointInfluence, fixed: str = "") -> str:
     """Return what explains all levels where none of them is wrong."""
     best, other = points.model, rival.model
-    if other.is_strict or (best.first_term_std is None and other.first_term_std is not None):
+    if other.is_through_zero or (best.first_term_std is None and other.first_term_std is not None):
         return fixed
     return (
         "this curve bends more than usual"

@@ -43,9 +43,8 @@ class CurveModel:
         None where nothing is known of any.
     is_usual : bool
         False for a curve that is believed where it explains more than one wrong point would.
-    is_strict : bool
-        True for a curve that hardly any set follows to the last: it is never taken, and tells whether a single point
-        alone speaks against it.
+    is_through_zero : bool
+        True for a curve without an offset.
     """
 
     design: FloatArray
@@ -53,7 +52,7 @@ class CurveModel:
     first_term_std: float | None = None
     term_sizes: FloatArray | None = None
     is_usual: bool = True
-    is_strict: bool = False
+    is_through_zero: bool = False
 
     @property
     def n_free(self) -> int:
@@ -137,27 +136,26 @@ def point_influence(
     """
     possible = [model for model in models if len(values) - model.n_free > _LEAST_FREEDOM]
     found: list[PointInfluence] = []
-    for model in sorted(possible, key=lambda one: (one.is_strict, not one.is_usual)):
-        if model.is_strict and (not found or _cheapest(found).outlying.any()):
-            break
-        if model.is_strict or model.is_usual or not found or _cheapest(found).outlying.any():
+    for model in sorted(possible, key=lambda one: not one.is_usual):
+        if model.is_usual or not found or _cheapest(found).outlying.any():
             found.append(_eliminate(model, values, sampling_variance, abscissa, p_false))
     return _with_rival(_cheapest(found), found) if found else None
 
 
 def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
-    return min((one for one in found if not one.model.is_strict), key=lambda one: one.cost)
+    return min(found, key=lambda one: one.cost)
 
 
 def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
     """Return the best curve with another that has outlying points, where that explains all, or all others, as well."""
     if best.outlying.any():
         return best
-    wrong = [one for one in found if one.outlying.any()]
-    as_well = [one for one in wrong if not one.model.is_strict and one.cost < best.cost + _AS_WELL]
-    if not as_well:
-        as_well = [one for one in wrong if one.model.is_usual and _speaks_alone(one, best)]
-    return replace(best, rival=min(as_well, key=lambda one: one.cost)) if as_well else best
+    rivals = [
+        one
+        for one in found
+        if one.outlying.any() and (one.cost < best.cost + _AS_WELL or (one.model.is_usual and _speaks_alone(one, best)))
+    ]
+    return replace(best, rival=_cheapest(rivals)) if rivals else best
 
 
 def _speaks_alone(points: PointInfluence, best: PointInfluence) -> bool:

@@ -5,6 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.errors import RefusedFramesError
+from calibration.sensor.dark_signal import match_darks, mean_sampling_variance
+from calibration.sensor.level_influence import mean_variance_dn2
+from calibration.sensor.noise import calibrate_noise
 from tests.calibration.sensor.noise_sets import STACK, Exposure, NoiseSet, Sensor, noise_set
 
 _BITS = (8, 10, 12, 14, 16)
@@ -144,6 +148,35 @@ def drawn_other_gain(seed: int) -> NoiseSet:
     return _set(sensor, exposures, wrong=[level])
 
 
+def drawn_ten_errors(seed: int) -> NoiseSet:
+    """The faintest level (in every second set any that numbers are taken from) is off by ten of its own errors.
+
+    These hold noise and rounding of flat and darks, and the flicker that repeats show.
+    """
+    sensor = drawn_sensor(seed)
+    exposures = drawn_sweep(sensor, seed)
+    try:
+        sound = calibrate_noise([one.level() for one in exposures], bit_depth=sensor.bits)
+    except RefusedFramesError:
+        return _set(sensor, exposures)
+    signal_dn = sound.transfer.points.signal_dn
+    of_darks = np.square(match_darks(sound.flats, sound.darks).weights) @ mean_sampling_variance(sound.darks)
+    own_dn2 = mean_variance_dn2(sound.flats, signal_dn, sound.light_stability) + of_darks
+    place = int(sensor.draws.choice(np.flatnonzero(sound.transfer.used))) if seed % 2 else 0
+    relative = 10.0 * float(np.sqrt(own_dn2[place]) / signal_dn[place])
+    # Flats by ascending mean are by ascending light.
+    off = exposures[2 * place]
+    _wrong_light(off, 1.0 / (1.0 + relative * float(sensor.draws.choice([-1.0, 1.0]))))
+    return _set(sensor, exposures, wrong=[off])
+
+
 DRAWN_GOOD = (drawn_good, drawn_drift)
-DRAWN_WRONG = (drawn_wrong_first, drawn_wrong_middle, drawn_wrong_last, drawn_two_wrong, drawn_other_gain)
+DRAWN_WRONG = (
+    drawn_wrong_first,
+    drawn_wrong_middle,
+    drawn_wrong_last,
+    drawn_two_wrong,
+    drawn_other_gain,
+    drawn_ten_errors,
+)
 DRAWN_OUTSIDE = (drawn_unit,)
