@@ -200,13 +200,10 @@ class _Beside:
 def _instead(points: PointInfluence, rival: PointInfluence, fixed: str = "") -> str:
     """Return what explains all levels where none of them is wrong."""
     best, other = points.model, rival.model
-    if other.is_through_zero or (best.first_term_std is None and other.first_term_std is not None):
-        return fixed
-    return (
-        "this curve bends more than usual"
-        if best.n_free > other.n_free
-        else "all levels scatter by more than their errors"
-    )
+    has_fixed = other.is_through_zero or (best.first_term_std is None and other.first_term_std is not None)
+    found = [fixed] if fixed and has_fixed and not best.is_through_zero else []
+    found += ["this curve bends more than usual"] if best.n_bends > other.n_bends else []
+    return ", or ".join(found) or "all levels scatter by more than their errors"
 
 
 def _fixed_light(light: LightName, more: float) -> str:

@@ -59,6 +59,11 @@ class CurveModel:
         """Number of terms of which nothing is expected."""
         return int(self.design.shape[1]) - (self.first_term_std is not None)
 
+    @property
+    def n_bends(self) -> int:
+        """Number of terms beyond an offset."""
+        return int(self.design.shape[1]) - (not self.is_through_zero)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointInfluence:

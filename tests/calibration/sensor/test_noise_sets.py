@@ -12,7 +12,7 @@ from calibration.sensor.first_lines import first_lines
 from calibration.sensor.light_in_darks import with_pattern
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.sensor import noise_sets
-from tests.calibration.sensor.drawn_sets import DRAWN_GOOD, DRAWN_WRONG
+from tests.calibration.sensor.drawn_sets import DRAWN_GOOD, DRAWN_WRONG, drawn_ten_errors
 from tests.calibration.sensor.noise_sets import GOOD, NoiseSet, SetMaker, calibrated, names_level
 
 # Seeds that the trial over 200 of each kind holds; here a few of them.
@@ -145,7 +145,7 @@ def test_a_wrong_photon_number_is_left_out_of_the_light_and_not_of_the_gain() ->
     assert abs(abs(deviation) - 0.04) < 0.01
 
 
-# The second is told though the odds are for the bend: the level is more than ten of its own errors off a straight line.
+# Told though the odds are for the bend, or for a fixed number: this level alone speaks for them.
 @pytest.mark.parametrize(("seed", "factor"), [(105, 1.012), (106, 1.014)])
 def test_what_a_bend_explains_as_well_as_a_wrong_level_is_named_with_both(seed: int, factor: float) -> None:
     given = noise_sets.good_lamp(seed)
@@ -161,6 +161,14 @@ def test_what_a_bend_explains_as_well_as_a_wrong_level_is_named_with_both(seed: 
     assert found.influence[0].cause == "unclear_level"
     assert found.transfer.linearity is not None
     assert "named as wrong" not in first_lines(found)[0]
+
+
+def test_a_level_that_alone_speaks_for_a_shutter_is_named_with_the_fixed_time() -> None:
+    given = drawn_ten_errors(28)
+    flags = named(calibrated(given))
+    assert [flag.name for flag in flags] == ["unclear_level"]
+    assert names_level(flags[0], given.wrong_means_dn[0])
+    assert "all exposures are shorter than stated by 0.0028 ms" in flags[0].message
 
 
 def test_the_worst_is_told_first() -> None:
