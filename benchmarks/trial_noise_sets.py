@@ -18,7 +18,15 @@ from calibration.estimate import Estimate
 from calibration.flags import Flag
 from calibration.sensor.noise import NoiseCalibration
 from tests.calibration.sensor.drawn_sets import DRAWN_GOOD, DRAWN_OUTSIDE, DRAWN_WRONG
-from tests.calibration.sensor.noise_sets import GOOD, ONE_WRONG, OUTSIDE, SetMaker, calibrated, names_level
+from tests.calibration.sensor.noise_sets import (
+    GOOD,
+    ONE_WRONG,
+    OUTSIDE,
+    SetMaker,
+    calibrated,
+    names_level,
+    tells_of_level,
+)
 
 _CHANCE = 1e-3
 _INTERVAL = 1.959964
@@ -53,7 +61,9 @@ def count(make: SetMaker, seeds: range) -> Count:
         found.causes.update({flag.name for flag in named})
         wrong = [mean_dn for mean_dn in one.wrong_means_dn[: one.n_to_name] if _is_judged(noise, mean_dn)]
         found.not_judged += not wrong
-        found.named += bool(wrong) and all(any(names_level(flag, mean_dn) for flag in named) for mean_dn in wrong)
+        told = [*named, *(flag for flag in noise.flags if flag.name == "exposure_offset")]
+        found.named += bool(wrong) and all(any(tells_of_level(flag, mean_dn) for flag in told) for mean_dn in wrong)
+        found.causes.update(flag.name for flag in told[len(named) :])
         found.falsely_named += any(not _is_of(one.wrong_means_dn, flag) for flag in named)
         for name, truth in one.truth.items():
             estimate: Estimate | None = getattr(noise, name)

@@ -48,7 +48,15 @@ _GROUPS: tuple[tuple[str, ...], ...] = (
         "saturation_not_reached",
         "single_dark_exposure",
     ),
-    ("saturated_levels", "outlier_pixels", "periodic_pattern", "short_stack", "single_frames", "low_ceiling"),
+    (
+        "saturated_levels",
+        "exposure_offset",
+        "outlier_pixels",
+        "periodic_pattern",
+        "short_stack",
+        "single_frames",
+        "low_ceiling",
+    ),
 )
 _RANK = {name: rank for rank, names in enumerate(_GROUPS) for name in names}
 _UNLISTED = _GROUPS.index(())

@@ -20,6 +20,8 @@ Mask = NDArray[np.bool_]
 _ALIKE_SIGMA, _ALIKE_SHARE = 4.0, 0.25
 _UNCLEAR = "unclear_level"
 _MS_PER_S = 1e3
+# Shutters and readouts of usual cameras are this late or early at most [s].
+_USUAL_SHUTTER_S = 3e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,11 +102,15 @@ def flat_verdicts(
     rows_of_noise = np.cumsum(judged) - 1
     for row, index in enumerate(places):
         beside = _Beside(
-            noise=noise if judged[index] else None, row_of_noise=int(rows_of_noise[index]), light=light, row=row
+            level=flats[index],
+            noise=noise if judged[index] else None,
+            row_of_noise=int(rows_of_noise[index]),
+            light=light,
+            row=row,
         )
         levels[index] = beside.influence
         wrong_noise[index], wrong_light[index] = beside.is_noise, beside.is_light
-        flags += [] if beside.influence.cause is None else [beside.flag(flats[index])]
+        flags += beside.flags
     return FlatVerdicts(levels=tuple(levels), wrong_noise=wrong_noise, wrong_light=wrong_light, flags=tuple(flags))
 
 
@@ -112,6 +118,7 @@ def flat_verdicts(
 class _Beside:
     """One flat on both axes; `noise` is None where that is not judged."""
 
+    level: LevelStatistics
     noise: PointInfluence | None
     row_of_noise: int
     light: Sequence[LightInfluence]
@@ -150,7 +157,7 @@ class _Beside:
             variance_std_error=by_noise[1] if by_noise else None,
             mean_off=off_light[0] if off_light else None,
             mean_std_error=off_light[1] if off_light else None,
-            cause=_UNCLEAR if cause is None and self.is_unclear else cause,
+            cause=_UNCLEAR if cause is None and self.is_unclear and not self.is_shutter else cause,
         )
 
     @property
@@ -160,7 +167,7 @@ class _Beside:
     @property
     def unclear_light(self) -> LightInfluence | None:
         """The light by which the level is off a curve that is as likely as the one that explains it."""
-        rivals = ((one, one.points.rival) for one in self.light)
+        rivals = ((one, one.points.rival) for one in sorted(self.light, key=lambda one: one.light))
         return next((one for one, rival in rivals if rival is not None and rival.outlying[self.row]), None)
 
     @property
@@ -168,12 +175,21 @@ class _Beside:
         rival = None if self.noise is None else self.noise.rival
         return rival is not None and bool(rival.outlying[self.row_of_noise])
 
-    def unclear(self, level: LevelStatistics) -> str:
+    @property
+    def is_shutter(self) -> bool:
+        """Whether a fixed time that cameras usually have explains the level."""
+        one = self.unclear_light
+        if one is None or one.light != "exposure" or one.points.rival is None or self.level.exposure_s is None:
+            return False
+        late_s = _relative(one.points.rival, self.row)[0] * self.level.exposure_s
+        return _has_offset(one.points, one.points.rival) and abs(late_s) < _USUAL_SHUTTER_S
+
+    def unclear(self) -> str:
         """Return what the level is off by on the other curve, and what else it may be."""
         one = self.unclear_light
         if one is not None and one.points.rival is not None:
             off = _relative(one.points.rival, self.row)
-            stated = level.exposure_s if one.light == "exposure" else level.photons
+            stated = self.level.exposure_s if one.light == "exposure" else self.level.photons
             fixed = _fixed_light(one.light, off[0] * (stated or 0.0))
             instead = _instead(one.points, one.points.rival, fixed)
             what = f"its mean is {percent_with_error(*off)} off the response to the {one.light} of the others"
@@ -184,26 +200,36 @@ class _Beside:
         instead = _instead(self.noise, self.noise.rival)
         return f"its temporal variance is {percent_with_error(*off)} off the curve of the others, or {instead}"
 
-    def flag(self, level: LevelStatistics) -> Flag:
-        cause, worst = self.influence.cause or _UNCLEAR, self.worst_light
-        if cause != _UNCLEAR:
-            return _flag(cause, level, self.by_noise, self.off_light, None if worst is None else worst.light)
-        name = describe_level(level)
-        return Flag(
-            name="unclear_level",
-            level=name,
-            message=f"{name}: {self.unclear(level)}: these frames do not tell which, and it stays in all numbers: take "
-            f"it again, and more levels beside it",
-        )
+    @property
+    def flags(self) -> list[Flag]:
+        cause, worst, name = self.influence.cause, self.worst_light, describe_level(self.level)
+        if cause == _UNCLEAR:
+            what = f"{name}: {self.unclear()}: these frames do not tell which, and it stays in all numbers"
+            return [Flag(name=_UNCLEAR, level=name, message=f"{what}: take it again, and more levels beside it")]
+        if cause is not None:
+            light = None if worst is None else worst.light
+            return [_flag(cause, self.level, self.by_noise, self.off_light, light)]
+        if self.is_unclear and self.is_shutter:
+            what = f"{name}: {self.unclear()}: this level alone tells of it, and it stays in all numbers"
+            return [
+                Flag(name="exposure_offset", message=f"{what}; so short a time is usual: take more short exposures")
+            ]
+        return []
 
 
 def _instead(points: PointInfluence, rival: PointInfluence, fixed: str = "") -> str:
     """Return what explains all levels where none of them is wrong."""
-    best, other = points.model, rival.model
-    has_fixed = other.is_through_zero or (best.first_term_std is None and other.first_term_std is not None)
-    found = [fixed] if fixed and has_fixed and not best.is_through_zero else []
-    found += ["this curve bends more than usual"] if best.n_bends > other.n_bends else []
+    found = [fixed] if fixed and _has_offset(points, rival) else []
+    found += ["this curve bends more than usual"] if points.model.n_bends > rival.model.n_bends else []
     return ", or ".join(found) or "all levels scatter by more than their errors"
+
+
+def _has_offset(points: PointInfluence, rival: PointInfluence) -> bool:
+    """Return whether an offset of all levels is what a curve has and its rival has not."""
+    best, other = points.model, rival.model
+    if best.is_through_zero:
+        return False
+    return other.is_through_zero or (best.first_term_std is None and other.first_term_std is not None)
 
 
 def _fixed_light(light: LightName, more: float) -> str:

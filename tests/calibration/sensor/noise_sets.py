@@ -101,6 +101,11 @@ def names_level(flag: Flag, mean_dn: float) -> bool:
     return flag.level is not None and f"mean {mean_dn:.4g} DN" in flag.level
 
 
+def tells_of_level(flag: Flag, mean_dn: float) -> bool:
+    """Whether a flag says what is odd about the level of this mean, be it blamed or not."""
+    return f"mean {mean_dn:.4g} DN" in flag.message
+
+
 def calibrated(found: NoiseSet) -> NoiseCalibration:
     """The calibration of a set, with its fixed pattern as from files."""
     noise = calibrate_noise(found.levels, bit_depth=found.bits)

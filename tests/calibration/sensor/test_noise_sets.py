@@ -164,11 +164,21 @@ def test_what_a_bend_explains_as_well_as_a_wrong_level_is_named_with_both(seed: 
 
 
 def test_a_level_that_alone_speaks_for_a_shutter_is_named_with_the_fixed_time() -> None:
-    given = drawn_ten_errors(28)
+    given = drawn_ten_errors(42)
     flags = named(calibrated(given))
     assert [flag.name for flag in flags] == ["unclear_level"]
     assert names_level(flags[0], given.wrong_means_dn[0])
-    assert "all exposures are shorter than stated by 0.0028 ms" in flags[0].message
+    assert "all exposures are longer than stated by 0.0045 ms" in flags[0].message
+
+
+def test_a_fixed_time_that_is_usual_is_told_and_blames_no_level() -> None:
+    given = drawn_ten_errors(28)
+    found = calibrated(given)
+    assert named(found) == []
+    told = [flag.message for flag in found.flags if flag.name == "exposure_offset"]
+    assert len(told) == 1
+    assert f"mean {given.wrong_means_dn[0]:.4g} DN" in told[0]
+    assert "all exposures are shorter than stated by 0.0028 ms" in told[0]
 
 
 def test_the_worst_is_told_first() -> None:

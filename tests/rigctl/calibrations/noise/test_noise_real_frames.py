@@ -91,8 +91,11 @@ def test_saturation_is_between_its_level_and_the_next() -> None:
 
 
 def test_what_is_odd_about_this_camera_is_said() -> None:
-    names = {flag.name for flag in calibrated().noise.flags}
-    assert names == {
+    flags = {flag.name: flag for flag in calibrated().noise.flags}
+    assert "all exposures are longer than stated by 0.0022 ms" in flags["exposure_offset"].message
+    assert not any(flag.level for flag in flags.values())
+    assert set(flags) == {
+        "exposure_offset",
         "saturated_levels",
         "bent_photon_transfer",
         "response_not_linear",
