@@ -1,82 +1,24 @@
 """Answers of a simulated Zaber stage, from a reading of Zaber's ASCII protocol manual (firmware 6 and 7)."""
 
-import re
+import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
 
 from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.simulated_stage import Reply
 from sim_devices.stages.zaber_address import ZaberOptions
-from sim_devices.stages.zaber_memory import RefusedError, Told, ZaberStorage, ZaberTriggers
+from sim_devices.stages.zaber_memory import RefusedError, Told, ZaberStorage
+from sim_devices.stages.zaber_receiver import Command, ZaberReceiver, checksum
 from sim_devices.stages.zaber_settings import ZaberSettings
-
-_LONGEST = 80
-_CHECKED = re.compile(r"(.*):([0-9A-F]{2})")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Command:
-    """A whole command: for which device and axis (0: all), its message id if it has one, and its words."""
-
-    device: int
-    axis: int
-    message_id: str | None
-    words: tuple[str, ...]
-
-
-class ZaberReceiver:
-    """Collects characters from a slash to the end of a line. A command whose checksum is wrong is passed over."""
-
-    def __init__(self) -> None:
-        self._collected: str | None = None
-
-    def receive(self, data: bytes) -> list[Command]:
-        """Return the commands that these bytes complete."""
-        commands = (self._take(character) for character in data.decode("latin-1"))
-        return [command for command in commands if command is not None]
-
-    def _take(self, character: str) -> Command | None:
-        if character in "\r\n":
-            text, self._collected = self._collected, None
-            return None if text is None else _understand(text)
-        if self._collected is None:
-            self._collected = "" if character == "/" else None
-        elif len(self._collected) < _LONGEST and " " <= character <= "~":
-            self._collected += character
-        else:
-            self._collected = None
-        return None
-
-
-def checksum(text: str) -> str:
-    """Return the two digits that make the bytes of a message add up to 0 modulo 256."""
-    return f"{-sum(text.encode('latin-1')) % 256:02X}"
-
-
-def _understand(text: str) -> Command | None:
-    checked = _CHECKED.fullmatch(text)
-    if checked is not None:
-        text, digits = checked.groups()
-        if checksum(text) != digits:
-            return None
-    numbers, words = _leading_numbers(text.split())
-    padded: list[str | None] = [*numbers, None, None, None]
-    device, axis, message_id = padded[:3]
-    return Command(device=int(device or 0), axis=int(axis or 0), message_id=message_id, words=words)
-
-
-def _leading_numbers(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
-    count = 0
-    while count < min(3, len(words)) and words[count].isdecimal():
-        count += 1
-    return words[:count], tuple(words[count:])
-
+from sim_devices.stages.zaber_triggers import ZaberTriggers
 
 _BORN_ADDRESS, _LAST_ADDRESS = 1, 99
 _STALLED, _DISABLED, _NO_REFERENCE, _INTERRUPTED, _BY_HAND = "FS", "FO", "WR", "NI", "NC"
 _LASTING = frozenset({_NO_REFERENCE, _DISABLED})
 _BUSY_FOR_NO_REASON_S = 0.3
 _DONE: Told = ("0", [])
+# What a trigger's action does to a setting.
+_CHANGES: dict[str, Callable[[int, int], int]] = {"=": lambda _, by: by, "+=": operator.add, "-=": operator.sub}
 
 
 class ZaberLanguage:
@@ -88,7 +30,7 @@ class ZaberLanguage:
         self._receiver = ZaberReceiver()
         self._now_s = 0.0
         self._settings = ZaberSettings(options, lambda: self._drive.ring.counts(self._now_s), lambda: self._now_s)
-        self._triggers = ZaberTriggers(self._settings.number("trigger.numtriggers"))
+        self._triggers = ZaberTriggers(self._settings.number("trigger.numtriggers"), self._settings.get)
         self._storage = ZaberStorage()
         self._address = _BORN_ADDRESS
         self._flags = {_NO_REFERENCE}
@@ -109,7 +51,7 @@ class ZaberLanguage:
             "renumber": self._renumber,
             "system": self._restore,
             "axis": self._restore,
-            "trigger": self._triggers.obey,
+            "trigger": lambda words: self._triggers.obey(words, self._now_s),
             "storage": self._storage.obey,
             "io": self._tell_lines,
         }
@@ -124,6 +66,7 @@ class ZaberLanguage:
         self._live_until(time_s)
         for command in self._receiver.receive(data):
             self._obey(command)
+            self._fire()
         return self._take_replies()
 
     def advance(self, time_s: float) -> list[Reply]:
@@ -133,17 +76,39 @@ class ZaberLanguage:
 
     def next_event_s(self) -> float | None:
         """Return when the stage does something unasked, or None."""
-        return self._appointment[0] if self._appointment else None
+        due_s = self._triggers.due_s(self._now_s, is_moving=self._drive.ring.is_moving(self._now_s))
+        times_s = [] if due_s is None else [due_s]
+        return min([*times_s, *([self._appointment[0]] if self._appointment else [])], default=None)
 
     def _take_replies(self) -> list[Reply]:
         replies, self._replies = self._replies, []
         return replies
 
     def _live_until(self, time_s: float) -> None:
-        while self._appointment and self._appointment[0] <= time_s:
-            (self._now_s, keep), self._appointment = self._appointment, None
-            keep()
+        while (event_s := self.next_event_s()) is not None and event_s <= time_s:
+            self._now_s = max(self._now_s, event_s)
+            if self._appointment and self._appointment[0] <= self._now_s:
+                (_, keep), self._appointment = self._appointment, None
+                keep()
+            self._fire()
         self._now_s = max(self._now_s, time_s)
+
+    def _fire(self) -> None:
+        """Do what triggers have to be done now; what cannot be is left, as nobody waits for an answer."""
+        for action in self._triggers.fired(self._now_s):
+            words = action[1:] if action[0] in ("0", "1") else action
+            with suppress(RefusedError):
+                if words[1:2] and words[1] in _CHANGES:
+                    self._change(words[0], _CHANGES[words[1]], words[2:])
+                elif words[0] in self._commands:
+                    self._commands[words[0]](words[1:])
+
+    def _change(self, name: str, change: Callable[[int, int], int], words: tuple[str, ...]) -> None:
+        """Set a setting to a number or to another setting, or change it by that."""
+        by = self._settings.get(words[-1]) if words[0] == "setting" else words[-1]
+        was = self._settings.get(name)
+        if by is not None and was is not None:
+            self._settings.set(name, str(change(int(was), int(by))))
 
     def _obey(self, command: Command) -> None:
         if command.device not in (0, self._address):

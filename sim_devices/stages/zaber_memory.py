@@ -1,78 +1,11 @@
-"""Triggers and stored texts of a simulated Zaber stage: kept and told; its triggers do not fire."""
-
-from dataclasses import dataclass, field
+"""Texts that a simulated Zaber stage keeps under keys, and what its commands come to."""
 
 Told = tuple[str, list[str]]
 """Data of a reply, and the lines that follow it."""
 
-_ACTIONS = ("a", "b")
-_ENDLESS = -1
-
 
 class RefusedError(Exception):
     """A command that cannot be obeyed; its text is the reason as the protocol has it."""
-
-
-@dataclass(kw_only=True)
-class _Trigger:
-    """A trigger: when, what, and how often yet; 0 for never."""
-
-    when: str = "none"
-    actions: dict[str, str] = field(default_factory=lambda: dict.fromkeys(_ACTIONS, "none"))
-    fires: int = 0
-
-    def lines(self) -> list[str]:
-        """Return the commands that make it again."""
-        enabled = "disable" if not self.fires else "enable" if self.fires == _ENDLESS else f"enable {self.fires}"
-        actions = [f"action {letter} {what}" for letter, what in self.actions.items()]
-        return [f"when {self.when}", *actions, enabled]
-
-    def state(self) -> str:
-        """Return whether it is enabled, or how often it will fire yet."""
-        return "d" if not self.fires else "e" if self.fires == _ENDLESS else str(self.fires)
-
-
-class ZaberTriggers:
-    """All triggers of a device."""
-
-    def __init__(self, count: int) -> None:
-        self._triggers = [_Trigger() for _ in range(count)]
-
-    def obey(self, words: tuple[str, ...]) -> Told:
-        """Return what ``trigger ...`` is answered.
-
-        Raises
-        ------
-        RefusedError
-            There is no such trigger, or no such command.
-        """
-        if words == ("show",):
-            return " ".join(trigger.state() for trigger in self._triggers), []
-        if words == ("print",):
-            numbered = enumerate(self._triggers, 1)
-            return "0", [line for number, trigger in numbered for line in (f"trigger {number}", *trigger.lines())]
-        if len(words) < 2 or not words[0].isdecimal():
-            raise RefusedError("BADCOMMAND")
-        if not 1 <= int(words[0]) <= len(self._triggers):
-            raise RefusedError("BADDATA")
-        return self._obey_one(self._triggers[int(words[0]) - 1], words[1], words[2:])
-
-    def _obey_one(self, trigger: _Trigger, verb: str, words: tuple[str, ...]) -> Told:
-        if verb == "print" and not words:
-            return "0", trigger.lines()
-        if verb == "when" and words:
-            trigger.when = " ".join(words)
-        elif verb == "action" and len(words) > 1 and words[0] in _ACTIONS:
-            trigger.actions[words[0]] = " ".join(words[1:])
-        elif verb == "action" and words == ("none",):
-            trigger.actions = dict.fromkeys(_ACTIONS, "none")
-        elif verb == "enable" and len(words) <= 1 and all(word.isdecimal() for word in words):
-            trigger.fires = int(words[0]) if words else _ENDLESS
-        elif verb == "disable" and not words:
-            trigger.fires = 0
-        else:
-            raise RefusedError("BADDATA")
-        return "0", []
 
 
 class ZaberStorage:

@@ -42,54 +42,66 @@ _WRITABLE = {
 }
 
 
+# What every stage comes with.
+_SAME_OF_ALL: dict[str, int | float | str] = {
+    "system.axiscount": 1,
+    "system.access": 1,
+    "system.voltage": 48.1,
+    "system.temperature": 31.5,
+    "driver.temperature": 34.0,
+    "version": "7.38",
+    "version.build": 16000,
+    "device.hw.modified": 0,
+    "peripheralid": 0,
+    "peripheral.id": 0,
+    "comm.packet.size.max": 80,
+    "comm.word.size.max": 50,
+    "comm.command.packets.max": 1,
+    "comm.rs232.baud": 115200,
+    "comm.protocol": 2,
+    "get.settings.max": 10,
+    "trigger.numtriggers": 6,
+    "trigger.numactions": 2,
+    "limit.home.state": 0,
+    "accel": 205,
+    "motion.accelonly": 205,
+    "motion.decelonly": 205,
+    "driver.current.run": 40,
+    "driver.current.hold": 20,
+    "knob.enable": 1,
+    "system.led.enable": 1,
+    "comm.alert": 0,
+    "comm.checksum": 0,
+}
+
+
+def _of_model(options: ZaberOptions) -> dict[str, int | float | str]:
+    """Return what a stage of one model comes with."""
+    turn = options.counts_per_turn
+    top_speed = round(_TOP_SPEED_DEG_PER_S / 360.0 * turn * _MAXSPEED_UNIT)
+    cycle = {"limit.cycle.dist": turn} if options.cycle else {}
+    return {
+        "deviceid": options.model,
+        "device.id": options.model,
+        "system.serial": options.serial_number,
+        "resolution": options.resolution,
+        "limit.min": 0 if options.one_turn else -_FAR,
+        "limit.max": turn if options.one_turn else _FAR,
+        "maxspeed": top_speed,
+        "limit.approach.maxspeed": top_speed,
+        "motion.index.dist": turn // _INDICES_A_TURN,
+        **cycle,
+    }
+
+
 class ZaberSettings:
     """Name to value. Positions are asked for each time."""
 
     def __init__(self, options: ZaberOptions, position: Callable[[], int], now_s: Callable[[], float]) -> None:
-        self._turn = turn = options.counts_per_turn
+        self._turn = options.counts_per_turn
         self._position, self._now_s = position, now_s
         self._has_encoder = options.encoder
-        self._born: dict[str, int | float | str] = {
-            "deviceid": options.model,
-            "device.id": options.model,
-            "system.serial": options.serial_number,
-            "system.axiscount": 1,
-            "system.access": 1,
-            "system.voltage": 48.1,
-            "system.temperature": 31.5,
-            "driver.temperature": 34.0,
-            "version": "7.38",
-            "version.build": 16000,
-            "device.hw.modified": 0,
-            "peripheralid": 0,
-            "peripheral.id": 0,
-            "comm.packet.size.max": 80,
-            "comm.word.size.max": 50,
-            "comm.command.packets.max": 1,
-            "comm.rs232.baud": 115200,
-            "comm.protocol": 2,
-            "get.settings.max": 10,
-            "resolution": options.resolution,
-            "trigger.numtriggers": 6,
-            "trigger.numactions": 2,
-            "limit.min": 0 if options.one_turn else -_FAR,
-            "limit.max": turn if options.one_turn else _FAR,
-            "limit.home.state": 0,
-            "maxspeed": round(_TOP_SPEED_DEG_PER_S / 360.0 * turn * _MAXSPEED_UNIT),
-            "limit.approach.maxspeed": round(_TOP_SPEED_DEG_PER_S / 360.0 * turn * _MAXSPEED_UNIT),
-            "accel": 205,
-            "motion.accelonly": 205,
-            "motion.decelonly": 205,
-            "motion.index.dist": turn // _INDICES_A_TURN,
-            "driver.current.run": 40,
-            "driver.current.hold": 20,
-            "knob.enable": 1,
-            "system.led.enable": 1,
-            "comm.alert": 0,
-            "comm.checksum": 0,
-        }
-        if options.cycle:
-            self._born["limit.cycle.dist"] = turn
+        self._born = _SAME_OF_ALL | _of_model(options)
         self._values = dict(self._born)
         self.is_parked = False
 

@@ -130,12 +130,38 @@ def go_round_triggers(device: object) -> None:
     g.disable()
     if g.get_enabled_state().enabled:
         sys.exit("it is not disabled")
+    fire_triggers(device, g)
     g.clear_action(TriggerAction.ALL)
     g.set_label("second")
     if g.get_label() != "second":
         sys.exit("it has no label")
     g.finish()
     t.finish()
+
+
+def fire_triggers(device: object, trigger: object) -> None:
+    """Stop the stage at a position by a trigger, and count eighths of a turn by another."""
+    axis = device.get_axis(1)
+    turn = int(axis.generic_command("get limit.cycle.dist").data)
+    axis.move_absolute(0)
+    trigger.fire_when_setting(1, "pos", TriggerCondition.GE, turn // 4)
+    trigger.on_fire(TriggerAction.A, 1, "stop")
+    trigger.clear_action(TriggerAction.B)
+    trigger.enable(1)
+    axis.move_absolute(turn // 2, wait_until_idle=False)
+    axis.wait_until_idle(throw_error_on_fault=False)
+    near(axis.get_position(), turn / 4, turn * 0.02)
+    if trigger.get_enabled_state().enabled:
+        sys.exit("it fires more than once")
+    axis.warnings.clear_flags()
+    axis.move_absolute(0)
+    before = axis.settings.get("driver.current.hold")
+    trigger.fire_when_distance_travelled(1, turn // 8)
+    trigger.on_fire_set(TriggerAction.A, 1, "driver.current.hold", TriggerOperation.INCREMENT_BY, 1)
+    trigger.enable()
+    axis.move_absolute(round(turn * 0.55))
+    trigger.disable()
+    near(axis.settings.get("driver.current.hold"), before + 4)
 
 
 def go_round_storage(storage: object) -> None:

@@ -165,6 +165,66 @@ def test_a_trigger_is_told_as_the_commands_that_make_it() -> None:
     assert told == [b"@01 0 7 OK IDLE WR 0\r\n", *(b"#01 0 7 " + line + b"\r\n" for line in lines)]
 
 
+def with_trigger(stage: Stage, time_s: float, *commands: str) -> None:
+    for command in commands:
+        assert data_of(stage, time_s, f"trigger 1 {command}") == "0"
+
+
+def test_a_trigger_stops_the_stage_where_its_condition_comes_true() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"/1 1 home\n")
+    turn = int(data_of(stage, 5.0, "get limit.cycle.dist"))
+    with_trigger(stage, 5.0, f"when 1 pos >= {turn // 4}", "action a 1 stop", "enable 1")
+    stage.hears(5.0, f"/1 1 move abs {turn // 2}\n".encode())
+    speed = turn / 360.0 * 430.0  # the motor's
+    assert 0 <= int(data_of(stage, 20.0, "get pos")) - turn // 4 <= 0.002 * speed
+    assert data_of(stage, 20.0, "trigger show") == "d d d d d d"
+
+
+def test_a_trigger_fires_each_time_its_condition_comes_true_and_at_once_where_it_is() -> None:
+    stage = Stage()
+    with_trigger(stage, 0.0, "when 1 accel > 300", "action b 1 motion.accelonly += 5", "enable")
+    for time_s, accel in enumerate((301, 302, 300, 303), 1):
+        data_of(stage, float(time_s), f"set accel {accel}")
+    assert data_of(stage, 5.0, "get motion.accelonly") == "215"
+    with_trigger(stage, 5.0, "enable 2")
+    assert data_of(stage, 5.0, "get motion.accelonly") == "220"
+    assert data_of(stage, 5.0, "trigger show").startswith("1 ")
+
+
+def test_a_trigger_fires_by_distance_in_both_directions() -> None:
+    stage = Stage()
+    stage.hears(0.0, b"/1 1 home\n")
+    with_trigger(stage, 5.0, "when 1 dist 1000", "action a 1 accel += 1", "enable")
+    stage.hears(5.0, b"/1 1 move rel 10500\n")
+    assert data_of(stage, 20.0, "get accel") == "215"
+    stage.hears(20.0, b"/1 1 move rel -10500\n")
+    assert data_of(stage, 40.0, "get accel") == "225"
+
+
+def test_a_trigger_fires_by_time_and_sets_a_setting_to_another() -> None:
+    stage = Stage()
+    with_trigger(
+        stage, 0.0, "when time 100", "action a 1 accel += 1", "action b 1 driver.current.hold = setting 1 accel"
+    )
+    with_trigger(stage, 0.0, "enable 7")
+    assert [data_of(stage, time_s, "get accel") for time_s in (0.05, 0.35, 5.0)] == ["205", "208", "212"]
+    data_of(stage, 5.0, "set accel 90")
+    with_trigger(stage, 5.0, "enable")
+    assert data_of(stage, 6.05, "get driver.current.hold") == "100"
+
+
+@pytest.mark.parametrize("command", ["when time 0", "when 1 dist x", "when", "action c 1 stop", "enable often"])
+def test_what_is_no_trigger_is_refused(command: str) -> None:
+    assert data_of(Stage(), 0.0, f"trigger 1 {command}") == "BADDATA"
+
+
+def test_actions_that_cannot_be_done_are_left() -> None:
+    stage = Stage()
+    with_trigger(stage, 0.0, "when 1 pos >= 0", "action a 1 move abs far", "action b io set do 1 1", "enable")
+    assert data_of(stage, 1.0, "get pos") == "0"
+
+
 def test_texts_are_kept_for_device_and_axis_apart() -> None:
     stage = Stage()
     stage.hears(0.0, b"/1 storage set a two words\n")
