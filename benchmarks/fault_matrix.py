@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from benchmarks.camera_faults import GRACE_S, camera_table
+from benchmarks.disk_faults import ALLOWED_S, disk_table
 from drivers.errors import (
     DeviceError,
     DeviceFaultError,
@@ -322,6 +323,13 @@ In seconds of the clock, over this machine's own network; a camera that falls si
 a type that belongs to the fault, not later than {GRACE_S:g} s after its deadline: what the caller allows for a picture
 (2 s here), 5 s for settings, 3 s for telling its features, 2 s for closing, 30 s for opening. Calls that never return,
 to video devices too, are tried in tests/drivers/cameras/test_bounded_camera.py."""
+_DISK_HEAD = f"""## A disk that freezes
+
+A session of two frames on a disk of its own (ext4, a loop device), which the kernel freezes before one of the
+session's flushes and which then holds whoever writes to it. The session has to end with "the disk hangs" within
+{GRACE_S:g} s after the {ALLOWED_S:g} s that such a call is allowed here (30 s in a session), its devices released. After
+the disk has gone on every frame that the manifest names has to be whole. The program itself can end only when the
+kernel lets go of what it holds."""
 _TITLES = {"ellx": "Elliptec ELLx", "zaber": "Zaber ASCII", "apt": "Thorlabs APT"}
 
 
@@ -336,6 +344,9 @@ def main() -> int:
     lines, cells, wrong_here = camera_table()
     total, wrong = total + cells, wrong + wrong_here
     print(f"\n{_CAMERA_HEAD}\n", *lines, sep="\n")
+    lines, cells, wrong_here = disk_table()
+    total, wrong = total + cells, wrong + wrong_here
+    print(f"\n{_DISK_HEAD}\n", *lines, sep="\n")
     print(f"\n{total} cells, {wrong} of them wrong.")
     return wrong
 

@@ -7,13 +7,13 @@ once the call returns; nobody else touches that camera any more. One thread a ca
 opened anew only when the earlier one has come back.
 """
 
-import queue
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
+from drivers.caller import Caller, LeftBehindError
 from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError
 from drivers.interfaces import (
     Camera,
@@ -37,54 +37,6 @@ _SILENT = "It is off, unplugged, or hangs; it is given up, and opened anew once 
 
 class OpenCamera(Camera, ReportingCamera, Protocol):
     """What is called in a thread of its own."""
-
-
-class _LeftBehindError(Exception):
-    """A call that has not come back in time."""
-
-
-class _Caller:
-    """A thread that makes calls, one after the other."""
-
-    def __init__(self, name: str) -> None:
-        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], _Answer] | None] = queue.SimpleQueue()
-        self.thread = threading.Thread(target=self._work, name=f"calls to {name}", daemon=True)
-        self.thread.start()
-
-    def call(self, job: Callable[[], Result], *, within_s: float) -> Result:
-        """Return what a call returns, or raise what it raises; raise _LeftBehindError where it does not end in time."""
-        answer = _Answer()
-        self._jobs.put((job, answer))
-        if not answer.is_there.wait(within_s):
-            raise _LeftBehindError
-        if answer.error is not None:
-            raise answer.error
-        result: Result = answer.result
-        return result
-
-    def end(self, last: Callable[[], None]) -> None:
-        """Make a last call once all others have ended; nobody waits for it."""
-        self._jobs.put((last, _Answer()))
-        self._jobs.put(None)
-
-    def _work(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            call, answer = job
-            try:
-                answer.result = call()
-            except BaseException as error:
-                answer.error = error
-            answer.is_there.set()
-            del call, answer, job
-
-
-class _Answer:
-    """What a call came to."""
-
-    def __init__(self) -> None:
-        self.is_there = threading.Event()
-        self.result: Any = None
-        self.error: BaseException | None = None
 
 
 # Threads that were left behind, by the camera's name: the next one that opens it waits for them.
@@ -113,7 +65,7 @@ class BoundedCamera:
         self, open_camera: Callable[[], OpenCamera], *, name: str, now_s: Callable[[], float] = time.monotonic
     ) -> None:
         self._open_camera, self._name, self._now_s = open_camera, name, now_s
-        self._caller: _Caller | None = None
+        self._caller: Caller | None = None
         self._camera: OpenCamera | None = None
         self._is_closed = False
         self._busy_until_s = 0.0
@@ -208,7 +160,7 @@ class BoundedCamera:
             caller.call(camera.close, within_s=_CLOSING_S + max(0.0, self._busy_until_s - self._now_s()))
         except DeviceError:
             pass  # it was going away
-        except _LeftBehindError:
+        except LeftBehindError:
             _left[self._name] = caller.thread
         caller.end(camera.close)
 
@@ -235,7 +187,7 @@ class BoundedCamera:
             if earlier.is_alive():
                 raise NotConnectedError(f"{self._name}: a call to it has not ended yet. {_SILENT}")
             _left.pop(self._name, None)
-        self._caller = _Caller(self._name)
+        self._caller = Caller(f"calls to {self._name}")
         within_s = max(0.0, deadline_s - self._now_s()) + _GRACE_S
         opened: list[OpenCamera] = []
 
@@ -245,7 +197,7 @@ class BoundedCamera:
 
         try:
             self._camera = self._caller.call(open_and_note, within_s=within_s)
-        except _LeftBehindError as error:
+        except LeftBehindError as error:
             self._leave(lambda: _close_all(opened))
             raise DeviceTimeoutError(f"{self._name}: opening it took too long. {_SILENT}") from error
         except BaseException:
@@ -277,7 +229,7 @@ class BoundedCamera:
         self._busy_until_s = start_s + within_s
         try:
             result = self._caller.call(job, within_s=within_s)
-        except _LeftBehindError as error:
+        except LeftBehindError as error:
             camera = self._opened()
             self._before = self.tally()
             self._camera = None

@@ -1,5 +1,6 @@
 """A run folder as it is written: each frame durable before the manifest names it."""
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -30,6 +31,7 @@ from rigctl.runs.run_events import closing_facts
 from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, file_checksum, read_run
 from rigctl.runs.run_inputs import keep_inputs
 from rigctl.runs.run_lock import RunLock, released_on_error
+from rigctl.storage.disk_calls import DiskCalls
 from rigctl.storage.durable_file import flush_folder, write_durably
 from rigctl.version import VERSION
 
@@ -49,6 +51,8 @@ class RunWriter:
         What the chains of manifest and events begin with; None in an old run, which has none.
     utc_ns, monotonic_ns : callable
         The clocks that stamp events [ns].
+    disk : DiskCalls or None
+        What makes all calls but those for frames, which come from a thread that may be held.
 
     Attributes
     ----------
@@ -65,10 +69,12 @@ class RunWriter:
         first_link: str | None = None,
         utc_ns: Clock = time.time_ns,
         monotonic_ns: Clock = time.monotonic_ns,
+        disk: DiskCalls | None = None,
     ) -> None:
         self.path = path
+        self.disk = DiskCalls() if disk is None else disk
         self.listener: Callable[[str, dict[str, JsonValue]], None] | None = None
-        self._lock = lock
+        self._lock, self._writing = lock, threading.Lock()
         self._sequences = set(sequences)
         self._manifest = Journal(path / MANIFEST_FILE, first_link=first_link)
         self._events = EventLog(path, first_link=first_link, utc_ns=utc_ns, monotonic_ns=monotonic_ns)
@@ -108,15 +114,27 @@ class RunWriter:
             created_utc=utc_text(utc_ns()),
             session=description,
         )
-        try:
+        disk = DiskCalls()
+        made: list[RunWriter] = []
+
+        def make() -> "RunWriter":
             _make_folder(path)
             lock = RunLock(path)
             with released_on_error(lock):
                 keep_inputs(inputs or {}, path)
                 write_durably(path / SESSION_FILE, encode_description(content))
                 link = first_link(read_description(path / SESSION_FILE))
-                return cls(path, lock=lock, sequences=(), first_link=link, utc_ns=utc_ns, monotonic_ns=monotonic_ns)
-        except OSError as error:
+                clocks = {"utc_ns": utc_ns, "monotonic_ns": monotonic_ns}
+                made.append(cls(path, lock=lock, sequences=(), first_link=link, disk=disk, **clocks))
+                return made[0]
+
+        try:
+            return disk.call(make)
+        except BaseException as error:
+            # One that a hanging disk has held is closed once it is made.
+            disk.end(lambda: [writer.close() for writer in made])
+            if not isinstance(error, OSError):
+                raise
             raise RunFolderError(f"{path}: cannot make a run folder here: {error.strerror}") from error
 
     @classmethod
@@ -159,7 +177,11 @@ class RunWriter:
 
     def close(self) -> None:
         """Close the files. May be called twice."""
-        self._manifest.close()
+        self.disk.end(self._close)
+
+    def _close(self) -> None:
+        with self._writing:  # by a thread that a hanging disk has held, and that comes to its end yet
+            self._manifest.close()
         self._events.close()
         self._lock.release()
 
@@ -200,6 +222,10 @@ class RunWriter:
         RunFolderError, ValueError
             As ``write_frame``; what had been written by then is taken back.
         """
+        with self._writing:
+            return self._write_frames(frames)
+
+    def _write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
         written: list[FrameRecord] = []
         try:
             for record, counts in frames:
@@ -247,10 +273,10 @@ class RunWriter:
         Raises
         ------
         RunFolderError
-            The disk is full, or the folder cannot be written.
+            The disk is full or hangs, or the folder cannot be written.
         """
         try:
-            self._events.note(name, facts)
+            self.disk.call(lambda: self._events.note(name, facts))
         except OSError as error:
             raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
         finally:

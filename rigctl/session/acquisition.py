@@ -77,7 +77,7 @@ def acquire(
     context = SessionContext() if context is None else context
     by_sequence = {step.sequence: step for step in steps}
     store = FrameStore(writer, context, lambda record: progress(by_sequence[record.sequence]))
-    with WriterThread(store.store, last_sign_s=store.last_sign_s) as thread:
+    with WriterThread(store.store, disk=writer.disk, last_sign_s=store.last_sign_s) as thread:
         session = _Acquisition(rig, rig_file, steps, writer, context, thread)
         try:
             missed = session.run()
@@ -88,7 +88,7 @@ def acquire(
             writer.event("stopped", reason="somebody asked for it", **not_stored)
             return False
         finally:
-            if not thread.is_stalled:
+            if not (thread.is_stalled or writer.disk.is_hung):
                 _note_tally(rig.camera, writer)
     # The last word of a run: whatever is noted later says that it goes on.
     writer.closing_event("finished", frames=store.frames, rounds_missed=missed)

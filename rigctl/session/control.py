@@ -110,17 +110,22 @@ class Control:
     def poll(self) -> Request | None:
         """Return what was asked for since the last call, or None."""
         if self._file is not None:
-            # Taken away in one step: a request that is put down meanwhile is another file, for the next look.
-            taken = self._file.with_name(f".{REQUEST_FILE}.taken")
             try:
-                self._file.replace(taken)
-                self._request = _WORDS.get(_text_of(taken))
-                taken.unlink()
+                # A look costs nothing on a disk that hangs; to take away what is not there would wait for it.
+                if self._file.exists():
+                    self._take(self._file)
             except OSError:
                 self._look_without_taking()
         request, self._request = self._request, None
         self._is_stop_seen = self._is_stop_seen or request == "stop"
         return request
+
+    def _take(self, file: Path) -> None:
+        """Take a request away in one step: one that is put down meanwhile is another file, for the next look."""
+        taken = file.with_name(f".{REQUEST_FILE}.taken")
+        file.replace(taken)
+        self._request = _WORDS.get(_text_of(taken))
+        taken.unlink()
 
     def _look_without_taking(self) -> None:
         """See a request that cannot be taken away, as in a folder that is read-only by now: each is answered once."""

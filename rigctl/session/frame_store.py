@@ -18,9 +18,10 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.session_context import SessionContext
 from rigctl.session.timing import StopAskedError
+from rigctl.storage.disk_calls import DiskCalls
 
 _RETRY_S = 1.0
-_STALLED_S, _LOOK_S = 30.0, 0.2
+_LOOK_S = 0.2
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 # Frames that may wait for the disk: enough to ride over one slow flush, few enough to lose little in a power cut.
 QUEUE_FRAMES = 4
@@ -45,17 +46,19 @@ class WriterThread:
     ----------
     store : callable
         Returns once the frames of an exposure are durable. Called in the other thread, one exposure at a time.
-    stalled_s : float
-        A disk that takes longer than this for the frames of an exposure hangs, and is not waited for any more.
+    disk : DiskCalls or None
+        What else is written goes through; it says how long a disk may take for the frames of an exposure before it
+        hangs and is not waited for any more, and is told so.
     last_sign_s : callable
         When the store said last that it is only waiting, as it does for a full disk [s of the monotonic clock].
     """
 
     def __init__(
-        self, store: Store, *, stalled_s: float = _STALLED_S, last_sign_s: Callable[[], float] = lambda: 0.0
+        self, store: Store, *, disk: DiskCalls | None = None, last_sign_s: Callable[[], float] = lambda: 0.0
     ) -> None:
         self._store = store
-        self._stalled_s, self._last_sign_s = stalled_s, last_sign_s
+        self._disk = DiskCalls() if disk is None else disk
+        self._stalled_s, self._last_sign_s = self._disk.stalled_s, last_sign_s
         self._busy_since_s: float | None = None
         self._queue: queue.Queue[Frames | None] = queue.Queue(maxsize=QUEUE_FRAMES)
         self._error: Exception | None = None
@@ -90,6 +93,8 @@ class WriterThread:
     def is_stalled(self) -> bool:
         """True where the disk has hung for so long that nothing more is written."""
         busy_s = self._busy_since_s
+        if busy_s is not None and self._disk.is_hung:
+            return True
         return busy_s is not None and time.monotonic() - max(busy_s, self._last_sign_s()) > self._stalled_s
 
     @property
@@ -157,7 +162,10 @@ class WriterThread:
 
     def _raise_stall(self) -> None:
         if self.is_stalled:
-            raise RunFolderError(self._stall())
+            self._disk.give_up()
+            # What waits is dropped, should the disk come back: whoever resumes takes it again.
+            self._error = RunFolderError(self._stall())
+            raise self._error
 
     def _watch(self) -> None:
         while not self._is_over.wait(_LOOK_S):

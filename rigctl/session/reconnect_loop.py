@@ -90,7 +90,14 @@ class ReconnectLoop:
         """
         opened: Rig | None = rig
         context = self._context
-        show = Watch(self._writer.path, self._steps, title=title, clock=context.clock, live=context.live)
+        show = Watch(
+            self._writer.path,
+            self._steps,
+            title=title,
+            clock=context.clock,
+            live=context.live,
+            disk=self._writer.disk,
+        )
         with show as watch, self._context.control.listening():
             while True:
                 try:

@@ -17,12 +17,14 @@ from rich.text import Text
 from rigctl.console.console_streams import visible
 from rigctl.console.terminal import progress as progress_console
 from rigctl.console.terminal import warn
+from rigctl.errors import RunFolderError
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_status import LastStep, LiveContent, LiveStatus, StepProgress, write_status
 from rigctl.live.live_text import live_lines
 from rigctl.numbers.utc_time import NS_PER_S, utc_text
 from rigctl.session.planning.session_steps import Step, step_times_ns
 from rigctl.session.session_clock import SessionClock
+from rigctl.storage.disk_calls import DiskCalls
 
 # File systems flush a file that replaces another: that costs as much as a frame, and nobody looks more often.
 _TELL_EACH_S = 1.0
@@ -43,9 +45,21 @@ class Watch:
         The host's clocks.
     live : LiveNumbers
         What the frames show.
+    disk : DiskCalls or None
+        What writes the status file, so that a disk that hangs holds nobody.
     """
 
-    def __init__(self, run: Path, steps: Sequence[Step], *, title: str, clock: SessionClock, live: LiveNumbers) -> None:
+    def __init__(
+        self,
+        run: Path,
+        steps: Sequence[Step],
+        *,
+        title: str,
+        clock: SessionClock,
+        live: LiveNumbers,
+        disk: DiskCalls | None = None,
+    ) -> None:
+        self._disk = DiskCalls() if disk is None else disk
         self._run, self._steps, self._clock, self._live = run, steps, clock, live
         self._planned_ns = step_times_ns(steps, start_ns=clock.utc_ns())
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -111,7 +125,7 @@ class Watch:
 
     def _tell(self, **changes: Any) -> None:
         with self._lock:
-            self._status = replace(self._status, **changes, written_utc=utc_text(self._clock.utc_ns()))
-            # Who watches gets nothing on a full disk; the frames say so loudly enough.
-            with suppress(OSError):
-                write_status(self._run, self._status)
+            status = self._status = replace(self._status, **changes, written_utc=utc_text(self._clock.utc_ns()))
+            # Who watches gets nothing on a full disk, or one that hangs; the frames say so loudly enough.
+            with suppress(OSError, RunFolderError):
+                self._disk.call(lambda: write_status(self._run, status))

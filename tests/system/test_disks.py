@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.disk_faults import run_disk_cell
 from benchmarks.loop_disk import call, ext4_image, mounted, why_not
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_events import read_events
@@ -190,3 +191,13 @@ def test_a_disk_that_takes_a_second_to_flush_makes_the_session_wait_and_loses_no
     # Later frames were taken one a second, as the disk took them, and each bears the time at which it was taken.
     starts_s = [record.start_monotonic_ns / 1e9 for record in read_run(run).frames]
     assert min(later - earlier for earlier, later in pairwise(starts_s[5:])) > 0.5
+
+
+@pytest.mark.parametrize("before_flush", [8, 12], ids=["the session itself writes", "frames are written"])
+def test_a_disk_that_freezes_ends_the_session_in_time(tmp_path, before_flush):
+    reason = why_not()
+    if reason is not None:
+        pytest.skip(f"{reason}: run it as root where loop devices can be mounted")
+    outcome, flushes = run_disk_cell(small_rig(tmp_path, port="sim:ellx?speed=400"), before_flush)
+    assert outcome.word == "the disk hangs"
+    assert outcome.is_right, (outcome, flushes)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivers import caller as caller_module
 from drivers.cameras import bounded_camera
 from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.v4l2 import V4l2Camera
@@ -169,13 +170,13 @@ def test_closing_one_that_hangs_does_not_wait_for_it(camera, cable, monkeypatch)
 
 def test_a_picture_that_is_interrupted_is_let_come_before_the_camera_is_closed(camera, cable, monkeypatch):
     def interrupted(caller, job, *, within_s):
-        caller._jobs.put((job, bounded_camera._Answer()))
+        caller._jobs.put((job, caller_module._Answer()))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(bounded_camera, "_CLOSING_S", 0.0)
     cable.hangs = "take_frame"
     with monkeypatch.context() as patched:
-        patched.setattr(bounded_camera._Caller, "call", interrupted)
+        patched.setattr(caller_module.Caller, "call", interrupted)
         with pytest.raises(KeyboardInterrupt):
             camera.take_frame(timeout_s=PATIENCE_S)
     threading.Timer(0.3, cable.let_go_on).start()

@@ -15,6 +15,7 @@ from rigctl.session.frame_store import QUEUE_FRAMES, StoredFrame, WriterThread
 from rigctl.session.planning.session_steps import plan_steps
 from rigctl.session.session_clock import SessionClock
 from rigctl.session.watch import Watch
+from rigctl.storage.disk_calls import DiskCalls
 from tests.rigctl.example_files import small_session
 from tests.rigctl.run_samples import make_record
 
@@ -127,7 +128,7 @@ def test_a_disk_that_hangs_ends_the_session_in_time(hanging, frames, monkeypatch
     told = []
     monkeypatch.setattr(frame_store, "warn", told.append)
     start_s = time.monotonic()
-    thread = WriterThread(hanging, stalled_s=0.3)
+    thread = WriterThread(hanging, disk=DiskCalls(stalled_s=0.3))
 
     def store_all():
         with thread:
@@ -145,7 +146,7 @@ def test_a_disk_that_hangs_ends_the_session_in_time(hanging, frames, monkeypatch
 def test_somebody_says_it_even_where_the_session_itself_is_held(hanging, monkeypatch):
     told = threading.Event()
     monkeypatch.setattr(frame_store, "warn", lambda text: told.set())
-    with suppress(RunFolderError), WriterThread(hanging, stalled_s=0.1) as thread:
+    with suppress(RunFolderError), WriterThread(hanging, disk=DiskCalls(stalled_s=0.1)) as thread:
         thread.put(made_frame(0))
         thread.put(made_frame(1))
         assert told.wait(_PATIENCE_S)  # the session does nothing more
@@ -153,7 +154,7 @@ def test_somebody_says_it_even_where_the_session_itself_is_held(hanging, monkeyp
 
 def test_a_disk_that_hangs_for_a_while_costs_no_frame(hanging):
     threading.Timer(0.2, hanging.goes_on.set).start()
-    with WriterThread(hanging, stalled_s=5.0) as thread:
+    with WriterThread(hanging, disk=DiskCalls(stalled_s=5.0)) as thread:
         for k in range(3):
             thread.put(made_frame(k))
     assert hanging.stored == [0, 1, 2]
@@ -161,7 +162,7 @@ def test_a_disk_that_hangs_for_a_while_costs_no_frame(hanging):
 
 def test_waiting_for_a_full_disk_is_no_hanging(hanging):
     threading.Timer(0.5, hanging.goes_on.set).start()
-    with WriterThread(hanging, stalled_s=0.2, last_sign_s=time.monotonic) as thread:
+    with WriterThread(hanging, disk=DiskCalls(stalled_s=0.2), last_sign_s=time.monotonic) as thread:
         for k in range(3):
             thread.put(made_frame(k))
         thread.flush()

@@ -1,0 +1,157 @@
+"""A disk that freezes in every phase of a session: it ends with that message, in time, and its frames are whole.
+
+The disk is ext4 on a loop device, frozen for real by the kernel, which then holds whoever writes to it. Needs the right
+to mount. Phases are counted in flushes: the disk freezes before the n-th. `python -m benchmarks.fault_matrix` prints
+the table.
+"""
+
+import ctypes
+import fcntl
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from unittest import mock
+
+from benchmarks.loop_disk import ext4_image, mounted, why_not
+from rigctl.errors import RunFolderError
+from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.session_file import SessionFile
+from rigctl.runs.run_folder import read_run
+from rigctl.runs.verification import verify_run
+from rigctl.session.take_session import take_session
+from rigctl.storage import disk_calls
+
+GRACE_S = 0.5
+ALLOWED_S, _THAW_S = 0.5, 5.0
+_FREEZE, _THAW = 0xC0045877, 0xC0045878
+_THREADS = ("frame writer", "calls to the disk")
+_RIG = Path(__file__).parents[1] / "examples" / "rig-sim.toml"
+_DISK_BYTES = 24 * 1024 * 1024
+_SESSION = SessionFile.model_validate(
+    {
+        "name": "frozen",
+        "take": [{"kind": "scene", "exposure_ms": 0.03, "cycles": 1, "angles_deg": [0, 90]}],
+        "interlocks": {"disk_free_mb": 0},
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiskOutcome:
+    """How a session ended, after how long [s], and whether that is right."""
+
+    word: str
+    duration_s: float
+    is_right: bool
+
+
+class FreezingDisk:
+    """A mounted disk that freezes before its n-th flush; None: never."""
+
+    def __init__(self, place: Path, *, before_flush: int | None) -> None:
+        self._place, self._before = place, before_flush
+        self._flush: Callable[[int], None] = os.fsync
+        self._lock = threading.Lock()
+        self.flushes: list[str] = []
+        self.frozen_s: float | None = None
+
+    def flush(self, descriptor: int) -> None:
+        """Stand in for `os.fsync`."""
+        name = Path(f"/proc/self/fd/{descriptor}").readlink()
+        if name.is_relative_to(self._place):
+            with self._lock:
+                self.flushes.append(name.name)
+                if len(self.flushes) == self._before:
+                    _control(self._place, _FREEZE)
+                    self.frozen_s = time.monotonic()
+        self._flush(descriptor)
+
+    def thaw(self) -> None:
+        """Let it go on. May be called twice."""
+        if self.frozen_s is not None:
+            with suppress(OSError):  # it may have gone on already
+                _control(self._place, _THAW)
+
+
+def run_disk_cell(rig_file: RigFile, before_flush: int | None) -> tuple[DiskOutcome, list[str]]:
+    """Return how a session ended whose disk froze, and what was flushed until then."""
+    with tempfile.TemporaryDirectory() as folder:
+        image, place = ext4_image(Path(folder) / "disk.img", size_bytes=_DISK_BYTES), Path(folder) / "disk"
+        with mounted(image, place), _freezing(place, before_flush) as disk:
+            word, duration_s = _taken(rig_file, place / "run", disk)
+            disk.thaw()
+            _await_left_behind()
+            is_whole = _is_whole(place / "run")
+    is_right = word in ("complete", "the disk hangs") and duration_s <= ALLOWED_S + GRACE_S and is_whole
+    return DiskOutcome(word=word, duration_s=duration_s, is_right=is_right), disk.flushes
+
+
+def _taken(rig_file: RigFile, run: Path, disk: FreezingDisk) -> tuple[str, float]:
+    """Take a session; return how it ended, and how long after the disk froze [s]."""
+    watchdog = threading.Timer(_THAW_S, disk.thaw)
+    watchdog.start()
+    try:
+        take_session(rig_file, _SESSION, run, files={})
+        word = "complete"
+    except RunFolderError as error:
+        word = "the disk hangs" if "the disk hangs" in str(error) else str(error)
+    finally:
+        watchdog.cancel()
+    return word, 0.0 if disk.frozen_s is None else time.monotonic() - disk.frozen_s
+
+
+def _is_whole(run: Path) -> bool:
+    """Return whether every frame that the manifest names is what was written; where there is no run yet, too."""
+    if not (run / "manifest.jsonl").exists():
+        return True
+    try:
+        return not read_run(run).frames or verify_run(run).ok
+    except RunFolderError:
+        return False
+
+
+def _await_left_behind() -> None:
+    """Return once the threads that the disk held have come to their end."""
+    for thread in threading.enumerate():
+        if thread.name in _THREADS:
+            thread.join(_THAW_S)
+
+
+@contextmanager
+def _freezing(place: Path, before_flush: int | None) -> Iterator[FreezingDisk]:
+    disk = FreezingDisk(place, before_flush=before_flush)
+    with mock.patch.object(os, "fsync", disk.flush), mock.patch.object(disk_calls, "STALLED_S", ALLOWED_S):
+        try:
+            yield disk
+        finally:
+            disk.thaw()
+
+
+def _control(place: Path, number: int) -> None:
+    descriptor = os.open(place, os.O_RDONLY)
+    try:
+        fcntl.ioctl(descriptor, number, ctypes.c_int(0))
+    finally:
+        os.close(descriptor)
+
+
+def disk_table() -> tuple[list[str], int, int]:
+    """Return the lines of the table, how many cells it has, and how many of them are wrong."""
+    reason = why_not()
+    if reason is not None:
+        return [f"Not run: {reason}."], 0, 0
+    rig_file = load_rig(_RIG)
+    _, flushes = run_disk_cell(rig_file, None)
+    lines = ["| freezes before flushing | ends |", "| --- | --- |"]
+    wrong = 0
+    for number, name in enumerate(flushes, 1):
+        outcome, _ = run_disk_cell(rig_file, number)
+        wrong += not outcome.is_right
+        text = f"{outcome.word}; {outcome.duration_s:.1f} s"
+        lines.append(f"| {number}: `{name}` | {text if outcome.is_right else f'**{text}**'} |")
+    return lines, len(flushes), wrong
