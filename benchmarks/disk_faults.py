@@ -15,16 +15,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 from unittest import mock
 
 from benchmarks.loop_disk import ext4_image, mounted, why_not
+from drivers.caller import Caller
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_folder import read_run
+from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.verification import verify_run
 from rigctl.session.take_session import take_session
 from rigctl.storage import disk_calls
+
+Result = TypeVar("Result")
 
 GRACE_S = 0.5
 ALLOWED_S, _THAW_S = 0.5, 5.0
@@ -57,6 +62,7 @@ class FreezingDisk:
         self._place, self._before = place, before_flush
         self._flush: Callable[[int], None] = os.fsync
         self._lock = threading.Lock()
+        self._under_way: dict[int, float] = {}
         self.flushes: list[str] = []
         self.frozen_s: float | None = None
 
@@ -70,6 +76,23 @@ class FreezingDisk:
                     _control(self._place, _FREEZE)
                     self.frozen_s = time.monotonic()
         self._flush(descriptor)
+
+    def watched(self, call: Callable[..., Result]) -> Callable[..., Result]:
+        """Return a function that does the same, and is known to be under way meanwhile."""
+
+        def watched(*arguments: object, **more: object) -> Result:
+            thread = threading.get_ident()
+            self._under_way.setdefault(thread, time.monotonic())
+            result = call(*arguments, **more)  # of one that is left behind it stays known
+            self._under_way.pop(thread)
+            return result
+
+        return watched
+
+    def held_s(self) -> float:
+        """Return for how long calls have been held by now, since the first of them [s]."""
+        starts_s = [start_s for start_s in self._under_way.values() if self.frozen_s is not None]
+        return time.monotonic() - max(self.frozen_s or 0.0, min(starts_s)) if starts_s else 0.0
 
     def thaw(self) -> None:
         """Let it go on. May be called twice."""
@@ -102,7 +125,7 @@ def _taken(rig_file: RigFile, run: Path, disk: FreezingDisk) -> tuple[str, float
         word = "the disk hangs" if "the disk hangs" in str(error) else str(error)
     finally:
         watchdog.cancel()
-    return word, 0.0 if disk.frozen_s is None else time.monotonic() - disk.frozen_s
+    return word, disk.held_s()
 
 
 def _is_whole(run: Path) -> bool:
@@ -125,7 +148,13 @@ def _await_left_behind() -> None:
 @contextmanager
 def _freezing(place: Path, before_flush: int | None) -> Iterator[FreezingDisk]:
     disk = FreezingDisk(place, before_flush=before_flush)
-    with mock.patch.object(os, "fsync", disk.flush), mock.patch.object(disk_calls, "STALLED_S", ALLOWED_S):
+    work, write = disk.watched(Caller.call), disk.watched(RunWriter.write_frames)
+    with (
+        mock.patch.object(os, "fsync", disk.flush),
+        mock.patch.object(disk_calls, "STALLED_S", ALLOWED_S),
+        mock.patch.object(Caller, "call", lambda *arguments, **more: work(*arguments, **more)),
+        mock.patch.object(RunWriter, "write_frames", lambda *arguments: write(*arguments)),
+    ):
         try:
             yield disk
         finally:

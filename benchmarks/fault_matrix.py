@@ -326,10 +326,10 @@ to video devices too, are tried in tests/drivers/cameras/test_bounded_camera.py.
 _DISK_HEAD = f"""## A disk that freezes
 
 A session of two frames on a disk of its own (ext4, a loop device), which the kernel freezes before one of the
-session's flushes and which then holds whoever writes to it. The session has to end with "the disk hangs" within
-{GRACE_S:g} s after the {ALLOWED_S:g} s that such a call is allowed here (30 s in a session), its devices released. After
-the disk has gone on every frame that the manifest names has to be whole. The program itself can end only when the
-kernel lets go of what it holds."""
+session's flushes and which then holds whoever writes to it. The session has to end with "the disk hangs", its devices
+released, within {GRACE_S:g} s after the {ALLOWED_S:g} s that the first call which is held is allowed here (30 s in a
+session). After the disk has gone on every frame that the manifest names has to be whole. The program itself can end
+only when the kernel lets go of what it holds."""
 _TITLES = {"ellx": "Elliptec ELLx", "zaber": "Zaber ASCII", "apt": "Thorlabs APT"}
 
 
