@@ -132,7 +132,7 @@ class RunWriter:
             return disk.call(make)
         except BaseException as error:
             # One that a hanging disk has held is closed once it is made.
-            disk.end(lambda: [writer.close() for writer in made])
+            disk.end(lambda: _close_all(made))
             if not isinstance(error, OSError):
                 raise
             raise RunFolderError(f"{path}: cannot make a run folder here: {error.strerror}") from error
@@ -292,6 +292,11 @@ class RunWriter:
             As `event`.
         """
         self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
+
+
+def _close_all(writers: Iterable[RunWriter]) -> None:
+    for writer in writers:
+        writer.close()
 
 
 def require_new_folder(path: Path) -> None:
