@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import exp
 
-from scipy.special import ndtri
-
 from model.accuracy.estimates.companions import Companions, carried_errors
 from model.accuracy.estimates.error_budget import error_budget
 from model.accuracy.evaluation.chain import ChainResult
@@ -15,6 +13,7 @@ from model.accuracy.planning.numerical_settings import ROC, TILES
 from model.accuracy.predict_to_tolerance import AccuratePrediction
 from model.accuracy.series_effects import TakenEffects
 from model.scene.lit_scene import LitScene
+from model.special_functions import ndtri
 
 # What a scene between judged ones is taken to be off by, over the largest of their errors.
 MARGIN = 1.5

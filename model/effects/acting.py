@@ -1,7 +1,6 @@
 """The record of a scene with effects left out: what is gone from it is computed by nobody."""
 
-from model.effects.effect_models import EFFECT_MODELS
-from model.effects.names import Effect
+from model.effects.names import ALL, Effect
 from model.scene.lit_scene import LightParts, LitScene
 
 
@@ -15,6 +14,10 @@ def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:
     effects
         That act.
     """
+    if effects >= ALL:
+        return scene
+    from model.effects.effect_models import EFFECT_MODELS  # with their bounds, wanted where one is left out
+
     for effect, entry in EFFECT_MODELS.items():
         if effect not in effects:
             scene = entry.removed(scene)

@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expn
 
 from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import Column, column
 from model.scene.adjacency import BACKSCATTER
 from model.scene.lit_scene import Air
+from model.special_functions import expn
 
 FloatArray = NDArray[np.float64]
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc
 
 from model.effects.bound import EVERYTHING, Bound, Disturbance
 from model.effects.radiance_bounds import RegionBounds, share_of
+from model.special_functions import erfc
 
 FloatArray = NDArray[np.float64]
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass, field
 
 import numpy as np
-from scipy.special import chdtri
 
 from model.effects.air_bounds import bound_air
 from model.effects.bound import EVERYTHING, Bound, Disturbance, Estimate
@@ -15,6 +14,7 @@ from model.effects.radiance_bounds import RegionBounds, radiance_bounds
 from model.effects.sun_light import SunLight, beam_lighting, known_light, sun_light
 from model.scene.lit_scene import LitRegion, LitScene
 from model.scene.scenario import RegionLight
+from model.special_functions import chdtri
 
 # Light of the regions where only these effects act.
 KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincc, ndtr
+
+from model.special_functions import gammaincc, ndtr
 
 FloatArray = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betainccinv, betaincinv
 
 from model.processing.detection_distribution import condition_warnings, detection_distribution
 from model.processing.quadratic_forms.quadratic_form import TailProbabilities, tail_probabilities
+from model.special_functions import betainccinv, betaincinv
 
 FloatArray = NDArray[np.float64]
 

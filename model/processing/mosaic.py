@@ -191,3 +191,17 @@ def _blocks(picture: FloatArray) -> FloatArray:
     height, width = (size // _BLOCK for size in picture.shape)
     cut = picture[: height * _BLOCK, : width * _BLOCK]
     return np.asarray(cut.reshape(height, _BLOCK, width, _BLOCK).mean(axis=(1, 3)))
+
+
+def coarse_pictures(
+    pictures: FloatArray, usable: NDArray[np.bool_], *, most_pixels: int
+) -> tuple[FloatArray, NDArray[np.bool_], int]:
+    """Return pictures of squares of pixels, which of these are usable whole, and their side; as given if small."""
+    height, width = usable.shape
+    side = int(np.ceil(np.sqrt(height * width / most_pixels)))
+    if side <= 1:
+        return pictures, usable, 1
+    cut = (slice(height - height % side), slice(width - width % side))
+    squares = (height // side, side, width // side, side)
+    means = pictures[:, *cut].reshape(len(pictures), *squares).mean(axis=(2, 4))
+    return np.asarray(means), np.asarray(usable[cut].reshape(squares).all(axis=(1, 3))), side

@@ -2,11 +2,13 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import constants
 
 from model.sensor.sensor import Sensor, aperture_factor
 
 FloatArray = NDArray[np.float64]
+
+# Exact by the definition of the units.
+_PLANCK_J_S, _LIGHT_M_PER_S = 6.62607015e-34, 299_792_458.0
 
 
 def photon_conversion(sensor: Sensor) -> float:
@@ -28,7 +30,7 @@ def photon_conversion(sensor: Sensor) -> float:
     """
     irradiance = np.pi * aperture_factor(sensor)
     energy = irradiance * sensor.pixel_pitch_m**2 * sensor.exposure_s
-    return float(energy / (constants.h * constants.c))
+    return float(energy / (_PLANCK_J_S * _LIGHT_M_PER_S))
 
 
 def electrons_per_radiance(sensor: Sensor) -> float:

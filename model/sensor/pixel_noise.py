@@ -2,9 +2,9 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from model.sensor.sensor import Sensor, SensorNoise
+from model.special_functions import ndtr
 
 FloatArray = NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from model.special_functions import ndtri
 from model.surface.fit import SurfaceFit, solved
 from model.surface.fit_problem import difference_jacobian, physical_values, residuals
 

@@ -4,7 +4,8 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc
+
+from model.special_functions import erfc
 
 FloatArray = NDArray[np.float64]
 Shadowing = Literal["none", "v-cavity", "smith", "smith-correlated"]

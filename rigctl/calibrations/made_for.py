@@ -3,17 +3,19 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import fmean
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 from urllib.parse import parse_qsl
 
 from pydantic import Field
 
 from rigctl.calibrations.checked_values import Bounded, NotNegative, UtcText
 from rigctl.console.json_text import Json
-from rigctl.files.rig_file import RigFile
 from rigctl.numbers.utc_time import is_utc_text
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import Run
+
+if TYPE_CHECKING:
+    from rigctl.files.rig_file import RigFile
+    from rigctl.runs.frame_record import FrameRecord
+    from rigctl.runs.run_folder import Run
 
 _Fact = TypeVar("_Fact")
 Count = Annotated[int, Field(ge=1)]
@@ -63,7 +65,7 @@ class MadeFor:
         return asdict(self)
 
 
-def made_for(run: Run, records: Sequence[FrameRecord]) -> MadeFor:
+def made_for(run: "Run", records: Sequence["FrameRecord"]) -> MadeFor:
     """Return what some frames of a run were made with.
 
     Parameters
@@ -92,7 +94,7 @@ def made_for(run: Run, records: Sequence[FrameRecord]) -> MadeFor:
     )
 
 
-def made_for_rig(rig: RigFile, *, now_utc: str) -> MadeFor:
+def made_for_rig(rig: "RigFile", *, now_utc: str) -> MadeFor:
     """Return what frames of a rig will be taken with, as far as its file says so.
 
     Parameters

@@ -3,17 +3,18 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rigctl.calibrations.fitness import age_days
 from rigctl.calibrations.made_for import MadeFor, made_for_rig
-from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 from rigctl.calibrations.picking import Choice, choice_lines, choices_json, choose
-from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, require_polarizer_fits
 from rigctl.calibrations.store import KINDS, CalibrationKind, CalibrationStore, read_store, store_beside
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
-from rigctl.files.rig_file import RigFile
 from rigctl.numbers.utc_time import utc_text
+
+if TYPE_CHECKING:
+    from rigctl.files.rig_file import RigFile
 
 NONE = Path("none")
 # Without these nothing is compared; the others are warned of where the store has had them once.
@@ -44,7 +45,7 @@ class RigPicks:
 
 
 def picked_for_rig(
-    rig: RigFile,
+    rig: "RigFile",
     rig_path: Path,
     *,
     now_ns: int,
@@ -78,7 +79,7 @@ def picked_for_rig(
     return RigPicks(store=found.folder, choices=tuple(choices))
 
 
-def store_doubts(rig: RigFile, rig_path: Path, *, now_ns: int) -> tuple[str, ...]:
+def store_doubts(rig: "RigFile", rig_path: Path, *, now_ns: int) -> tuple[str, ...]:
     """Return what the store beside a rig file lacks or what in it expires soon, in words; nothing without a store."""
     store = _store(rig_path, None)
     if store is None:
@@ -94,7 +95,7 @@ def _store(rig_path: Path, store: Path | None) -> CalibrationStore | None:
     return None if folder is None or folder == NONE else read_store(folder)
 
 
-def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: RigFile, used: MadeFor) -> Iterable[str]:
+def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Iterable[str]:
     there = store.of(kind)
     if not there:
         if kind in _NEEDED:
@@ -111,8 +112,11 @@ def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: RigFile, used: 
         yield f"{kind} calibration: {choice.pick.file} expires in {left:.0f} days: make a new one"
 
 
-def _usable(kind: CalibrationKind, rig: RigFile, used: MadeFor) -> Callable[[Path], object] | None:
+def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[Path], object] | None:
     """Return what holds a file against the rig; None where its devices and settings are all there is to hold."""
+    from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
+    from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, require_polarizer_fits
+
     if kind == "noise":
         return lambda path: require_noise_fits(read_noise_file(path), used)
     if kind == "polarizer":
@@ -142,5 +146,7 @@ def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, name
     found = None if named is not None or (store is None and scene is None) else _store(scene or Path(), store)
     if found is None:
         return RigPicks()
+    from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
+
     choice = choose(found, "noise", used, require_usable=lambda path: require_noise_fits(read_noise_file(path), used))
     return RigPicks(store=found.folder, choices=(choice,))

@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from rigctl.calibrations.checked_values import Measured
-from rigctl.calibrations.flat.flat_file import read_flat_facts
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
-from rigctl.calibrations.radiometric_file import read_radiometric_file
-from rigctl.calibrations.registration.registration_file import read_registration_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
@@ -125,6 +120,12 @@ def read_stored(file: Path) -> StoredCalibration:
 
 
 def _read_json(file: Path) -> StoredCalibration:
+    # Readers of every kind take a tenth of a second to import; most rigs have no store.
+    from rigctl.calibrations.noise.noise_file import read_noise_file
+    from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
+    from rigctl.calibrations.radiometric_file import read_radiometric_file
+    from rigctl.calibrations.registration.registration_file import read_registration_file
+
     kind = _kind_of(file)
     if kind == "noise":
         noise = read_noise_file(file)
@@ -148,6 +149,8 @@ def _read_json(file: Path) -> StoredCalibration:
 
 
 def _read_flats(file: Path) -> StoredCalibration:
+    from rigctl.calibrations.flat.flat_file import read_flat_facts
+
     return StoredCalibration(
         kind="flat", file=file, made_for=read_flat_facts(file).origin, numbers={}, parts=("flats",)
     )

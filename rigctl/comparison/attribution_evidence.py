@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.bayesian_update import deviations_cov
-from rigctl.comparison.rows import Row
-from rigctl.measurement.measurement import Measurement
 from rigctl.prediction.propagated_inputs import NumberKey
+
+if TYPE_CHECKING:
+    from rigctl.comparison.rows import Row
+    from rigctl.measurement.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +36,7 @@ class Evidence:
     cov: FloatArray
 
 
-def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
+def gather_evidence(rows: Sequence["Row"], measurement: "Measurement") -> Evidence:
     """Return the rows that an attribution is sought from.
 
     Notes
@@ -61,7 +64,7 @@ def gather_evidence(rows: Sequence[Row], measurement: Measurement) -> Evidence:
     return Evidence(places=np.array([place[key] for key in found], dtype=np.intp), cov=cov)
 
 
-def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: Measurement) -> None:
+def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: "Measurement") -> None:
     names = measurement.grid.channel_names
     level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
     at = {
@@ -76,7 +79,7 @@ def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: Me
             )
 
 
-def _fill_deviations(cov: FloatArray, position: dict[NumberKey, int], measurement: Measurement) -> None:
+def _fill_deviations(cov: FloatArray, position: dict[NumberKey, int], measurement: "Measurement") -> None:
     for name, region in measurement.regions.items():
         keys = [NumberKey(name, quantity, "std_spatial_mean") for quantity in _STOKES]
         if any(key not in position for key in keys):

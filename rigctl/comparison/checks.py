@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,13 @@ from model.processing.diagnosis.rounding import rounding_offsets
 from model.processing.redundancy import pair_sum_excess, residual_chi_square
 from model.sensor.imperfections import drifting_light
 from model.stokes import dolp
-from rigctl.comparison.rows import Row
 from rigctl.imports.image_levels import histogram, odd_pattern, saturation_plateau
 from rigctl.measurement.measurement import Measurement, frame_order, signal_of_cycle
 from rigctl.measurement.run_diagnosis import RunDiagnosis, diagnose_run
 from rigctl.numbers.number_text import p_value
+
+if TYPE_CHECKING:
+    from rigctl.comparison.rows import Row
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["sound", "flagged", "refused", "not testable"]
@@ -98,7 +100,7 @@ def run_checks(
     )
 
 
-def nothing_tested(rows: Sequence[Row], why: Sequence[str]) -> tuple[Check, ...]:
+def nothing_tested(rows: Sequence["Row"], why: Sequence[str]) -> tuple[Check, ...]:
     """Return the flag of a comparison in which no number was tested; none where one was, or where there are none."""
     if not rows or any(row.agrees is not None for row in rows):
         return ()

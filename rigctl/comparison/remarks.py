@@ -1,16 +1,19 @@
 """Remarks beside the rows of a comparison: overruled, assumed, not tested."""
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.prediction import RegionPrediction
-from rigctl.comparison.scale import Scale
-from rigctl.files.scene_file import SceneFile
-from rigctl.measurement.measurement import Measurement
 from rigctl.numbers.angles import wrapped
-from rigctl.scene.scene_inputs import Inputs
+
+if TYPE_CHECKING:
+    from model.prediction.prediction import RegionPrediction
+    from rigctl.comparison.scale import Scale
+    from rigctl.files.scene_file import SceneFile
+    from rigctl.measurement.measurement import Measurement
+    from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +29,7 @@ NOT_OF_SIMULATION = (
 )
 
 
-def overruled(scene: SceneFile, measurement: Measurement, exposure_s: float) -> Iterable[str]:
+def overruled(scene: "SceneFile", measurement: "Measurement", exposure_s: float) -> Iterable[str]:
     """Return what the run says otherwise than the scene file, and what it does not say."""
     if abs(scene.acquisition.exposure_ms / 1000 - exposure_s) > 1e-6 * exposure_s:
         yield (
@@ -54,14 +57,14 @@ def _same_angles(stated_deg: FloatArray, read_deg: FloatArray) -> bool:
     return bool(np.all(np.abs(apart) < _LANDING_DEG))
 
 
-def model_warnings(predictions: Mapping[str, RegionPrediction]) -> Iterable[str]:
+def model_warnings(predictions: Mapping[str, "RegionPrediction"]) -> Iterable[str]:
     """Return where the model is void or poor, by region."""
     for name, prediction in predictions.items():
         for warning in prediction.warnings:
             yield f"{name}: {warning}"
 
 
-def not_tested(measurement: Measurement, scene: SceneFile, scale: Scale, uncertain: Inputs) -> tuple[str, ...]:
+def not_tested(measurement: "Measurement", scene: "SceneFile", scale: "Scale", uncertain: "Inputs") -> tuple[str, ...]:
     """Return what a comparison with a scene says nothing about."""
     given = [region.name for region in scene.regions if region.material is None]
     found = []

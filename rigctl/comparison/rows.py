@@ -2,18 +2,21 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtri
 
 from model.moments import Moments
-from model.prediction.prediction import Quantities, RegionPrediction
 from model.prediction.quantity_table import difference, is_counts, ratio_name
 from model.processing.agreement import holm_rejections, two_sided_p_value
 from model.processing.sample_moments import Sample
 from model.processing.stokes_ratios import channel_ratios
-from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
+from model.special_functions import ndtri
 from rigctl.prediction.propagated_inputs import NumberKey
+
+if TYPE_CHECKING:
+    from model.prediction.prediction import Quantities, RegionPrediction
+    from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
 
 # Chance with which a disagreement is to be seen.
 _POWER = 0.9
@@ -74,7 +77,7 @@ class Row:
         return NumberKey(self.region, self.quantity, self.statistic)
 
 
-def pair(region: str, predicted: Quantities, measured: MeasuredQuantities) -> Iterable[Row]:
+def pair(region: str, predicted: "Quantities", measured: "MeasuredQuantities") -> Iterable[Row]:
     """Return a row for each number that both sides have.
 
     The error that a deviation has by its own pixels is small where it came out small by chance: taken as it is, it
@@ -136,12 +139,12 @@ def error_of_both(row: Row) -> float:
     return float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0))
 
 
-def with_ratios(predictions: Mapping[str, RegionPrediction]) -> dict[str, RegionPrediction]:
+def with_ratios(predictions: Mapping[str, "RegionPrediction"]) -> dict[str, "RegionPrediction"]:
     """Return predictions with a ratio for each channel beside its counts; none where there is no light."""
     return {name: _with_ratios(prediction) for name, prediction in predictions.items()}
 
 
-def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
+def measured_with_ratios(region: "MeasuredRegion") -> "MeasuredQuantities":
     """Return what a region measured, with a ratio for each channel; none where there is no light."""
     moments = region.channels_mean
     names = [name for name in region.quantities if is_counts(name)]
@@ -151,7 +154,7 @@ def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
     return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
 
 
-def predictable(measured: MeasuredQuantities, *, is_mosaic: bool, is_interpolated: bool) -> MeasuredQuantities:
+def predictable(measured: "MeasuredQuantities", *, is_mosaic: bool, is_interpolated: bool) -> "MeasuredQuantities":
     """Return what a scene's prediction is set beside: it knows of pixels that see one point behind all angles.
 
     Behind the polarizers of a mosaic each angle has pixels of its own. What their texture and response have in common
@@ -170,7 +173,7 @@ def predictable(measured: MeasuredQuantities, *, is_mosaic: bool, is_interpolate
     }
 
 
-def _with_ratios(prediction: RegionPrediction) -> RegionPrediction:
+def _with_ratios(prediction: "RegionPrediction") -> "RegionPrediction":
     mean = prediction.channels.mean_dn
     if not mean.mean() > 0.0:
         return prediction

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
 from model.moments import Moments
 from model.processing.detection import rx_roc
 from model.processing.detection_sample import sample_roc, sample_threshold
+from model.special_functions import betaincinv
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 from rigctl.prediction.performance import FALSE_ALARM_RATES
@@ -50,6 +50,8 @@ class RxOnRun:
         Where the moments of the prediction come from.
     warnings : tuple of str
         What limits the result.
+    band_level : float
+        Of the band.
     """
 
     statistic: FloatArray
@@ -65,6 +67,7 @@ class RxOnRun:
     auc: float
     predicted_from: str
     warnings: tuple[str, ...]
+    band_level: float = BAND_LEVEL
 
 
 def detect(

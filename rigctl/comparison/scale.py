@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +10,16 @@ from numpy.typing import NDArray
 from calibration.free_scale import FreeScale, fit_free_scale
 from model.prediction.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
-from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.comparison.run_prediction import one_exposure_s
 from rigctl.comparison.throughput import modelled_response, rescaled, without_throughput
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.choices import ScaleKind
-from rigctl.measurement.measurement import Measurement
 from rigctl.scene.parameter_table import GAIN
-from rigctl.scene.scene_inputs import Inputs
+
+if TYPE_CHECKING:
+    from rigctl.calibrations.radiometric_file import RadiometricResponse
+    from rigctl.files.choices import ScaleKind
+    from rigctl.measurement.measurement import Measurement
+    from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 Predicted = Callable[[FloatArray], Mapping[str, RegionPrediction]]
@@ -40,7 +43,7 @@ class Scale:
         Where it comes from, in words for a report.
     """
 
-    kind: ScaleKind
+    kind: "ScaleKind"
     value: float
     std_error: float
     source: str
@@ -53,13 +56,13 @@ class Scale:
 
 
 def scale_inputs(
-    kind: ScaleKind,
-    inputs: Inputs,
+    kind: "ScaleKind",
+    inputs: "Inputs",
     *,
-    measurement: Measurement,
-    radiometric: RadiometricResponse | None,
+    measurement: "Measurement",
+    radiometric: "RadiometricResponse | None",
     predicted: Predicted,
-) -> tuple[Inputs, Scale]:
+) -> tuple["Inputs", Scale]:
     """Return the inputs of a prediction with the counts scaled, and the scale.
 
     Parameters
@@ -96,7 +99,7 @@ def scale_inputs(
     return inputs, _of_file(inputs, one_exposure_s(measurement))
 
 
-def _of_file(inputs: Inputs, exposure_s: float) -> Scale:
+def _of_file(inputs: "Inputs", exposure_s: float) -> Scale:
     def logarithm(values: FloatArray) -> FloatArray:
         return np.log([modelled_response(inputs.at(values), exposure_s=exposure_s)])
 
@@ -105,7 +108,7 @@ def _of_file(inputs: Inputs, exposure_s: float) -> Scale:
     return Scale(kind="absolute", value=1.0, std_error=error, source="optics and efficiency of the scene file")
 
 
-def with_panel_scale(inputs: Inputs, *, radiometric: RadiometricResponse) -> Inputs:
+def with_panel_scale(inputs: "Inputs", *, radiometric: "RadiometricResponse") -> "Inputs":
     """Return the inputs of a prediction without a run, scaled by a radiometric calibration, which a remark says.
 
     Raises
@@ -117,7 +120,7 @@ def with_panel_scale(inputs: Inputs, *, radiometric: RadiometricResponse) -> Inp
     return replace(scaled, remarks=(*scaled.remarks, scale.remark))
 
 
-def panel_scaled(inputs: Inputs, radiometric: RadiometricResponse, *, exposure_s: float) -> tuple[Inputs, Scale]:
+def panel_scaled(inputs: "Inputs", radiometric: "RadiometricResponse", *, exposure_s: float) -> tuple["Inputs", Scale]:
     """Return the inputs of a prediction with the counts scaled by a radiometric calibration, and the scale.
 
     Raises
@@ -147,7 +150,7 @@ def panel_scaled(inputs: Inputs, radiometric: RadiometricResponse, *, exposure_s
     )
 
 
-def _by_run(inputs: Inputs, measurement: Measurement, predicted: Predicted) -> tuple[Inputs, Scale]:
+def _by_run(inputs: "Inputs", measurement: "Measurement", predicted: Predicted) -> tuple["Inputs", Scale]:
     fixed = without_throughput(inputs)
     s0 = {name: region.quantities["s0"]["mean"] for name, region in measurement.regions.items()}
 

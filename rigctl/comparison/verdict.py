@@ -2,10 +2,11 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from rigctl.comparison.checks import Check
-from rigctl.comparison.rows import Row
+if TYPE_CHECKING:
+    from rigctl.comparison.checks import Check
+    from rigctl.comparison.rows import Row
 
 VerdictName = Literal["agrees", "agrees_with_reservations", "disagrees", "cannot_be_judged"]
 
@@ -36,7 +37,7 @@ class RegionVerdict:
 
 
 def region_verdicts(
-    rows: Sequence[Row], checks: Sequence[Check], unjudged: Mapping[str, str]
+    rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]
 ) -> dict[str, RegionVerdict]:
     """Return the verdict of every region.
 
@@ -53,7 +54,7 @@ def region_verdicts(
     return {name: _of_region(name, rows, checks, unjudged) for name in names}
 
 
-def verdict_of(rows: Sequence[Row], checks: Sequence[Check], unjudged: Mapping[str, str]) -> VerdictName:
+def verdict_of(rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]) -> VerdictName:
     """Return the verdict of a comparison: that of a run that can be judged is taken from the regions that can."""
     regions = region_verdicts(rows, checks, unjudged)
     if any(_refuses_run(check) for check in checks):
@@ -66,7 +67,7 @@ def verdict_of(rows: Sequence[Row], checks: Sequence[Check], unjudged: Mapping[s
     return "agrees_with_reservations" if is_reserved else "agrees"
 
 
-def refused_regions(checks: Sequence[Check]) -> dict[str, str]:
+def refused_regions(checks: Sequence["Check"]) -> dict[str, str]:
     """Return the regions that a check of their own refused, and why."""
     return {
         check.region: f"{check.name}: {check.text}"
@@ -75,12 +76,12 @@ def refused_regions(checks: Sequence[Check]) -> dict[str, str]:
     }
 
 
-def refusals(checks: Sequence[Check]) -> tuple[str, ...]:
+def refusals(checks: Sequence["Check"]) -> tuple[str, ...]:
     """Return why a run or some of its regions are unsound, what they have in common once."""
     return tuple(f"{title.removeprefix('refused, ')}: {text}" for title, text in said_of(checks, "refused"))
 
 
-def reservations(checks: Sequence[Check], regions: Mapping[str, RegionVerdict]) -> str:
+def reservations(checks: Sequence["Check"], regions: Mapping[str, RegionVerdict]) -> str:
     """Return what an agreement is held with: flags, and regions that cannot be judged; empty where there is nothing."""
     flags = titles(checks, "flagged")
     unjudged = [name for name, found in regions.items() if found.verdict == "cannot_be_judged"]
@@ -88,13 +89,13 @@ def reservations(checks: Sequence[Check], regions: Mapping[str, RegionVerdict]) 
     return "; ".join([*parts, f"cannot be judged: {', '.join(unjudged)}"] if unjudged else parts)
 
 
-def not_judged(checks: Sequence[Check]) -> str:
+def not_judged(checks: Sequence["Check"]) -> str:
     """Return the verdict of a comparison that cannot be judged, in a sentence without its point."""
     why = "the run is unsound" if any(check.verdict == "refused" for check in checks) else "no region gives its numbers"
     return f"model and measurement cannot be judged: {why}"
 
 
-def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence[Check]) -> list[str]:
+def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence["Check"]) -> list[str]:
     """Return why regions cannot be judged, those of one reason together; those that a check refused are said there."""
     refused = refused_regions(checks)
     by_reason: dict[str, list[str]] = {}
@@ -104,7 +105,7 @@ def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence[Check]
     return [f"{', '.join(names)} cannot be judged: {reason}" for reason, names in by_reason.items()]
 
 
-def said_of(checks: Sequence[Check], *verdicts: str) -> list[tuple[str, str]]:
+def said_of(checks: Sequence["Check"], *verdicts: str) -> list[tuple[str, str]]:
     """Return checks of some verdicts as a heading and a text; what many regions have in common is said once."""
     groups: dict[tuple[str, str], list[Check]] = {}
     for check in checks:
@@ -113,7 +114,7 @@ def said_of(checks: Sequence[Check], *verdicts: str) -> list[tuple[str, str]]:
     return [(f"{verdict}, {_title(group)}", _text(group)) for (verdict, _), group in groups.items()]
 
 
-def titles(checks: Sequence[Check], *verdicts: str) -> str:
+def titles(checks: Sequence["Check"], *verdicts: str) -> str:
     """Return the names of checks of some verdicts, those of one kind together."""
     groups: dict[str, list[Check]] = {}
     for check in checks:
@@ -122,12 +123,12 @@ def titles(checks: Sequence[Check], *verdicts: str) -> str:
     return ", ".join(_title(group) for group in groups.values())
 
 
-def _title(group: Sequence[Check]) -> str:
+def _title(group: Sequence["Check"]) -> str:
     regions = [check.region for check in group if check.region is not None]
     return f"{group[0].kind} of {', '.join(regions)}" if len(regions) > 1 else group[0].name
 
 
-def _text(group: Sequence[Check]) -> str:
+def _text(group: Sequence["Check"]) -> str:
     if len(group) == 1:
         return group[0].text
     if all(check.size for check in group):
@@ -135,16 +136,18 @@ def _text(group: Sequence[Check]) -> str:
     return "; ".join(dict.fromkeys(check.text for check in group))
 
 
-def without_decisions(rows: Iterable[Row], unjudged: Mapping[str, str]) -> tuple[Row, ...]:
+def without_decisions(rows: Iterable["Row"], unjudged: Mapping[str, str]) -> tuple["Row", ...]:
     """Return rows without a decision where their region cannot be judged."""
     return tuple(replace(row, agrees=None) if row.region in unjudged else row for row in rows)
 
 
-def _refuses_run(check: Check) -> bool:
+def _refuses_run(check: "Check") -> bool:
     return check.verdict == "refused" and check.region is None
 
 
-def _of_region(name: str, rows: Sequence[Row], checks: Sequence[Check], unjudged: Mapping[str, str]) -> RegionVerdict:
+def _of_region(
+    name: str, rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]
+) -> RegionVerdict:
     if name in unjudged:
         return RegionVerdict(verdict="cannot_be_judged", reason=unjudged[name])
     run = [check for check in checks if _refuses_run(check)]

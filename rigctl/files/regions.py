@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
@@ -158,6 +157,8 @@ def inner_masks(
 def _without_edge(mask: NDArray[np.bool_], edge_px: int) -> NDArray[np.bool_]:
     if edge_px == 0:
         return mask
+    import cv2  # wanted for a border only
+
     distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(mask & (distance > edge_px))
 

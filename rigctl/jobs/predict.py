@@ -1,25 +1,18 @@
 """Predicting a scene: what the model says of each region, to a tolerance or with the uncertainty of its inputs."""
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.predict_to_tolerance import AccuratePrediction
-from model.accuracy.series_prediction import SeriesPrediction
-from model.effects.planner import EffectPlan
-from model.prediction.prediction import RegionPrediction
-from model.prediction.region_performance import PairDetection
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
-from rigctl.calibrations.radiometric_file import RadiometricResponse, read_radiometric_file, require_radiometric_fits
 from rigctl.calibrations.rig_picks import NONE, RigPicks, picked_for_scene
 from rigctl.comparison.remarks import model_warnings
-from rigctl.comparison.scale import with_panel_scale
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, Engine, LightPart, RocKind, SnrKind
 from rigctl.files.scene_file import SceneFile, scene_file
@@ -28,12 +21,23 @@ from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
-from rigctl.prediction.sweep import Sweep, sweep_over, sweep_to_tolerance
 from rigctl.prediction.sweep_axes import Axis, parse_sweeps
 from rigctl.scene.effect_choice import with_choices
-from rigctl.scene.scene_inputs import only_uncertain
+from rigctl.scene.scene_inputs import Inputs, only_uncertain
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.skies.engine import require_engine
+
+if TYPE_CHECKING:
+    from model.accuracy.predict_to_tolerance import AccuratePrediction
+    from model.accuracy.series_prediction import SeriesPrediction
+    from model.effects.planner import EffectPlan
+    from model.prediction.prediction import RegionPrediction
+    from model.prediction.region_performance import PairDetection
+    from rigctl.calibrations.noise.noise_file import NoiseParameters
+    from rigctl.prediction.sweep import Sweep
+
+
+Scaling = Callable[[Inputs], Inputs]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +109,7 @@ class PredictedScene:
     uncertain_inputs: tuple[str, ...]
     uncertainty: PredictedUncertainty | None
     doubts: tuple[str, ...]
-    rocs: dict[RocKind, PairDetection]
+    rocs: dict[RocKind, "PairDetection"]
     picked: RigPicks = field(default_factory=RigPicks)
 
     @property
@@ -118,12 +122,12 @@ class PredictedScene:
 class PredictedToTolerance:
     """Prediction of a scene to a stated numerical error, and the effects that it took for that."""
 
-    found: AccuratePrediction
-    effects: EffectPlan
+    found: "AccuratePrediction"
+    effects: "EffectPlan"
     performance: Performance
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
-    rocs: dict[RocKind, PairDetection]
+    rocs: dict[RocKind, "PairDetection"]
     picked: RigPicks = field(default_factory=RigPicks)
 
 
@@ -131,10 +135,10 @@ class PredictedToTolerance:
 class SweptScene:
     """Predictions of a scene through a range of one of its numbers."""
 
-    found: Sweep
+    found: "Sweep"
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
-    accuracy: SeriesPrediction | None = None
+    accuracy: "SeriesPrediction | None" = None
     picked: RigPicks = field(default_factory=RigPicks)
 
 
@@ -259,6 +263,8 @@ def _swept(
     tolerance: float | None,
     estimated_only: bool,
 ) -> SweptScene:
+    from rigctl.prediction.sweep import sweep_over, sweep_to_tolerance
+
     twice = [axis.key for axis in axes if axis.key in request.changes]
     if twice:
         raise ConfigError(f"--sweep: {twice[0]} is set by --set as well; leave one of them out")
@@ -279,7 +285,7 @@ def _swept(
 
 
 def said_of(
-    predictions: Mapping[str, RegionPrediction], performance: Performance, rocs: Mapping[RocKind, PairDetection]
+    predictions: Mapping[str, "RegionPrediction"], performance: Performance, rocs: Mapping[RocKind, "PairDetection"]
 ) -> tuple[str, ...]:
     """Return the warnings of predictions and of detection, each once."""
     pairs = (*performance.detections, *rocs.values())
@@ -301,13 +307,29 @@ def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]
     place = request.scene if isinstance(request.scene, Path) else None
     picked = picked_for_scene(place, used, request.store, request.noise) if request.picks else RigPicks()
     file = picked.files.get("noise", None if request.noise == NONE else request.noise)
-    noise = None if file is None else read_noise_file(file)
-    doubts: Iterable[str] = () if noise is None else require_noise_fits(noise, used)
-    radiometric: RadiometricResponse | None = None
+    noise, doubts = (None, ()) if file is None else _noise(file, used)
+    scaled: Scaling | None = None
     if request.radiometric is not None:
-        radiometric = read_radiometric_file(request.radiometric)
-        doubts = (*doubts, *require_radiometric_fits(radiometric, used))
+        scaled, more = _scaling(request.radiometric, used)
+        doubts += more
     light = SceneLight(engine=request.engine)
-    scaled = None if radiometric is None else partial(with_panel_scale, radiometric=radiometric)
     predictor = ScenePredictor(scene, noise, light=light, source=request.light, scaled=scaled, changes=request.changes)
-    return predictor, tuple(doubts), picked
+    return predictor, doubts, picked
+
+
+# Calibrations bring run folders and measurement, a tenth of a second that a prediction without one does not need.
+
+
+def _noise(file: Path, used: MadeFor) -> tuple["NoiseParameters", tuple[str, ...]]:
+    from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
+
+    noise = read_noise_file(file)
+    return noise, require_noise_fits(noise, used)
+
+
+def _scaling(file: Path, used: MadeFor) -> tuple[Scaling, tuple[str, ...]]:
+    from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
+    from rigctl.comparison.scale import with_panel_scale
+
+    response = read_radiometric_file(file)
+    return partial(with_panel_scale, radiometric=response), require_radiometric_fits(response, used)

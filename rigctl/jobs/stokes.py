@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,15 +12,17 @@ from rigctl.comparison.verdict import refused_regions
 from rigctl.console.json_text import Json
 from rigctl.files.regions import Region, load_regions
 from rigctl.measurement.diagnosed_run import diagnosed
-from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.picked_calibrations import PickedCalibrations, picked_for_run
 from rigctl.measurement.run_calibrations import CalibrationPaths, correction_remarks, read_calibrations
-from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.measurement.temporal_noise import TemporalNoise, temporal_noise, temporal_variance
 from rigctl.reports.outputs.measurement_files import write_stokes
 from rigctl.reports.tables.numbers_json import diagnosis_json, measurement_json
 from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import used_run
+
+if TYPE_CHECKING:
+    from rigctl.measurement.measurement import Measurement
+    from rigctl.measurement.run_diagnosis import RunDiagnosis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +72,10 @@ class StokesOfRun:
         Which calibrations were picked from the store.
     """
 
-    measurement: Measurement
+    measurement: "Measurement"
     textures: dict[str, Texture] | None
     remarks: tuple[str, ...]
-    diagnosis: RunDiagnosis
+    diagnosis: "RunDiagnosis"
     checks: tuple[Check, ...]
     files: tuple[str, ...] = ()
     picked: PickedCalibrations | None = None
@@ -135,7 +138,7 @@ def stokes_of(run: Run, request: StokesRequest) -> StokesOfRun:
     return replace(found, files=write_stokes(measurement, regions, request.out, numbers=found.as_json()))
 
 
-def region_textures(measurement: Measurement, noise: TemporalNoise) -> dict[str, Texture]:
+def region_textures(measurement: "Measurement", noise: TemporalNoise) -> dict[str, Texture]:
     """Return the texture of each region's Stokes parameters [grid.unit^2]; the fixed pattern stays in it.
 
     Parameters

@@ -17,7 +17,6 @@ from rigctl.live.frame_summary import FrameSummary
 from rigctl.live.light_levels import Level, LightLevels
 from rigctl.live.live_status import Estimate, LiveDiagnosis, RegionPolarization
 from rigctl.measurement.fault_terms import Fault
-from rigctl.measurement.run_diagnosis import diagnose_pictures
 
 _LEAST_ANGLES = 3
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -119,6 +118,8 @@ def cycle_diagnosis(
     pictures = np.where(usable, pictures, 0.0)
     angles_rad = np.deg2rad([frame.measured_deg or 0.0 for frame in seen])
     plan = design(angles_rad, np.inf if extinction_ratio is None else extinction_ratio)
+    from rigctl.measurement.run_diagnosis import diagnose_pictures  # not before the first whole cycle
+
     found = diagnose_pictures(
         plan,
         pictures,

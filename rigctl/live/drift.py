@@ -3,9 +3,11 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from rigctl.live.frame_summary import FrameSummary
-from rigctl.live.light_levels import LightLevels
+if TYPE_CHECKING:
+    from rigctl.live.frame_summary import FrameSummary
+    from rigctl.live.light_levels import LightLevels
 
 _S_PER_MIN = 60.0
 
@@ -40,7 +42,7 @@ class Drift:
 
 
 def drift_of(
-    frames: Sequence[FrameSummary], before: Sequence[FrameSummary], *, region: str, levels: LightLevels
+    frames: Sequence["FrameSummary"], before: Sequence["FrameSummary"], *, region: str, levels: "LightLevels"
 ) -> Drift | None:
     """Return how the light has changed: within a cycle that repeats an angle, or else since the cycle before.
 
@@ -79,8 +81,8 @@ def drift_of(
 
 
 def _pairs(
-    earlier: Sequence[FrameSummary], later: Sequence[FrameSummary]
-) -> Iterator[tuple[FrameSummary, FrameSummary]]:
+    earlier: Sequence["FrameSummary"], later: Sequence["FrameSummary"]
+) -> Iterator[tuple["FrameSummary", "FrameSummary"]]:
     """Give the first look of an angle among the earlier frames and the last among the later, where they differ."""
     first: dict[float | None, FrameSummary] = {}
     for frame in earlier:

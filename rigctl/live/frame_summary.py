@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.live.region_means import PixelMean
-from rigctl.measurement.run_diagnosis import coarse_pictures
-from rigctl.runs.frame_record import FrameRecord
+from model.processing.mosaic import coarse_pictures
+
+if TYPE_CHECKING:
+    from rigctl.live.region_means import PixelMean
+    from rigctl.runs.frame_record import FrameRecord
 
 # More than this and the means of a frame say little.
 _MOST_SATURATED = 0.01
@@ -58,13 +61,13 @@ class FrameSummary:
     exposure_s: float
     time_s: float
     saturated_fraction: float
-    means: Mapping[str, PixelMean]
+    means: Mapping[str, "PixelMean"]
     coarse: CoarsePicture | None = None
 
 
 def frame_summary(
-    record: FrameRecord,
-    means: Mapping[str, PixelMean],
+    record: "FrameRecord",
+    means: Mapping[str, "PixelMean"],
     *,
     time_s: float,
     saturated_fraction: float,
@@ -86,7 +89,7 @@ def frame_summary(
     )
 
 
-def coarse_picture(counts: NDArray[np.uint16], record: FrameRecord) -> CoarsePicture:
+def coarse_picture(counts: NDArray[np.uint16], record: "FrameRecord") -> CoarsePicture:
     """Return the mean counts of squares of the pixels of a frame, some 20000 of them."""
     bad = counts >= record.saturation_dn
     if record.missing_dn is not None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from model.processing.diagnosis.causes import PER_FRAME
 from model.processing.diagnosis.consequences import consequence
 from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
+from model.processing.mosaic import coarse_pictures
 from model.processing.reconstruction import Design, design
 from rigctl.errors import ConfigError, DataError
 from rigctl.measurement.corrections import region_slopes
@@ -175,20 +176,6 @@ def undiagnosed(reason: str) -> RunDiagnosis:
     """Return that nothing can be said of a run, and why."""
     nothing = Diagnosis(terms=(), first=None, reason=reason, faults=None, light=0.0)
     return RunDiagnosis(terms=(), reason=reason, angles_deg=(), found=nothing)
-
-
-def coarse_pictures(
-    pictures: FloatArray, usable: NDArray[np.bool_], *, most_pixels: int
-) -> tuple[FloatArray, NDArray[np.bool_], int]:
-    """Return pictures of squares of pixels, which of these are usable whole, and their side; as given if small."""
-    height, width = usable.shape
-    side = int(np.ceil(np.sqrt(height * width / most_pixels)))
-    if side <= 1:
-        return pictures, usable, 1
-    cut = (slice(height - height % side), slice(width - width % side))
-    squares = (height // side, side, width // side, side)
-    means = pictures[:, *cut].reshape(len(pictures), *squares).mean(axis=(2, 4))
-    return np.asarray(means), np.asarray(usable[cut].reshape(squares).all(axis=(1, 3))), side
 
 
 def _frames(measurement: Measurement) -> tuple[Design, FloatArray, FloatArray, list[float]]:

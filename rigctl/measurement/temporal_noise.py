@@ -1,16 +1,19 @@
 """Temporal variance of a run's frames by a noise calibration."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.sensor.pixel_noise import temporal_variance_dn2
 from model.sensor.sensor import SensorNoise
-from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import DataError
-from rigctl.measurement.measurement import Measurement
-from rigctl.measurement.region_numbers import MeasuredRegion
+
+if TYPE_CHECKING:
+    from rigctl.calibrations.noise.noise_file import NoiseParameters
+    from rigctl.measurement.measurement import Measurement
+    from rigctl.measurement.region_numbers import MeasuredRegion
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +40,7 @@ class TemporalNoise:
     remarks: tuple[str, ...]
 
 
-def temporal_noise(noise: NoiseParameters) -> TemporalNoise:
+def temporal_noise(noise: "NoiseParameters") -> TemporalNoise:
     """Return what temporal noise rests on, by a noise calibration.
 
     Raises
@@ -61,7 +64,7 @@ def temporal_noise(noise: NoiseParameters) -> TemporalNoise:
     )
 
 
-def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: FloatArray) -> FloatArray:
+def temporal_variance(measurement: "Measurement", region: "MeasuredRegion", values: FloatArray) -> FloatArray:
     """Return the temporal variance of each channel of a region at its measured signal, shape (N,) [grid.unit^2].
 
     Parameters

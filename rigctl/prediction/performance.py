@@ -2,14 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from model.prediction.prediction import RegionPrediction
-from model.prediction.region_performance import (
-    PairDetection,
-    PolarizationStrength,
-    pair_detections,
-    polarization_strength,
-)
+if TYPE_CHECKING:
+    from model.prediction.prediction import RegionPrediction
+    from model.prediction.region_performance import PairDetection, PolarizationStrength
 
 # Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.
 FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -32,19 +29,23 @@ class Performance:
         Every ordered pair of regions, at `STATED_RATES`.
     """
 
-    strengths: dict[str, PolarizationStrength | None]
-    detections: tuple[PairDetection, ...]
+    strengths: dict[str, "PolarizationStrength | None"]
+    detections: tuple["PairDetection", ...]
 
 
-def performance_of(predictions: Mapping[str, RegionPrediction]) -> Performance:
+def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance:
     """Return the distribution of DoLP of every region, and the detection of each on every other."""
+    from model.prediction.region_performance import pair_detections  # with the law of DoLP
+
     return Performance(
         strengths={name: _strength(prediction) for name, prediction in predictions.items()},
         detections=pair_detections(predictions, STATED_RATES),
     )
 
 
-def _strength(prediction: RegionPrediction) -> PolarizationStrength | None:
+def _strength(prediction: "RegionPrediction") -> "PolarizationStrength | None":
+    from model.prediction.region_performance import polarization_strength
+
     if not prediction.stokes_dn.mean[0] > 0.0:
         return None
     try:

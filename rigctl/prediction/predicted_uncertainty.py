@@ -2,14 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.prediction import RegionPrediction
 from rigctl.prediction.propagated_inputs import NumberKey, correlated_pairs, curved_inputs, propagate_numbers
-from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.scene_inputs import only_uncertain
+
+if TYPE_CHECKING:
+    from model.prediction.prediction import RegionPrediction
+    from rigctl.prediction.scene_prediction import ScenePredictor
 
 FloatArray = NDArray[np.float64]
 # A change of so little of a number, or of one, is that of rounding.
@@ -49,7 +52,7 @@ class PredictedUncertainty:
 
 
 def predicted_uncertainty(
-    predictor: ScenePredictor, predictions: Mapping[str, RegionPrediction]
+    predictor: "ScenePredictor", predictions: Mapping[str, "RegionPrediction"]
 ) -> PredictedUncertainty:
     """Return what the uncertain inputs make of predictions.
 

@@ -1,16 +1,18 @@
 """Propagation of the uncertainty of the inputs to predicted numbers."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import difference
 from model.processing.input_propagation import Propagation, propagate
 from rigctl.errors import ConfigError, DataError
-from rigctl.scene.scene_inputs import Inputs, only_uncertain
+
+if TYPE_CHECKING:
+    from model.prediction.prediction import RegionPrediction
+    from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]
 
@@ -25,8 +27,8 @@ class NumberKey(NamedTuple):
 
 def propagate_numbers(
     numbers: Mapping[NumberKey, float],
-    inputs: Inputs,
-    predicted: Callable[[FloatArray], Mapping[str, RegionPrediction]],
+    inputs: "Inputs",
+    predicted: Callable[[FloatArray], Mapping[str, "RegionPrediction"]],
 ) -> Propagation:
     """Return what the uncertain inputs do to predicted numbers, in their order.
 
@@ -58,6 +60,8 @@ def propagate_numbers(
             raise ValueError(str(error)) from error
         return np.array([difference(key.quantity, _value(key, regions), number) for key, number in numbers.items()])
 
+    from rigctl.scene.scene_inputs import only_uncertain
+
     found = only_uncertain(inputs)
     try:
         return propagate(off, found.values, found.cov, least=found.least, most=found.most)
@@ -65,7 +69,7 @@ def propagate_numbers(
         raise ConfigError(f"the uncertainties of the inputs ({', '.join(found.names)}): {error}") from error
 
 
-def curved_inputs(propagation: Propagation, uncertain: Inputs) -> Iterable[str]:
+def curved_inputs(propagation: Propagation, uncertain: "Inputs") -> Iterable[str]:
     """Return which inputs were taken by quadrature, and for which slopes had to do."""
     if propagation.curved:
         names = ", ".join(uncertain.names[k] for k in propagation.curved)
@@ -75,7 +79,7 @@ def curved_inputs(propagation: Propagation, uncertain: Inputs) -> Iterable[str]:
         yield f"so near to what is possible, for its uncertainty, that a slope had to do: {names}"
 
 
-def correlated_pairs(uncertain: Inputs) -> list[tuple[str, str, float]]:
+def correlated_pairs(uncertain: "Inputs") -> list[tuple[str, str, float]]:
     """Return the inputs whose errors go together, two and two with their correlation, the closest first."""
     std = np.sqrt(np.diag(uncertain.cov))
     correlation = uncertain.cov / np.outer(std, std)
@@ -84,7 +88,7 @@ def correlated_pairs(uncertain: Inputs) -> list[tuple[str, str, float]]:
     return sorted(rows, key=lambda row: -abs(row[2]))
 
 
-def _value(key: NumberKey, regions: Mapping[str, RegionPrediction]) -> float:
+def _value(key: NumberKey, regions: Mapping[str, "RegionPrediction"]) -> float:
     try:
         return regions[key.region].quantities[key.quantity][key.statistic]
     except KeyError as error:

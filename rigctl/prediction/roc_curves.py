@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.prediction.prediction import RegionPrediction
 from model.prediction.region_performance import PairDetection, rocs_of_pair
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ROC_KINDS, RocKind
+
+if TYPE_CHECKING:
+    from model.prediction.prediction import RegionPrediction
 
 # Six decades on a logarithmic axis, and the rest of the curve on an even one.
 ROC_RATES = np.concatenate([np.logspace(-6.0, -1.0, 51), np.linspace(0.1, 1.0, 19)[1:]])
@@ -38,7 +41,7 @@ def parse_roc(request: str, regions: tuple[str, ...]) -> RocPair:
     return RocPair(target=names[0], background=names[1])
 
 
-def roc_curves(found: Mapping[str, RegionPrediction], pair: RocPair) -> dict[RocKind, PairDetection]:
+def roc_curves(found: Mapping[str, "RegionPrediction"], pair: RocPair) -> dict[RocKind, PairDetection]:
     """Return the whole ROC of a pair for each kind of vector.
 
     Parameters
@@ -52,7 +55,7 @@ def roc_curves(found: Mapping[str, RegionPrediction], pair: RocPair) -> dict[Roc
 
 
 def roc_curves_of_sweep(
-    found: Sequence[Mapping[str, RegionPrediction]], pair: RocPair
+    found: Sequence[Mapping[str, "RegionPrediction"]], pair: RocPair
 ) -> dict[RocKind, tuple[PairDetection, ...]]:
     """Return the whole ROC of a pair at each point of a sweep, for each kind of vector.
 

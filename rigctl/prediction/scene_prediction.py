@@ -3,28 +3,13 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.accuracy.effect_estimates import estimate_effects
-from model.accuracy.evaluation.chain import Clock
-from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction
-from model.accuracy.predict_to_tolerance import predict as predict_to
-from model.accuracy.series_effects import SeriesEffects
-from model.accuracy.series_prediction import SeriesPrediction
-from model.accuracy.series_to_tolerance import predict_series
-from model.effects.bound import Bound, Estimate
-from model.effects.names import Effect, EffectRule
-from model.effects.planner import LIGHT, EffectPlan, plan, plan_of_all
 from model.prediction.prediction import RegionPrediction, predict
-from model.prediction.rig_errors import predict_with_errors
-from model.scene.field_light import FieldLight, Source
-from model.scene.lit_scene import LitScene
-from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
-from rigctl.files.scene_file import SceneFile
 from rigctl.scene.effect_choice import acting_effects, forced_effects
-from rigctl.scene.effect_plan import SHARE
 from rigctl.scene.model_records import camera_view
 from rigctl.scene.model_scene import build_scenario, lit_scene, readout_of, sensor_of
 from rigctl.scene.parameters import require_within, with_values
@@ -32,7 +17,19 @@ from rigctl.scene.rig_inputs import cycle_of_file, rig_errors, with_rig
 from rigctl.scene.scene_inputs import Inputs, gather
 from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.scene_record import Scene
+
+if TYPE_CHECKING:
+    from model.accuracy.evaluation.chain import Clock
+    from model.accuracy.predict_to_tolerance import AccuratePrediction
+    from model.accuracy.series_prediction import SeriesPrediction
+    from model.effects.bound import Bound, Estimate
+    from model.effects.names import Effect, EffectRule
+    from model.effects.planner import EffectPlan
+    from model.scene.field_light import FieldLight, Source
+    from model.scene.lit_scene import LitScene
+    from rigctl.calibrations.noise.noise_file import NoiseParameters
+    from rigctl.files.scene_file import SceneFile
+    from rigctl.scene.scene_record import Scene
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +45,7 @@ class SceneGeometry:
     sky_irradiance: float
 
 
-def _with_changes(scene: Scene, changed: Mapping[str, float]) -> Scene:
+def _with_changes(scene: "Scene", changed: Mapping[str, float]) -> "Scene":
     """Return a scene as if its file said otherwise, and a remark that it does."""
     found = with_values(scene, changed)
     require_within(scene, changed, option="changed")
@@ -73,7 +70,7 @@ class ScenePrediction:
     """
 
     predictions: dict[str, RegionPrediction]
-    lights: dict[str, FieldLight]
+    lights: dict[str, "FieldLight"]
     geometry: SceneGeometry | None
     remarks: tuple[str, ...]
 
@@ -83,11 +80,11 @@ class ScenePredictor:
 
     def __init__(
         self,
-        scene: SceneFile,
-        noise: NoiseParameters | None,
+        scene: "SceneFile",
+        noise: "NoiseParameters | None",
         *,
         light: SceneLight | None = None,
-        source: Source = "total",
+        source: "Source" = "total",
         scaled: Callable[[Inputs], Inputs] | None = None,
         changes: Mapping[str, float] | None = None,
     ) -> None:
@@ -111,7 +108,7 @@ class ScenePredictor:
         self._readout = readout_of(stated)
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> "Scene":
         """The scene as file and calibration have it."""
         return self._inputs.scene
 
@@ -135,7 +132,7 @@ class ScenePredictor:
         """
         return self.predictions_of(with_values(self.scene, changed or {}))
 
-    def predictions_of(self, scene: Scene) -> dict[str, RegionPrediction]:
+    def predictions_of(self, scene: "Scene") -> dict[str, RegionPrediction]:
         """Return what the model says of this scene with some numbers changed.
 
         Raises
@@ -148,11 +145,15 @@ class ScenePredictor:
                 scene, readout=self._readout, exposure_s=scene.exposure_s, light=self._light, source=self._source
             )
             errors = rig_errors(scene)
-            return predict(scenario) if errors is None else predict_with_errors(scenario, errors)
+            if errors is None:
+                return predict(scenario)
+            from model.prediction.rig_errors import predict_with_errors
+
+            return predict_with_errors(scenario, errors)
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
-    def lit_scene(self, scene: Scene | None = None) -> LitScene:
+    def lit_scene(self, scene: "Scene | None" = None) -> "LitScene":
         """Return all that the scene is, as one record of the model.
 
         Parameters
@@ -172,7 +173,9 @@ class ScenePredictor:
             raise ConfigError(f"scene {of.name}: {error}") from error
         return lit_scene(of, sensor=sensor, readout=self._readout, source=self._source)
 
-    def effect_plan(self, tolerance: float, *, rule: EffectRule = "safe", of: LitScene | None = None) -> EffectPlan:
+    def effect_plan(
+        self, tolerance: float, *, rule: "EffectRule" = "safe", of: "LitScene | None" = None
+    ) -> "EffectPlan":
         """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
 
         By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds.
@@ -191,13 +194,19 @@ class ScenePredictor:
         ConfigError
             The tolerance, or a number, is outside its range.
         """
+        # What holds errors to a tolerance takes a quarter of a second to import, and most predictions state none.
+        from model.accuracy.effect_estimates import estimate_effects
+        from model.accuracy.predict_to_tolerance import SMALLEST
+        from model.effects.planner import LIGHT, plan, plan_of_all
+        from rigctl.scene.effect_plan import SHARE
+
         # The least tolerance has nothing to share.
         share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
         lit, forced = self.lit_scene() if of is None else of, forced_effects(self.scene)
         if rule == "all":
             return plan_of_all(forced, tolerance=share)
 
-        def estimated(bounds: Mapping[Effect, Bound]) -> dict[Effect, Estimate]:
+        def estimated(bounds: Mapping["Effect", "Bound"]) -> dict["Effect", "Estimate"]:
             of_light = {effect: bound for effect, bound in bounds.items() if effect in LIGHT}
             return estimate_effects(lit, of_light, limit=share, store=self._light.lights)
 
@@ -211,10 +220,10 @@ class ScenePredictor:
         self,
         tolerance: float,
         *,
-        effects: EffectPlan | None = None,
+        effects: "EffectPlan | None" = None,
         estimated_only: bool = False,
-        clock: Clock = time.perf_counter,
-    ) -> AccuratePrediction:
+        clock: "Clock" = time.perf_counter,
+    ) -> "AccuratePrediction":
         """Return what the model says of the scene, to a stated numerical error.
 
         Parameters
@@ -234,11 +243,13 @@ class ScenePredictor:
             The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded, which is
             no part of such a prediction.
         """
+        from model.accuracy import predict_to_tolerance
+
         _require_recorded_rig(self.scene)
         active = acting_effects(self.scene) if effects is None else effects.active
         spent = 0.0 if effects is None else effects.spent.largest
         try:
-            return predict_to(
+            return predict_to_tolerance.predict(
                 self.lit_scene(),
                 tolerance=tolerance - spent,
                 effects=active,
@@ -251,13 +262,13 @@ class ScenePredictor:
 
     def series_to_tolerance(
         self,
-        scenes: Sequence[Scene],
+        scenes: Sequence["Scene"],
         tolerance: float,
         *,
         shape: tuple[int, ...] | None = None,
-        rule: EffectRule = "safe",
+        rule: "EffectRule" = "safe",
         estimated_only: bool = False,
-    ) -> SeriesPrediction:
+    ) -> "SeriesPrediction":
         """Return what the model says of this scene with some numbers changed step by step, to a numerical error.
 
         Parameters
@@ -278,6 +289,9 @@ class ScenePredictor:
         ConfigError
             The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded.
         """
+        from model.accuracy.series_effects import SeriesEffects
+        from model.accuracy.series_to_tolerance import predict_series
+
         for scene in scenes:
             _require_recorded_rig(scene)
         try:
@@ -321,7 +335,7 @@ class ScenePredictor:
         )
 
 
-def _require_recorded_rig(scene: Scene) -> None:
+def _require_recorded_rig(scene: "Scene") -> None:
     if rig_errors(scene) is not None:
         raise ConfigError(
             f"scene {scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "

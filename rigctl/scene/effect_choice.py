@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
 
 from model.effects.names import ALL, Effect
 from rigctl.errors import ConfigError
 from rigctl.files.effect_sections import EffectsSection, effect_names, effect_of
-from rigctl.files.scene_file import SceneFile
-from rigctl.scene.scene_record import Scene
+
+if TYPE_CHECKING:
+    from rigctl.files.scene_file import SceneFile
+    from rigctl.scene.scene_record import Scene
 
 
-def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequence[str]) -> SceneFile:
+def with_choices(scene: "SceneFile", *, switched_on: Sequence[str], left_out: Sequence[str]) -> "SceneFile":
     """Return the scene with effects forced by options, which go before those of the file.
 
     Raises
@@ -35,13 +38,13 @@ def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequ
     return chosen
 
 
-def without_effects(scene: SceneFile, effects: frozenset[Effect]) -> SceneFile:
+def without_effects(scene: "SceneFile", effects: frozenset[Effect]) -> "SceneFile":
     """Return the scene with some effects left out, beside those that it leaves out itself."""
     names = tuple(name for name in effect_names() if effect_of(name) in effects)
     return with_choices(scene, switched_on=(), left_out=names)
 
 
-def forced_effects(scene: SceneFile | Scene) -> dict[Effect, bool]:
+def forced_effects(scene: "SceneFile | Scene") -> dict[Effect, bool]:
     """Return the effects that are forced on (True) or off (False).
 
     Raises
@@ -57,12 +60,12 @@ def forced_effects(scene: SceneFile | Scene) -> dict[Effect, bool]:
     }
 
 
-def acting_effects(scene: SceneFile | Scene) -> frozenset[Effect]:
+def acting_effects(scene: "SceneFile | Scene") -> frozenset[Effect]:
     """Return the effects that act where no tolerance leaves any out: all but those that the user did."""
     return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}
 
 
-def choice_remarks(scene: SceneFile) -> tuple[str, ...]:
+def choice_remarks(scene: "SceneFile") -> tuple[str, ...]:
     """Return what has to be said of every result: which effects are left out by request."""
     names = scene.effects.left_out
     if not names:

@@ -2,22 +2,25 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
 from model.accuracy.effect_estimates import estimate_effects
 from model.accuracy.evaluation.chain import scenario_of
-from model.accuracy.evaluation.settings import Settings
-from model.effects.bound import Bound, Estimate
 from model.effects.names import ALL, Effect, EffectRule
 from model.effects.planner import EffectPlan, plan
-from model.scene.lit_scene import LitScene
-from model.scene.scenario import Readout, RegionLight
 from rigctl.errors import ConfigError
 from rigctl.scene.effect_choice import forced_effects
 from rigctl.scene.model_records import settings_of
 from rigctl.scene.model_scene import lit_scene, readout_of, sensor_of
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_record import Scene
+
+if TYPE_CHECKING:
+    from model.accuracy.evaluation.settings import Settings
+    from model.effects.bound import Bound, Estimate
+    from model.scene.lit_scene import LitScene
+    from model.scene.scenario import Readout, RegionLight
+    from rigctl.scene.scene_record import Scene
 
 # Share of a tolerance that may go to effects that are left out; numerical settings have the rest.
 SHARE = 0.5
@@ -37,8 +40,8 @@ class PlannedScene:
         What is assumed.
     """
 
-    scene: LitScene
-    settings: Settings
+    scene: "LitScene"
+    settings: "Settings"
     plan: EffectPlan
     remarks: tuple[str, ...]
 
@@ -66,13 +69,13 @@ class Verification:
 
 
 def plan_effects(
-    scene: Scene,
+    scene: "Scene",
     *,
     tolerance: float,
     rule: EffectRule = "safe",
     every_estimate: bool = False,
     light: SceneLight | None = None,
-    readout: Readout | None = None,
+    readout: "Readout | None" = None,
     exposure_s: float | None = None,
 ) -> PlannedScene:
     """Return which effects a scene calls for at a tolerance, of which these may take one half.
@@ -102,10 +105,10 @@ def plan_effects(
     lit = lit_scene(scene, sensor=sensor, readout=readout_of(scene) if readout is None else readout)
     computer = SceneLight() if light is None else light
 
-    def known(effects: frozenset[Effect]) -> tuple[RegionLight, ...]:
+    def known(effects: frozenset[Effect]) -> tuple["RegionLight", ...]:
         return scenario_of(lit, settings, effects=effects, store=computer.lights).regions
 
-    def estimated(bounds: Mapping[Effect, Bound]) -> dict[Effect, Estimate]:
+    def estimated(bounds: Mapping[Effect, "Bound"]) -> dict[Effect, "Estimate"]:
         return estimate_effects(lit, bounds, store=computer.lights)
 
     try:

@@ -1,16 +1,14 @@
 """The air, camera and surfaces of a scene: from its record, in the units of the file, to the records of the model."""
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.evaluation.settings import Settings, settings_of_fidelity
 from model.atmosphere.aerosol.angstrom import angstrom_law
-from model.atmosphere.aerosol.choice import AerosolChoice
 from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.profile import AtmosphereState
 from model.scene.field_of_view import FieldPart, part_of_picture, whole_field
 from model.scene.lit_scene import Air, LitRegion
@@ -20,26 +18,30 @@ from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt
 from rigctl.errors import ConfigError
 from rigctl.files.config import Uncertain
-from rigctl.files.light_sections import AtmosphereSection, FieldSection
 from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneRegion
 from rigctl.scene.scene_reading import band_points
-from rigctl.scene.scene_record import Scene, SceneRegionRecord
 from rigctl.scene.skies.sky_table import read_sky_table
 from rigctl.scene.skies.solar_band import response_band
+
+if TYPE_CHECKING:
+    from model.atmosphere.aerosol.choice import AerosolChoice
+    from model.atmosphere.lighting.lighting import Lighting
+    from rigctl.files.light_sections import AtmosphereSection, FieldSection
+    from rigctl.scene.scene_record import Scene, SceneRegionRecord
 
 # South: the sun's azimuth where the scene file states phi alone, and nothing depends on it.
 _ANY_AZIMUTH_DEG = 180.0
 _M_PER_DU, _PA_PER_HPA = 1e-5, 100.0
 
 
-def wavelength_m(scene: Scene) -> float:
+def wavelength_m(scene: "Scene") -> float:
     """Return the effective wavelength of a scene's sensor [m]."""
     if scene.sensor.wavelength_nm is None:
         raise ConfigError(f"scene {scene.name}: the sensor needs wavelength_nm or a band")
     return scene.sensor.wavelength_nm.value * 1e-9
 
 
-def air_of(scene: Scene) -> Air:
+def air_of(scene: "Scene") -> Air:
     """Return what the light of sun and sky depends on.
 
     Raises
@@ -71,12 +73,12 @@ def air_of(scene: Scene) -> Air:
     return replace(air, alternative=alternative, share=other.share.value)
 
 
-def state_of(air: AtmosphereSection) -> AtmosphereState | None:
+def state_of(air: "AtmosphereSection") -> AtmosphereState | None:
     """Return the state of the air; None for a table of somebody's own."""
     return None if air.tier is Fidelity.TABLE else _state(air, lower=air.lower, upper=air.upper)
 
 
-def camera_view(scene: Scene) -> View:
+def camera_view(scene: "Scene") -> View:
     """Return where the camera stands.
 
     Raises
@@ -101,13 +103,13 @@ def camera_view(scene: Scene) -> View:
     )
 
 
-def sun_azimuth_rad(scene: Scene) -> float:
+def sun_azimuth_rad(scene: "Scene") -> float:
     """Return the azimuth of the sun [rad]; south where the scene file states none."""
     stated = None if scene.sun is None else scene.sun.azimuth_deg
     return float(np.deg2rad(_ANY_AZIMUTH_DEG if stated is None else stated.value))
 
 
-def settings_of(scene: Scene) -> Settings:
+def settings_of(scene: "Scene") -> Settings:
     """Return the numerical settings that a scene file states, without a tolerance."""
     air, field = scene.atmosphere, scene.field_of_view
     settings = settings_of_fidelity(
@@ -118,7 +120,7 @@ def settings_of(scene: Scene) -> Settings:
     return replace(settings, tiles_per_side=field.tiles_per_side, tile_rule=field.rule)
 
 
-def lit_region(scene: Scene, region: SceneRegionRecord) -> LitRegion:
+def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
     """Return one region of a scene.
 
     Raises
@@ -148,7 +150,7 @@ def lit_region(scene: Scene, region: SceneRegionRecord) -> LitRegion:
         raise ConfigError(f"scene {scene.name}, region {region.name}: {error}") from error
 
 
-def field_part(scene: Scene, region: SceneRegionRecord) -> FieldPart | None:
+def field_part(scene: "Scene", region: "SceneRegionRecord") -> FieldPart | None:
     """Return the part of the field of view that a region fills; None for a point on the axis.
 
     Raises
@@ -167,7 +169,7 @@ def field_part(scene: Scene, region: SceneRegionRecord) -> FieldPart | None:
     return _picture_part(scene, region, field)
 
 
-def _picture_part(scene: Scene, region: SceneRegionRecord, field: FieldSection) -> FieldPart:
+def _picture_part(scene: "Scene", region: "SceneRegionRecord", field: "FieldSection") -> FieldPart:
     if field.focal_length_mm is None or field.width_pixels is None or field.height_pixels is None:
         raise ConfigError(
             f'scene {scene.name}, region {region.name}: extent = "rectangle" needs [field_of_view] by '
@@ -195,7 +197,7 @@ def _surface(material: Material, given: SceneRegion) -> Surface:
     return Surface(**values, dhr_angle_rad=material.dhr_angle_rad, shadowing=given.shadowing, diffuse=given.diffuse)
 
 
-def _texture_covariance(region: SceneRegionRecord) -> NDArray[np.float64]:
+def _texture_covariance(region: "SceneRegionRecord") -> NDArray[np.float64]:
     found = np.zeros((3, 3))
     rows = region.given.texture_covariance
     if rows is not None:
@@ -204,7 +206,7 @@ def _texture_covariance(region: SceneRegionRecord) -> NDArray[np.float64]:
     return found
 
 
-def _table(air: AtmosphereSection, sun_zenith_rad: float) -> Lighting | None:
+def _table(air: "AtmosphereSection", sun_zenith_rad: float) -> "Lighting | None":
     if air.tier is not Fidelity.TABLE:
         return None
     if air.table is None:
@@ -212,7 +214,7 @@ def _table(air: AtmosphereSection, sun_zenith_rad: float) -> Lighting | None:
     return read_sky_table(air.table, sun_zenith_rad=sun_zenith_rad)
 
 
-def _state(air: AtmosphereSection, *, lower: AerosolChoice, upper: AerosolChoice) -> AtmosphereState:
+def _state(air: "AtmosphereSection", *, lower: "AerosolChoice", upper: "AerosolChoice") -> AtmosphereState:
     exponent, depth = _spectrum(air)
     return AtmosphereState(
         visibility_m=None if air.visibility_km is None else air.visibility_km.value * 1e3,
@@ -226,7 +228,7 @@ def _state(air: AtmosphereSection, *, lower: AerosolChoice, upper: AerosolChoice
     )
 
 
-def _spectrum(air: AtmosphereSection) -> tuple[float | None, float | None]:
+def _spectrum(air: "AtmosphereSection") -> tuple[float | None, float | None]:
     """Angstrom's exponent and optical depth at 550 nm, as stated or as measured at two wavelengths."""
     if air.measured_depths is None:
         return _value(air.angstrom_exponent), _value(air.aerosol_optical_depth)

@@ -1,13 +1,12 @@
 """The model's scene and its scenario from the record of a scene."""
 
 from itertools import permutations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from model.accuracy.evaluation.chain import scenario_of
-from model.accuracy.evaluation.settings import Settings
 from model.prediction.quantity_table import counts_name
-from model.scene.field_light import Source
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import Readout, Scenario
 from model.sensor.imperfections import Imperfections
@@ -26,17 +25,21 @@ from rigctl.scene.model_records import (
     wavelength_m,
 )
 from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_record import Scene
+
+if TYPE_CHECKING:
+    from model.accuracy.evaluation.settings import Settings
+    from model.scene.field_light import Source
+    from rigctl.scene.scene_record import Scene
 
 
 def build_scenario(
-    scene: Scene,
+    scene: "Scene",
     *,
     readout: Readout,
     exposure_s: float,
     light: SceneLight | None = None,
-    source: Source = "total",
-    settings: Settings | None = None,
+    source: "Source" = "total",
+    settings: "Settings | None" = None,
 ) -> Scenario:
     """Return the scenario of a scene.
 
@@ -73,7 +76,7 @@ def build_scenario(
         raise ConfigError(f"scene {scene.name}: {error}") from error
 
 
-def lit_scene(scene: Scene, *, sensor: Sensor, readout: Readout, source: Source = "total") -> LitScene:
+def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Source" = "total") -> LitScene:
     """Return all that a scene is, as one record of the model.
 
     Parameters
@@ -107,7 +110,7 @@ def lit_scene(scene: Scene, *, sensor: Sensor, readout: Readout, source: Source 
         raise ConfigError(f"scene {scene.name}: {error}") from error
 
 
-def readout_of(scene: Scene) -> Readout:
+def readout_of(scene: "Scene") -> Readout:
     """Return angles and cycles as the scene file states them, for a prediction without a run."""
     angles_deg = sorted(angle % 180.0 for angle in scene.acquisition.angles_deg)
     return Readout(
@@ -118,7 +121,7 @@ def readout_of(scene: Scene) -> Readout:
     )
 
 
-def sensor_of(scene: Scene, exposure_s: float) -> Sensor:
+def sensor_of(scene: "Scene", exposure_s: float) -> Sensor:
     """Return the sensor of a scene at an exposure [s].
 
     Raises
@@ -143,7 +146,7 @@ def sensor_of(scene: Scene, exposure_s: float) -> Sensor:
     )
 
 
-def imperfections_of(scene: Scene, *, frames: int) -> Imperfections:
+def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
     """Return what the session adds; angles of the file are in the order of time, those of the readout rise."""
     errors = scene.errors
     angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)

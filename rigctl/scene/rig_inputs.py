@@ -1,13 +1,16 @@
 """Errors of the rig that takes a cycle of frames, as part of a scene."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from model.prediction.rig_errors import RigErrors
 from rigctl.files.config import Uncertain
-from rigctl.files.scene_file import RigSection, SceneFile
 from rigctl.scene.scene_record import Rig, Scene
+
+if TYPE_CHECKING:
+    from rigctl.files.scene_file import RigSection, SceneFile
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +35,7 @@ class TakenCycle:
     exposure_std: float = 0.0
 
 
-def cycle_of_file(scene: SceneFile) -> TakenCycle:
+def cycle_of_file(scene: "SceneFile") -> TakenCycle:
     """Return the cycle that a scene file states, for a prediction without a run."""
     in_time_deg = np.mod(scene.acquisition.angles_deg, 180.0)
     return TakenCycle(
@@ -42,12 +45,12 @@ def cycle_of_file(scene: SceneFile) -> TakenCycle:
     )
 
 
-def exposure_std(scene: SceneFile) -> float:
+def exposure_std(scene: "SceneFile") -> float:
     """Return how well a scene file knows the exposure, as a share of it."""
     return scene.acquisition.exposure_std_ms / scene.acquisition.exposure_ms
 
 
-def with_rig(scene: Scene, section: RigSection, cycle: TakenCycle) -> Scene:
+def with_rig(scene: Scene, section: "RigSection", cycle: TakenCycle) -> Scene:
     """Return the scene with the rig that takes a cycle: of the scene file, and of the rig file that the run holds.
 
     The errors of the offset in both files are taken as independent, those of exposure and ratio too.

@@ -1,25 +1,26 @@
 """The light of a scene's regions, computed from sun, atmosphere and materials."""
 
 from collections.abc import Iterable
+from functools import cached_property
+from typing import TYPE_CHECKING
 
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.settings import Settings
 from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS
-from model.atmosphere.profile import column
-from model.atmosphere.sasktran2_engine import sasktran2_solution
-from model.atmosphere.solver import solve
 from model.atmosphere.transfer.phase import AerosolKind
-from model.effects.acting import acting_parts
-from model.scene.field_light import FieldLight
-from model.scene.illumination import Illumination
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine
-from rigctl.files.light_sections import AtmosphereSection
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.model_records import air_of, camera_view, lit_region, settings_of, state_of, sun_azimuth_rad
-from rigctl.scene.scene_record import Scene, SceneRegionRecord
 from rigctl.scene.skies.engine import require_engine
-from rigctl.scene.skies.sky_store import SkyStore, user_cache_folder
+
+if TYPE_CHECKING:
+    from model.accuracy.evaluation.light_store import LightStore
+    from model.accuracy.evaluation.settings import Settings
+    from model.scene.field_light import FieldLight
+    from model.scene.illumination import Illumination
+    from model.scene.lit_scene import LightParts
+    from rigctl.files.light_sections import AtmosphereSection
+    from rigctl.scene.scene_record import Scene, SceneRegionRecord
+    from rigctl.scene.skies.sky_store import SkyStore
 
 _REFERENCE_M = 550e-9
 _BY_SASKTRAN2 = (
@@ -32,7 +33,7 @@ class SceneLight:
     """Computes the light of scenes, and keeps what it computed."""
 
     def __init__(
-        self, store: SkyStore | None = None, *, engine: Engine = "own", is_kept_between_runs: bool = True
+        self, store: "SkyStore | None" = None, *, engine: Engine = "own", is_kept_between_runs: bool = True
     ) -> None:
         """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
 
@@ -45,16 +46,27 @@ class SceneLight:
         """
         require_engine(engine)
         self._engine = engine
-        self._solved = SkyStore(user_cache_folder()) if store is None else store
-        own = self._solved if is_kept_between_runs else solve
-        self._lights = LightStore(solver=own if engine == "own" else sasktran2_solution)
+        self._given, self._is_kept = store, is_kept_between_runs
 
-    @property
-    def lights(self) -> LightStore:
+    # What solves a sky takes a tenth of a second to import, and is not wanted where every radiance is stated.
+
+    @cached_property
+    def _solved(self) -> "SkyStore":
+        from rigctl.scene.skies.sky_store import SkyStore, user_cache_folder
+
+        return SkyStore(user_cache_folder()) if self._given is None else self._given
+
+    @cached_property
+    def lights(self) -> "LightStore":
         """The store in which the model keeps its lights."""
-        return self._lights
+        from model.accuracy.evaluation.light_store import LightStore
+        from model.atmosphere.sasktran2_engine import sasktran2_solution
+        from model.atmosphere.solver import solve
 
-    def illumination(self, scene: Scene) -> Illumination:
+        own = self._solved if self._is_kept else solve
+        return LightStore(solver=own if self._engine == "own" else sasktran2_solution)
+
+    def illumination(self, scene: "Scene") -> "Illumination":
         """Return sun, sky and air of a scene.
 
         Raises
@@ -63,16 +75,16 @@ class SceneLight:
             A number is outside its range, such as a sun too low.
         """
         try:
-            return self._lights.illumination(
+            return self.lights.illumination(
                 air_of(scene),
                 settings_of(scene),
                 sun_azimuth_rad=sun_azimuth_rad(scene),
-                parts=acting_parts(acting_effects(scene)),
+                parts=_parts(scene),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
-    def region(self, scene: Scene, region: SceneRegionRecord, settings: Settings | None = None) -> FieldLight:
+    def region(self, scene: "Scene", region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
         """Return the light of a region that is given by its material.
 
         Parameters
@@ -88,18 +100,18 @@ class SceneLight:
             A number is outside its range.
         """
         try:
-            return self._lights.region(
+            return self.lights.region(
                 lit_region(scene, region),
                 settings_of(scene) if settings is None else settings,
                 air=air_of(scene),
                 view=camera_view(scene),
                 sun_azimuth_rad=sun_azimuth_rad(scene),
-                parts=acting_parts(acting_effects(scene)),
+                parts=_parts(scene),
             )
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}: {error}") from error
 
-    def remarks(self, scene: Scene) -> tuple[str, ...]:
+    def remarks(self, scene: "Scene") -> tuple[str, ...]:
         """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
@@ -107,12 +119,20 @@ class SceneLight:
         return (*_of_atmosphere(scene.atmosphere), *by_engine, *self._solved.remarks)
 
 
-def _of_atmosphere(air: AtmosphereSection) -> Iterable[str]:
+def _parts(scene: "Scene") -> "LightParts":
+    from model.effects.acting import acting_parts
+
+    return acting_parts(acting_effects(scene))
+
+
+def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:
     facts = FIDELITY_LEVELS[air.tier]
     state = state_of(air)
     if state is None:
         yield f"atmosphere: tier table ({facts.accuracy}), from {air.table}; its optical depth is the table's own"
         return
+    from model.atmosphere.profile import column
+
     at_550 = column(state, wavelength_m=_REFERENCE_M)
     yield (
         f"atmosphere: optical depth at 550 nm {at_550.depth:.3f}, of it aerosol {at_550.tau_aerosol:.3f} and molecules "
@@ -126,7 +146,7 @@ def _of_atmosphere(air: AtmosphereSection) -> Iterable[str]:
     )
 
 
-def _alternative(air: AtmosphereSection) -> str:
+def _alternative(air: "AtmosphereSection") -> str:
     if air.alternative is None:
         return ""
     other, share = air.alternative, air.alternative.share

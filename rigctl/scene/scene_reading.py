@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from model.atmosphere.sun import distance_factor
 from model.sensor.electrons import effective_wavelength_m
 from model.surface.materials import Material, assumed_properties, properties
-from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.config import Uncertain
-from rigctl.files.effect_sections import ErrorsSection
 from rigctl.files.material_file import find_material
 from rigctl.files.place import SiteSection
 from rigctl.files.scene_file import NoiseSection, SceneFile, SceneRegion, SensorSection, pointing_angles
@@ -27,12 +25,17 @@ from rigctl.scene.scene_record import JointErrors, Scene, SceneRegionRecord, Sun
 from rigctl.scene.skies.solar_band import response_band
 from rigctl.scene.skies.sun_position import sun_moved_by_place, sun_position
 
+if TYPE_CHECKING:
+    from rigctl.calibrations.noise.noise_file import NoiseParameters
+    from rigctl.files.effect_sections import ErrorsSection
+    from rigctl.files.place import SiteSection
+
 FloatArray = NDArray[np.float64]
 
 _NM_PER_M = 1e9
 
 
-def scene_of_file(file: SceneFile, noise: NoiseParameters | None = None) -> Scene:
+def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Scene:
     """Return the scene of a file; the numbers of a noise calibration take the place of the assumed noise.
 
     Raises
@@ -92,7 +95,7 @@ def band_points(sensor: SensorSection, scene_name: str) -> tuple[tuple[float, fl
     return tuple((wavelength_nm, 1.0) for wavelength_nm in sensor.band_nm)
 
 
-def sun_covariance_deg2(site: SiteSection, time: datetime) -> FloatArray:
+def sun_covariance_deg2(site: "SiteSection", time: datetime) -> FloatArray:
     """Return the covariance of zenith and azimuth of the sun by what is not known of the site, shape (2, 2) [deg^2]."""
     moved = np.rad2deg(sun_moved_by_place(time, site.place, site.std))
     return np.asarray(moved.T @ moved)
@@ -111,7 +114,7 @@ def _with_wavelength(file: SceneFile) -> SensorSection:
     return file.sensor.model_copy(update={"wavelength_nm": Uncertain(value=wavelength_nm)})
 
 
-def _errors(file: SceneFile) -> ErrorsSection:
+def _errors(file: SceneFile) -> "ErrorsSection":
     """Return what the session adds, with the drift of the light from where it was stated before."""
     drift = file.rig.light_drift
     return file.errors if drift is None else file.errors.model_copy(update={"illumination_drift": drift})
@@ -122,7 +125,7 @@ def _of_old_keys(file: SceneFile) -> Iterable[str]:
         yield f"rig.light_drift: is called {DRIFT} now, and taken as that"
 
 
-def _calibrated(noise: NoiseParameters | None) -> tuple[dict[str, Uncertain], tuple[JointErrors, ...]]:
+def _calibrated(noise: "NoiseParameters | None") -> tuple[dict[str, Uncertain], tuple[JointErrors, ...]]:
     """Return what a calibration knows, by the names of the file, and the covariance of its errors."""
     if noise is None:
         return {}, ()
@@ -133,7 +136,7 @@ def _calibrated(noise: NoiseParameters | None) -> tuple[dict[str, Uncertain], tu
     return found, (JointErrors(keys=keys, covariance=noise.covariance_of(names)),)
 
 
-def _of_noise(file: SceneFile, noise: NoiseParameters | None, known: Mapping[str, Uncertain]) -> Iterable[str]:
+def _of_noise(file: SceneFile, noise: "NoiseParameters | None", known: Mapping[str, Uncertain]) -> Iterable[str]:
     for name, value in (noise.below_zero if noise is not None else {}).items():
         yield f"noise.{name}: the calibration's estimate {value:.3g} is below 0 by its error; 0 is used"
     # The noise factor is a choice of the user's, not a property of a sensor: no calibration gives it.

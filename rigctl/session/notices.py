@@ -5,7 +5,6 @@ import queue
 import subprocess
 import threading
 import time
-import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -106,9 +105,11 @@ def notices(section: NotifySection | None, run: Path) -> Iterator[Notifier | Non
 
 
 def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
-    request = urllib.request.Request(address, data=content, headers={"Content-Type": "application/json"})
+    from urllib.request import Request, urlopen  # with its certificates, for those who have a webhook
+
+    request = Request(address, data=content, headers={"Content-Type": "application/json"})
     try:
-        with urllib.request.urlopen(request, timeout=timeout_s):
+        with urlopen(request, timeout=timeout_s):
             return ""
     except (OSError, ValueError) as error:  # URLError and HTTPError are OSErrors
         return f"webhook {address}: {error}"

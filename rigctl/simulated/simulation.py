@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ from rigctl.simulated.camera_address import (
     split_polarizers,
     split_truth,
 )
-from rigctl.simulated.lit_roof import LitRoof
 from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers
 from rigctl.simulated.simulated_clock import SimulatedClock
 from rigctl.simulated.stated_parts import (
@@ -45,6 +44,9 @@ from sim_devices.stages.pty_server import serve_on_pty
 from sim_devices.stages.simulated_stage import SimulatedStage
 from sim_devices.textured_scene import TexturedScene
 from sim_devices.world import World
+
+if TYPE_CHECKING:
+    from rigctl.simulated.lit_roof import LitRoof
 
 FloatArray = NDArray[np.float64]
 
@@ -217,7 +219,7 @@ def _with_time(begin_step: BeginStep, camera: SimCamera, clock: SimulatedClock) 
 
 
 def _with_light(
-    begin_step: BeginStep, world: World, *, roof: LitRoof, scene: TexturedScene, utc_ns: Callable[[], int]
+    begin_step: BeginStep, world: World, *, roof: "LitRoof", scene: TexturedScene, utc_ns: Callable[[], int]
 ) -> BeginStep:
     """Return a begin of a step that lights the world as it is at that moment."""
 
@@ -275,7 +277,7 @@ class SeenScene:
     """
 
     radiance: FloatArray
-    roof: LitRoof | None = None
+    roof: "LitRoof | None" = None
     textured: TexturedScene | None = None
 
 
@@ -301,6 +303,8 @@ def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
         if rig.simulation.perturb is not None:
             raise ConfigError("--perturb: is for a simulated roof, a scene whose regions have a material")
         return SeenScene(radiance=stated_radiance(scene, rig, camera, rig.simulation.seed))
+    from rigctl.simulated.lit_roof import LitRoof  # the model's light, a third of a second, for materials only
+
     roof = LitRoof(scene, rig)
     inside = on_sensor(scene.regions, rig, camera)
     textured = TexturedScene(

@@ -29,6 +29,20 @@ def help_of(*words):
     return found["code"], [name for name in HEAVY if name in found["modules"]], found["verbs"]
 
 
+def modules_after(*words):
+    """Return exit code and modules after a command in an interpreter of its own."""
+    program = """
+import contextlib, io, json, sys
+from rigctl import cli
+with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    code = cli.main(sys.argv[1:])
+print(json.dumps([code, list(sys.modules)]))
+"""
+    done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=True)
+    code, modules = json.loads(done.stdout)
+    return code, set(modules)
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_help_of_a_verb_imports_nothing_heavy(verb):
     code, heavy, inner = help_of(verb)
@@ -37,7 +51,7 @@ def test_help_of_a_verb_imports_nothing_heavy(verb):
 
 
 # The most modules that a job may bring, a tenth above what they are: time depends on the machine, this does not.
-STARTS = {"stokes": 1100, "predict": 1100, "acquire": 1150, "compare": 1500}
+STARTS = {"stokes": 900, "predict": 560, "acquire": 780, "compare": 1440}
 # Each takes a tenth to half a second, and is imported where it is used.
 UNUSED = (
     "astropy",
@@ -49,6 +63,15 @@ UNUSED = (
     "pandas",
     "pvlib",
 )
+# Before its first need: what a sky is solved by, special functions, calibrations, a diagnosis, figures and pictures.
+_SKY = ("model.accuracy.evaluation.light_store", "model.accuracy.predict_to_tolerance", "rigctl.simulated.lit_roof")
+_DRAWN = ("matplotlib", "reportlab", "jinja2")
+LATER = {
+    "stokes": (*_SKY, "scipy.special", "rigctl.files.scene_file", "rigctl.comparison.rx_detection"),
+    "predict": (*_SKY, *_DRAWN, "scipy", "cv2", "rigctl.runs.run_folder", "rigctl.measurement.measurement"),
+    "acquire": (*_SKY, *_DRAWN, "scipy", "cv2", "urllib.request", "model.processing.diagnosis.diagnosis"),
+    "compare": (),
+}
 
 
 @pytest.mark.parametrize("job", STARTS)
@@ -56,6 +79,11 @@ def test_a_job_starts_with_the_modules_that_it_uses(job):
     program = f"import json, sys, rigctl.jobs.{job}; print(json.dumps(list(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     modules = json.loads(done.stdout)
-    draws = job in ("stokes", "compare")
-    assert [name for name in (*UNUSED, *(() if draws else ("matplotlib",))) if name in modules] == []
+    assert [name for name in (*UNUSED, *LATER[job]) if name in modules] == []
     assert len(modules) <= STARTS[job]
+
+
+def test_a_prediction_of_stated_light_solves_no_sky_and_opens_no_picture():
+    code, modules = modules_after("predict", "examples/scene-panels.toml")
+    later = {*UNUSED, *_SKY, *_DRAWN, "cv2", "rigctl.runs.run_folder", "rigctl.measurement.measurement"}
+    assert (code, sorted(later & modules)) == (0, [])

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.lit_scenario import light_requests, lit_fields, lit_scenario, sun_and_sky, used_settings
 from model.accuracy.evaluation.settings import Settings
 from model.effects.acting import acting
@@ -17,6 +17,9 @@ from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import Scenario
+
+if TYPE_CHECKING:
+    from model.accuracy.evaluation.light_store import LightStore
 
 Clock = Callable[[], float]
 
@@ -70,7 +73,7 @@ def evaluate(
     *,
     effects: frozenset[Effect] = ALL,
     rules: Mapping[str, Rules] = _NO_RULES,
-    store: LightStore | None = None,
+    store: "LightStore | None" = None,
     clock: Clock = time.perf_counter,
 ) -> ChainResult:
     """Return what the model predicts of a scene, computed with given numerical settings and effects.
@@ -99,7 +102,7 @@ def evaluate(
     ----------
     [MK14] eq. (1)-(30).
     """
-    lights = LightStore() if store is None else store
+    lights = _store() if store is None else store
     return evaluate_all((scene,), settings, effects=effects, rules=rules, store=lights, clock=clock)[0]
 
 
@@ -109,7 +112,7 @@ def evaluate_all(
     *,
     effects: frozenset[Effect] = ALL,
     rules: Mapping[str, Rules] = _NO_RULES,
-    store: LightStore,
+    store: "LightStore",
     clock: Clock = time.perf_counter,
 ) -> tuple[ChainResult, ...]:
     """Return what `evaluate` does for each of several scenes, each stage of all of them in few array passes.
@@ -156,7 +159,7 @@ def _evaluated(
     settings: Settings,
     effects: frozenset[Effect],
     rules: Mapping[str, Rules],
-    store: LightStore,
+    store: "LightStore",
     clock: Clock,
 ) -> list[ChainResult]:
     seen = [acting(scene, effects) for scene in scenes]
@@ -191,7 +194,7 @@ def _evaluated(
 
 
 def scenario_of(
-    scene: LitScene, settings: Settings, *, effects: frozenset[Effect] = ALL, store: LightStore | None = None
+    scene: LitScene, settings: Settings, *, effects: frozenset[Effect] = ALL, store: "LightStore | None" = None
 ) -> Scenario:
     """Return the first half of `evaluate`: the light of each region at the aperture, sensor and readout.
 
@@ -209,10 +212,17 @@ def scenario_of(
     ----------
     [MK14] eq. (1)-(10).
     """
-    lights = LightStore() if store is None else store
     seen = acting(scene, effects)
     used = used_settings(settings, seen)
-    return lit_scenario(seen, lit_fields(seen, used, lights))
+    if seen.air is None:
+        return lit_scenario(seen, {})
+    return lit_scenario(seen, lit_fields(seen, used, _store() if store is None else store))
+
+
+def _store() -> "LightStore":
+    from model.accuracy.evaluation.light_store import LightStore  # solvers of the sky, wanted for materials only
+
+    return LightStore()
 
 
 @contextmanager

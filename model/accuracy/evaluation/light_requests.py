@@ -3,15 +3,18 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-from model.accuracy.evaluation.settings import Settings
 from model.scene.aperture_radiance import ApertureLight, aperture_lights
 from model.scene.field_light import FieldLight, light_over_field, light_over_tiles, lights_by_rules
 from model.scene.field_of_view import FieldPart, middle, off_axis
-from model.scene.hemisphere import Rules
-from model.scene.illumination import Illumination
 from model.scene.lit_scene import ALL_LIGHT, Air, LightParts, LitRegion
-from model.scene.view import View
+
+if TYPE_CHECKING:
+    from model.accuracy.evaluation.settings import Settings
+    from model.scene.hemisphere import Rules
+    from model.scene.illumination import Illumination
+    from model.scene.view import View
 
 # Views of one pass times the square of their order: some 1e5 nodes.
 _TOGETHER = 1e4
@@ -28,15 +31,15 @@ class LightRequest:
     """
 
     region: LitRegion
-    settings: Settings
+    settings: "Settings"
     air: Air
-    view: View
+    view: "View"
     sun_azimuth_rad: float
     parts: LightParts = ALL_LIGHT
-    rules: Rules | None = None
+    rules: "Rules | None" = None
 
     @cached_property
-    def seen(self) -> tuple[View, FieldPart | None]:
+    def seen(self) -> tuple["View", FieldPart | None]:
         """View and part of the field; of a field that is left out its middle."""
         part = self.region.part
         if part is None or self.parts.field_of_view:
@@ -63,7 +66,7 @@ class LightRequest:
         )
 
 
-def lights_of(illumination: Illumination, requests: Sequence[LightRequest]) -> tuple[FieldLight, ...]:
+def lights_of(illumination: "Illumination", requests: Sequence[LightRequest]) -> tuple[FieldLight, ...]:
     """Return lights that differ in the view alone, those with known rules in one pass.
 
     Parameters
@@ -83,7 +86,7 @@ def lights_of(illumination: Illumination, requests: Sequence[LightRequest]) -> t
     if surface is None or tilt is None:
         raise ValueError("its radiance is given, there is nothing to compute")
 
-    def lights_at(views: tuple[View, ...], rules: Rules | None) -> tuple[ApertureLight, ...]:
+    def lights_at(views: tuple["View", ...], rules: "Rules | None") -> tuple[ApertureLight, ...]:
         return aperture_lights(
             illumination,
             surface=surface,
@@ -122,7 +125,7 @@ def passes(group: Mapping[object, LightRequest]) -> Iterator[tuple[object, ...]]
     yield tuple(some)
 
 
-def sky_key(air: Air, settings: Settings, parts: LightParts) -> object:
+def sky_key(air: Air, settings: "Settings", parts: LightParts) -> object:
     """Return what tells a sky from others.
 
     Parameters

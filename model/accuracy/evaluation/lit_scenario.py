@@ -2,24 +2,27 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from model.accuracy.evaluation.light_requests import LightRequest
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.settings import Settings
 from model.scene.adjacency import with_surroundings
 from model.scene.falloff import cosine_fourth
-from model.scene.field_light import FieldLight
-from model.scene.hemisphere import Rules
-from model.scene.illumination import Illumination
-from model.scene.lit_scene import LitRegion, LitScene
 from model.scene.scenario import RegionLight, Scenario
 
-_NO_RULES: Mapping[str, Rules] = {}
+if TYPE_CHECKING:
+    from model.accuracy.evaluation.light_store import LightStore
+    from model.accuracy.evaluation.settings import Settings
+    from model.scene.field_light import FieldLight
+    from model.scene.hemisphere import Rules
+    from model.scene.illumination import Illumination
+    from model.scene.lit_scene import LitRegion, LitScene
+
+_NO_RULES: Mapping[str, "Rules"] = {}
 
 
-def light_requests(scene: LitScene, settings: Settings, rules: Mapping[str, Rules]) -> Iterator[LightRequest]:
+def light_requests(scene: "LitScene", settings: "Settings", rules: Mapping[str, "Rules"]) -> Iterator[LightRequest]:
     """Yield the lights of a scene whose rules of the hemisphere integral are known."""
     air, view = scene.air, scene.view
     if air is None or view is None:
@@ -37,7 +40,7 @@ def light_requests(scene: LitScene, settings: Settings, rules: Mapping[str, Rule
             )
 
 
-def region_light(seen: LitScene, region: LitRegion, field: FieldLight) -> RegionLight:
+def region_light(seen: "LitScene", region: "LitRegion", field: "FieldLight") -> RegionLight:
     """Return what a prediction takes of the light of a region over its part of the field.
 
     Parameters
@@ -70,7 +73,7 @@ def region_light(seen: LitScene, region: LitRegion, field: FieldLight) -> Region
     return _with_falloff(light, region, seen)
 
 
-def sun_and_sky(scene: LitScene, settings: Settings, lights: LightStore) -> Illumination | None:
+def sun_and_sky(scene: "LitScene", settings: "Settings", lights: "LightStore") -> "Illumination | None":
     """Return sun, sky and air of a scene; None where every radiance is given."""
     if scene.air is None or not _materials(scene):
         return None
@@ -78,8 +81,8 @@ def sun_and_sky(scene: LitScene, settings: Settings, lights: LightStore) -> Illu
 
 
 def lit_fields(
-    scene: LitScene, settings: Settings, lights: LightStore, rules: Mapping[str, Rules] = _NO_RULES
-) -> dict[str, FieldLight]:
+    scene: "LitScene", settings: "Settings", lights: "LightStore", rules: Mapping[str, "Rules"] = _NO_RULES
+) -> dict[str, "FieldLight"]:
     """Return the light of the regions that are given by a material."""
     air, view, azimuth = scene.air, scene.view, scene.sun_azimuth_rad
     if air is None or view is None:
@@ -106,22 +109,22 @@ def lit_fields(
     }
 
 
-def used_settings(settings: Settings, scene: LitScene) -> Settings:
+def used_settings(settings: "Settings", scene: "LitScene") -> "Settings":
     """Return settings with one wavelength where the band does not act."""
     return settings if scene.parts.wavelengths else replace(settings, wavelengths=1)
 
 
-def _materials(scene: LitScene) -> tuple[LitRegion, ...]:
+def _materials(scene: "LitScene") -> tuple["LitRegion", ...]:
     return tuple(region for region in scene.regions if region.surface is not None)
 
 
-def lit_scenario(scene: LitScene, fields: dict[str, FieldLight]) -> Scenario:
+def lit_scenario(scene: "LitScene", fields: dict[str, "FieldLight"]) -> Scenario:
     """Return the light of each region at the aperture, with sensor and readout."""
     regions = tuple(_region_light(region, fields, scene) for region in scene.regions)
     return Scenario(regions=regions, sensor=scene.sensor, readout=scene.readout, imperfections=scene.imperfections)
 
 
-def _region_light(region: LitRegion, fields: dict[str, FieldLight], scene: LitScene) -> RegionLight:
+def _region_light(region: "LitRegion", fields: dict[str, "FieldLight"], scene: "LitScene") -> RegionLight:
     if region.radiance is None:
         return region_light(scene, region, fields[region.name])
     given = RegionLight(
@@ -133,7 +136,7 @@ def _region_light(region: LitRegion, fields: dict[str, FieldLight], scene: LitSc
     return _with_falloff(given, region, scene)
 
 
-def _with_falloff(light: RegionLight, region: LitRegion, scene: LitScene) -> RegionLight:
+def _with_falloff(light: RegionLight, region: "LitRegion", scene: "LitScene") -> RegionLight:
     if region.part is None or not scene.imperfections.off_axis_falloff:
         return light
     falloff = cosine_fourth(region.part)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from model.processing.diagnosis.causes import Cause
+from model.special_functions import fdtrc
 
 FloatArray = NDArray[np.float64]
 

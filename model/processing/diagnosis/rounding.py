@@ -2,7 +2,8 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
+
+from model.special_functions import ndtr
 
 FloatArray = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtri
 
 from model.processing.diagnosis.causes import PER_FRAME, SHARED
 from model.processing.diagnosis.samples import Samples
+from model.special_functions import fdtri
 
 FloatArray = NDArray[np.float64]
 

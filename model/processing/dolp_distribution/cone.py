@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfcx, ndtr
 
 from model.processing.dolp_distribution.frame import DolpFrame
 from model.quadrature import gauss_legendre
+from model.special_functions import erfcx, ndtr
 
 FloatArray = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ integrate. In a plane through zero, DoLP is a function of a ratio of normal vari
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from model.processing.dolp_distribution import normal_ratio
 from model.processing.dolp_distribution.frame import DolpFrame
 from model.processing.dolp_distribution.normal_ratio import NormalRatio
 from model.processing.dolp_distribution.tails import Tails
+from model.special_functions import ndtr
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]

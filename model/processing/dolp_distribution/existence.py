@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from model.processing.dolp_distribution.distribution import pair_tails
 from model.processing.dolp_distribution.frame import DolpFrame, dolp_frame
 from model.processing.dolp_distribution.quantile import quantile
 from model.quadrature import integrate_panels
+from model.special_functions import ndtr
 
 FloatArray = NDArray[np.float64]
 

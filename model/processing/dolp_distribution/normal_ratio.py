@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfcx, ndtr
 
 from model.quadrature import gauss_legendre, integrate_panels
+from model.special_functions import erfcx, ndtr
 
 FloatArray = NDArray[np.float64]
 

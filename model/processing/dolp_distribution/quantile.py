@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
 from model.processing.dolp_distribution.distribution import pair_tails, paired
 from model.processing.dolp_distribution.frame import DolpFrame
+from model.special_functions import ndtri
 
 FloatArray = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from model.processing.dolp_distribution.border import BorderIntegrals, border_integrals
 from model.processing.dolp_distribution.cone import Border
 from model.processing.dolp_distribution.frame import DolpFrame
 from model.quadrature import integrate_panels
+from model.special_functions import ndtr
 
 FloatArray = NDArray[np.float64]
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erfcx, gamma, gammainccinv, gammaincinv
+
+from model.special_functions import erfcx, gamma, gammainccinv, gammaincinv
 
 FloatArray = NDArray[np.float64]
 

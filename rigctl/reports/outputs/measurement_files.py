@@ -2,22 +2,23 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigctl.comparison.rx_detection import RxOnRun
 from rigctl.console.json_text import Json
-from rigctl.files.regions import Region
-from rigctl.measurement.measurement import Measurement
-from rigctl.reports.figures.detection_figures import roc_plot, statistic_picture
 from rigctl.reports.figures.measurement_figures import aolp_picture, residual_picture, scene_pictures
-from rigctl.reports.tables.detection_tables import detection_json, measured_roc_table
-from rigctl.reports.writers.data_files import csv_rows, fits_image, json_file
+from rigctl.reports.writers.data_files import fits_image, json_file
 from rigctl.reports.writers.output_folder import write_folder
+
+if TYPE_CHECKING:
+    from rigctl.comparison.rx_detection import RxOnRun
+    from rigctl.files.regions import Region
+    from rigctl.measurement.measurement import Measurement
 
 
 def write_stokes(
-    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, Json]
+    measurement: "Measurement", regions: list["Region"], out: Path, *, numbers: Mapping[str, Json]
 ) -> tuple[str, ...]:
     """Write all that a measurement gives into a folder; return the names of the files.
 
@@ -49,8 +50,12 @@ def write_stokes(
     return write_folder(out, contents)
 
 
-def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) -> tuple[str, ...]:
+def write_detection(found: "RxOnRun", out: Path, *, background: str, target: str) -> tuple[str, ...]:
     """Write rx.fits, rx.png, roc.csv, roc.png and detection.json into a folder; return their names."""
+    from rigctl.reports.figures.detection_figures import roc_plot, statistic_picture
+    from rigctl.reports.tables.detection_tables import detection_json, measured_roc_table
+    from rigctl.reports.writers.data_files import csv_rows
+
     contents = {
         "rx.fits": fits_image(found.statistic, unit="", what=f"RX statistic D against {background}; NaN: no meaning"),
         "rx.png": statistic_picture(found, background=background),

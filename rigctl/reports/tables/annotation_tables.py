@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from rigctl.console.json_text import Json
 from rigctl.reports.report import Section
 from rigctl.reports.table import Column, Table
 from rigctl.runs.annotation_record import Annotation, frames_text
-from rigctl.runs.run_folder import Run
+
+if TYPE_CHECKING:
+    from rigctl.runs.run_folder import Run
 
 _TITLE = "Notes and exclusions"
 
@@ -35,6 +38,6 @@ def annotations_json(annotations: Sequence[Annotation]) -> list[Json]:
     return [asdict(one) for one in annotations]
 
 
-def annotations_of(run: Run, left_out: Sequence[str]) -> dict[str, Json]:
+def annotations_of(run: "Run", left_out: Sequence[str]) -> dict[str, Json]:
     """Return what a result in JSON says of an annotated run: all that is noted, and which frames are not used."""
     return {"annotations": annotations_json(run.annotations), "left_out": list(left_out)} if run.annotations else {}

@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from model.prediction.region_performance import PairDetection
-from rigctl.comparison.rx_detection import BAND_LEVEL, RxOnRun
 from rigctl.console.json_text import Json
 from rigctl.files.choices import RocKind
 from rigctl.prediction.performance import FALSE_ALARM_RATES
 from rigctl.reports.table import Column, Shown, Table
 from rigctl.reports.writers.data_files import csv_rows, json_rows
+
+if TYPE_CHECKING:
+    from model.prediction.region_performance import PairDetection
+    from rigctl.comparison.rx_detection import RxOnRun
 
 SCHEMA_VERSION = 1
 _Row = tuple[int, str, float, float, float]
@@ -48,19 +50,19 @@ _COLUMNS: tuple[Column[RocPoint], ...] = (
 )
 
 
-def measured_roc_table(found: RxOnRun) -> Table[RocPoint]:
+def measured_roc_table(found: "RxOnRun") -> Table[RocPoint]:
     """Return every point of the curves."""
     return Table(columns=_COLUMNS, rows=tuple(_point(found, k) for k in range(found.p_false_alarm.size)))
 
 
-def round_roc_table(found: RxOnRun, *, background: str, target: str) -> Table[RocPoint]:
+def round_roc_table(found: "RxOnRun", *, background: str, target: str) -> Table[RocPoint]:
     """Return the points at round false alarm rates."""
     places = np.flatnonzero(np.isin(found.p_false_alarm, FALSE_ALARM_RATES)).tolist()
     rows = tuple(_point(found, k) for k in places)
     return Table(title=f"RX: {target} on {background}", columns=_COLUMNS, rows=rows)
 
 
-def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str, Json]:
+def detection_json(found: "RxOnRun", *, background: str, target: str) -> dict[str, Json]:
     """Return the numbers as JSON holds them: points of the curves at round false alarm rates, and the area."""
     return {
         "schema_version": SCHEMA_VERSION,
@@ -70,14 +72,14 @@ def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str,
         "target_pixels": found.n_target,
         "threshold_law": "F law: background estimated from its pixels, tested pixel outside of them",
         "predicted_from": found.predicted_from,
-        "band_level": BAND_LEVEL,
+        "band_level": found.band_level,
         "auc_known_background": found.auc,
         "points": json_rows(round_roc_table(found, background=background, target=target)),
         "warnings": list(found.warnings),
     }
 
 
-def _point(found: RxOnRun, k: int) -> RocPoint:
+def _point(found: "RxOnRun", k: int) -> RocPoint:
     return RocPoint(
         p_false_alarm=float(found.p_false_alarm[k]),
         threshold=float(found.threshold[k]),
@@ -89,7 +91,7 @@ def _point(found: RxOnRun, k: int) -> RocPoint:
     )
 
 
-def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int, ...]) -> dict[str, Json]:
+def roc_json(curves: Mapping[RocKind, Sequence["PairDetection"]], shape: tuple[int, ...]) -> dict[str, Json]:
     """Return curves by their kind: arrays in the order of the axes, the false alarm probabilities last.
 
     Parameters
@@ -102,7 +104,7 @@ def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int
     return {kind: _kind(found, shape) for kind, found in curves.items()}
 
 
-def _kind(found: Sequence[PairDetection], shape: tuple[int, ...]) -> dict[str, Json]:
+def _kind(found: Sequence["PairDetection"], shape: tuple[int, ...]) -> dict[str, Json]:
     detected = np.array([one.p_detection for one in found]).reshape(*shape, -1)
     return {
         "target": found[0].target,
@@ -120,7 +122,7 @@ def _nested(values: Any) -> Any:
     return None if np.isnan(values) else float(values)
 
 
-def roc_csv(curves: Mapping[RocKind, Sequence[PairDetection]]) -> bytes:
+def roc_csv(curves: Mapping[RocKind, Sequence["PairDetection"]]) -> bytes:
     """Return curves as CSV: a row a false alarm probability of a point; the point counts the rows of sweep.csv."""
     rows: list[_Row] = [
         (point, kind, float(rate), float(detected), one.auc)
@@ -138,7 +140,7 @@ def roc_csv(curves: Mapping[RocKind, Sequence[PairDetection]]) -> bytes:
     return csv_rows(Table(columns=columns, rows=tuple(rows)))
 
 
-def roc_table(curves: Mapping[RocKind, Sequence[PairDetection]]) -> Table[tuple[str, PairDetection]]:
+def roc_table(curves: Mapping[RocKind, Sequence["PairDetection"]]) -> Table[tuple[str, "PairDetection"]]:
     """Return the area under each curve of a single prediction, and a few of its points."""
     rows = tuple((kind, found[0]) for kind, found in curves.items())
     pair = rows[0][1]

@@ -5,19 +5,22 @@ beside it.
 """
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from model.prediction.prediction import RegionPrediction
-from model.prediction.region_performance import PairDetection, PolarizationStrength
-from model.processing.texture import Texture
 from rigctl.comparison.rows import measured_with_ratios
 from rigctl.console.json_text import Json
 from rigctl.measurement.fault_terms import UNSEEN, FaultTerm
-from rigctl.measurement.measurement import Measurement
-from rigctl.measurement.region_numbers import MeasuredRegion
-from rigctl.measurement.run_diagnosis import RunDiagnosis
 from rigctl.prediction.performance import NO_NOISE, Performance
 from rigctl.reports.tables.annotation_tables import annotations_of
 from rigctl.reports.writers.data_files import finite
+
+if TYPE_CHECKING:
+    from model.prediction.prediction import RegionPrediction
+    from model.prediction.region_performance import PairDetection, PolarizationStrength
+    from model.processing.texture import Texture
+    from rigctl.measurement.measurement import Measurement
+    from rigctl.measurement.region_numbers import MeasuredRegion
+    from rigctl.measurement.run_diagnosis import RunDiagnosis
 
 SCHEMA_VERSION = 1
 
@@ -31,7 +34,7 @@ STATISTICS = {
 
 
 def prediction_json(
-    predictions: dict[str, RegionPrediction], performance: Performance, *, remarks: Iterable[str]
+    predictions: dict[str, "RegionPrediction"], performance: Performance, *, remarks: Iterable[str]
 ) -> dict[str, Json]:
     """Return predictions, and what they are worth, as JSON holds them."""
     return {
@@ -49,7 +52,7 @@ def prediction_json(
     }
 
 
-def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
+def _strength(found: "PolarizationStrength | None") -> dict[str, Json] | None:
     """Return the law of a region's DoLP in a few numbers; nothing where there is no light."""
     if found is None:
         return None
@@ -60,7 +63,7 @@ def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
     return numbers | {"unpolarised_mean": finite(found.unpolarised_mean)}
 
 
-def _pair(pair: PairDetection) -> dict[str, Json]:
+def _pair(pair: "PairDetection") -> dict[str, Json]:
     rates = zip(pair.p_false_alarm, pair.p_detection, strict=True)
     return {
         "target": pair.target,
@@ -71,7 +74,7 @@ def _pair(pair: PairDetection) -> dict[str, Json]:
     }
 
 
-def measurement_json(measurement: Measurement, textures: dict[str, Texture] | None = None) -> dict[str, Json]:
+def measurement_json(measurement: "Measurement", textures: dict[str, "Texture"] | None = None) -> dict[str, Json]:
     """Return what a run measured as JSON holds it, with the textures of its regions where they are known."""
     grid = measurement.grid
     content: dict[str, Json] = {
@@ -95,7 +98,7 @@ def measurement_json(measurement: Measurement, textures: dict[str, Texture] | No
     return content | annotations_of(measurement.run, grid.left_out)
 
 
-def texture_json(texture: Texture) -> dict[str, Json]:
+def texture_json(texture: "Texture") -> dict[str, Json]:
     """Return the texture of a region as JSON holds it: of (S0, S1, S2), in the square of the measurement's unit."""
     return {
         "cov": texture.cov.tolist(),
@@ -106,7 +109,7 @@ def texture_json(texture: Texture) -> dict[str, Json]:
     }
 
 
-def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Json]:
+def diagnosis_json(found: "RunDiagnosis | None") -> dict[str, Json]:
     """Return what a run says of its own faults as JSON holds it."""
     if found is None:
         return {"terms": [], "first": None, "named": [], "reason": "not asked"}
@@ -136,7 +139,7 @@ def _fault(term: FaultTerm) -> dict[str, Json]:
     }
 
 
-def pixels_json(region: MeasuredRegion) -> dict[str, float]:
+def pixels_json(region: "MeasuredRegion") -> dict[str, float]:
     """Return how many pixels of a region were used, and how many not."""
     return {
         "used": region.pixels,
@@ -146,7 +149,7 @@ def pixels_json(region: MeasuredRegion) -> dict[str, float]:
     }
 
 
-def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
+def region_statistics(region: "MeasuredRegion") -> dict[str, dict[str, float]]:
     """Return every measured number of a region, its standard error beside it, by quantity and statistic."""
     found: dict[str, dict[str, float]] = {}
     for quantity, statistics in measured_with_ratios(region).items():
