@@ -13,7 +13,7 @@ The frames are the truth; the manifest is their table of contents and can be mad
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from rigctl.runs.frame_record import FRAME_RECORD, FrameRecord
 from rigctl.runs.run_description import SESSION_FILE, RunDescription, explain_invalid, first_link, read_description
 from rigctl.runs.sealed_lines import Lines, first_link_of, read_lines
 from rigctl.runs.session_record import SessionRecord
-from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, MOST_RECORD_BYTES, read_bounded
+from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, MOST_RECORD_BYTES, read_bounded, read_for_now
 
 # A card has 80 bytes; a header of thousands of cards is none of ours.
 _SAMPLE_BYTES, _MOST_HEADER_BYTES = 2, 1_000_000
@@ -99,7 +99,7 @@ def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
     DataError
         The file is gone, is not the one that was written, or says something else of the frame than the manifest does.
     """
-    frame = decode_frame(read_frame_file(path, record))
+    frame = decode_frame(_checked(path, record, read_for_now))
     stated = record_from_header(frame, file=record.file, checksum=record.checksum)
     if stated != record:
         other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
@@ -115,8 +115,12 @@ def read_frame_file(path: Path, record: FrameRecord) -> bytes:
     RunFolderError
         The file cannot be read, or its checksum differs.
     """
+    return bytes(_checked(path, record, read_bounded))
+
+
+def _checked(path: Path, record: FrameRecord, read: Callable[[Path, int], bytes | memoryview]) -> bytes | memoryview:
     try:
-        data = read_bounded(path / record.file, _largest_bytes(record))
+        data = read(path / record.file, _largest_bytes(record))
     except OSError as error:
         raise RunFolderError(f"{path / record.file}: cannot be read: {error.strerror}") from error
     found = file_checksum(data)
@@ -132,7 +136,7 @@ def _largest_bytes(record: FrameRecord) -> int:
     return min(_SAMPLE_BYTES * record.height * record.width + _MOST_HEADER_BYTES, MOST_OWN_FRAME_BYTES)
 
 
-def file_checksum(data: bytes) -> str:
+def file_checksum(data: bytes | memoryview) -> str:
     """Return the checksum that the manifest keeps for a file of this content."""
     return "sha256:" + hashlib.sha256(data).hexdigest()
 

@@ -2,7 +2,9 @@
 
 import errno
 import hashlib
+import os
 import stat
+import threading
 from pathlib import Path
 
 _BYTES_PER_MB = 1_000_000
@@ -32,13 +34,7 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
     OSError
         It cannot be read, is no plain file, or is too large; `strerror` says so.
     """
-    facts = path.stat()
-    if stat.S_ISDIR(facts.st_mode):
-        raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
-    if not stat.S_ISREG(facts.st_mode):
-        raise OSError(errno.EINVAL, "is no plain file, but a device, a pipe or a socket", str(path))
-    if facts.st_size > most_bytes:
-        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
+    facts = _judged(path, most_bytes)
     with path.open("rb") as file:
         # One byte more than it had, to see whether it has grown meanwhile; then one more than allowed.
         data = file.read(facts.st_size + 1)
@@ -47,6 +43,55 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
     if len(data) > most_bytes:
         raise OSError(errno.EFBIG, f"grows, and at most {_mb(most_bytes)} MB are read", str(path))
     return data
+
+
+class _Kept(threading.local):
+    """Memory of a thread that is taken again and again."""
+
+    buffer = bytearray()
+
+
+_KEPT = _Kept()
+
+
+def read_for_now(path: Path, most_bytes: int) -> memoryview:
+    """Return the content of a file, judged before it is read, for as long as this thread reads no other this way.
+
+    The memory is taken again by the next call: new memory for each of a thousand pictures takes longer than to read
+    them from the cache of the system, and a memory map, whose pages come one by one, takes longer than this too.
+
+    Parameters
+    ----------
+    path, most_bytes
+        As `read_bounded` takes them.
+
+    Raises
+    ------
+    OSError
+        As `read_bounded`; or the file grows while it is read.
+    """
+    size = _judged(path, most_bytes).st_size
+    if len(_KEPT.buffer) <= size:
+        _KEPT.buffer = bytearray(size + 1)
+    view, filled = memoryview(_KEPT.buffer), 0
+    with path.open("rb", buffering=0) as file:
+        while count := file.readinto(view[filled : size + 1]):
+            filled += count
+    if filled > size:
+        raise OSError(errno.EFBIG, "grows while it is read", str(path))
+    return view[:filled].toreadonly()
+
+
+def _judged(path: Path, most_bytes: int) -> os.stat_result:
+    """Return the facts of a plain file that is not too large."""
+    facts = path.stat()
+    if stat.S_ISDIR(facts.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
+    if not stat.S_ISREG(facts.st_mode):
+        raise OSError(errno.EINVAL, "is no plain file, but a device, a pipe or a socket", str(path))
+    if facts.st_size > most_bytes:
+        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
+    return facts
 
 
 def _mb(size: int) -> str:

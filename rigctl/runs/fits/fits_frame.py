@@ -16,7 +16,7 @@ NO_CHECKSUM = "0" * 16
 _PUNCTUATION = frozenset(range(0x3A, 0x41)) | frozenset(range(0x5B, 0x61))
 
 
-def ones_complement_sum(data: bytes) -> int:
+def ones_complement_sum(data: bytes | memoryview) -> int:
     """Return the 32-bit sum with end-around carry of big-endian words.
 
     Parameters
@@ -69,7 +69,7 @@ _BLOCK = 2880
 _BITPIX = {"uint8": 8, "int16": 16, "int32": 32, "float32": -32, "float64": -64}
 _SIGN_BIT = np.uint16(0x8000)
 _STATED_SUM = re.compile(rb"DATASUM = '([0-9]+) *'")
-_END = b"END".ljust(CARD_LENGTH)
+_BEGIN, _END = b"SIMPLE  =", b"END".ljust(CARD_LENGTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +171,7 @@ def _padded(length: int) -> int:
     return length + (-length % _BLOCK)
 
 
-def decode_frame(data: bytes) -> FitsFrame:
+def decode_frame(data: bytes | memoryview) -> FitsFrame:
     """Return a frame from the bytes of a file that ``encode_frame`` made.
 
     Raises
@@ -187,15 +187,15 @@ def decode_frame(data: bytes) -> FitsFrame:
     header_length = _padded(end + CARD_LENGTH)
     if ones_complement_sum(data) != ALL_ONES:
         raise DataError(_what_is_damaged(data[:header_length], data[header_length:]))
-    values = read_cards(data[:end])
+    values = read_cards(bytes(data[:end]))
     height, width = _shape(values)
     if len(data) != header_length + _padded(2 * height * width):
         raise DataError(f"{len(data)} bytes are not what {height} rows of {width} samples take")
     return FitsFrame(values=values, counts=_from_signed(data, (height, width), offset=header_length))
 
 
-def _find_end(data: bytes) -> int:
-    if not data.startswith(b"SIMPLE  =") or len(data) % _BLOCK:
+def _find_end(data: bytes | memoryview) -> int:
+    if data[: len(_BEGIN)] != _BEGIN or len(data) % _BLOCK:
         raise DataError(f"no whole FITS file: its {len(data)} bytes begin wrongly or are no multiple of {_BLOCK}")
     for start in range(0, len(data), CARD_LENGTH):
         if data[start : start + CARD_LENGTH] == _END:
@@ -203,7 +203,7 @@ def _find_end(data: bytes) -> int:
     raise DataError("no whole FITS file: the header has no end")
 
 
-def _what_is_damaged(header: bytes, data: bytes) -> str:
+def _what_is_damaged(header: bytes | memoryview, data: bytes | memoryview) -> str:
     stated = _STATED_SUM.search(header)
     if stated is None:
         return "the header is damaged: no DATASUM can be read from it"
@@ -219,7 +219,7 @@ def _shape(values: Mapping[str, str | None]) -> tuple[int, int]:
     return int(values["NAXIS2"] or "0"), int(values["NAXIS1"] or "0")
 
 
-def _from_signed(data: bytes, shape: tuple[int, int], *, offset: int) -> NDArray[np.uint16]:
+def _from_signed(data: bytes | memoryview, shape: tuple[int, int], *, offset: int) -> NDArray[np.uint16]:
     height, width = shape
     # One copy, which is the caller's own: the bytes of a file stay as they are.
     counts = np.frombuffer(data, dtype=">u2", count=height * width, offset=offset).astype(np.uint16)
