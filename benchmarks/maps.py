@@ -27,6 +27,7 @@ SIZES = ((582, 782), (2048, 2448))
 ANGLES_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 
 
+_IN_A_ROW = 5
 # What the peer's process runs: a time of the processor for every line that it is sent.
 _PEER = """
 import sys, time
@@ -96,7 +97,8 @@ def best_ms(height: int, width: int, *, rounds: int, peer: str | None) -> dict[s
         times: dict[str, list[float]] = {name: [] for name in timed}
         for _ in range(rounds + 2):
             for name, once in timed.items():
-                times[name].append(1000.0 * once())
+                # Several in a row: a caller's loop finds its frames in the cache as well.
+                times[name].append(1000.0 * min(once() for _ in range(_IN_A_ROW)))
     return {name: min(found[2:]) for name, found in times.items()}
 
 

@@ -19,8 +19,8 @@ Engine = Literal["numpy", "fast"]
 
 # Pixels that go through at once: 130 kB a plane, so that the planes of a block stay in the second-level cache.
 BLOCK_PIXELS = 32_768
-# The direction pi is the direction 0; single precision rounds pi itself up.
-BELOW_PI = np.nextafter(np.float32(np.pi), np.float32(0.0))
+# The direction pi is the direction 0, and single precision rounds pi itself up.
+_BELOW_HALF = np.nextafter(np.float32(0.5), np.float32(0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,9 +198,9 @@ def _polar(
         # Half of the argument of S1 + i S2, in [0, pi), by one arctangent that needs no unwrapping.
         np.negative(s1, out=spare)
         np.arctan2(s2, spare, out=angle)
-    angle *= np.float32(-0.5)
-    angle += np.float32(np.pi / 2)
-    np.minimum(angle, BELOW_PI, out=angle)
+    # From -pi on this comes to what is just below pi, and at pi to 0 itself: no pass that limits it.
+    np.subtract(np.float32(np.pi), angle, out=angle)
+    angle *= _BELOW_HALF
     # A frame that is missing or infinite leaves no finite DoLP.
     np.isfinite(dolp, out=valid)
     valid &= s0 > 0.0
