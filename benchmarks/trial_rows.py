@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from model.processing.reconstruction import design
+from model.processing.repeated_pixels import repeated
 from rigctl.comparison.rows import measured_with_ratios
 from rigctl.measurement.region_numbers import measure_region
 from tests.worldlike import Faults, World, expose, light
@@ -57,7 +58,7 @@ def scores(kind: str, seed: int) -> dict[tuple[str, int, str], float]:
         inside[56 - side // 2 : 56 + side // 2, 56 - side // 2 : 56 + side // 2] = True
         region = measure_region(
             name="region",
-            pixels=frames[None][:, :, inside],
+            pixels=repeated(frames[None][:, :, inside], plan.inverse),
             inside=inside,
             excluded=0,
             edge=0,

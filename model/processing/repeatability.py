@@ -56,14 +56,28 @@ def repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeat
     ----------
     Definition; analysis of variance of a two-way layout.
     """
-    cycles, angles = pixels.shape[:2]
     means = pixels.mean(axis=2)
+    if len(means) < 2:
+        return Repeatability()
+    # The noise of the pixels makes means differ too, and is in their errors already.
+    return repeatability_of(means, pixels.var(axis=0, ddof=1).mean(axis=1) / pixels.shape[2] * noise_inflation)
+
+
+def repeatability_of(means: FloatArray, noise: FloatArray) -> Repeatability:
+    """Return the same by the means over the pixels and what the pixels' noise makes of their variance.
+
+    Parameters
+    ----------
+    means
+        Cycles, angles, shape (C, N).
+    noise
+        Variance of such a mean by the noise of its pixels, shape (N,).
+    """
+    cycles, angles = means.shape
     level = means.mean(axis=0)
     light = float(level @ level)
     if cycles < 2 or not light > 0.0:
         return Repeatability()
-    # The noise of the pixels makes means differ too, and is in their errors already.
-    noise = pixels.var(axis=0, ddof=1).mean(axis=1) / pixels.shape[2] * noise_inflation
     noise_of_factor = float(level**2 @ noise) / light**2
     share = float(np.sum(level**4)) / light**2
     factor = (means - level) @ level / light

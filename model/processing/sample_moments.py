@@ -140,8 +140,15 @@ def temporal_deviation(repeats: ArrayLike) -> Sample:
         raise ValueError(f"repeats has {array.shape[0]} repeat; a temporal deviation needs at least 2")
     differences = np.diff(array, axis=0)
     differences -= differences.mean(axis=1, keepdims=True)
-    per_pixel = np.mean(differences**2, axis=0) / 2.0
-    return _root_of_mean(per_pixel, correction=array.shape[1] / (array.shape[1] - 1))
+    return deviation_of_squares(np.mean(differences**2, axis=0) / 2.0)
+
+
+def deviation_of_squares(per_pixel: FloatArray) -> Sample:
+    """Return the deviation from frame to frame by half the mean squared difference of each pixel, shape (P,).
+
+    The mean over the pixels was taken off each difference, as in `temporal_deviation`.
+    """
+    return _root_of_mean(per_pixel, correction=per_pixel.size / (per_pixel.size - 1))
 
 
 def mean_over_deviation(values: ArrayLike) -> Sample:

@@ -1,14 +1,15 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.mosaic import reach_px, variance_factor
+from model.processing.mosaic import mean_inflation, reach_px, variance_factor
 from model.processing.reconstruction import Design, design
+from model.processing.repeated_pixels import RepeatedPixels, RunningPixels, repeated
 from rigctl.calibrations.flat.flat_file import FlatFields
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters
@@ -21,7 +22,7 @@ from rigctl.measurement.flat_division import FlatDivision, flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
 from rigctl.measurement.image_registration import FrameShifts, frame_shifts
 from rigctl.measurement.polarization_images import PolarizationImages, polarization_images
-from rigctl.measurement.region_numbers import MeasuredRegion, measure_region
+from rigctl.measurement.region_numbers import MeasuredRegion, measure_region, require_pixels
 from rigctl.measurement.throughput_division import throughput_of, together
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
@@ -29,6 +30,9 @@ from rigctl.runs.run_folder import Run
 FloatArray = NDArray[np.float64]
 
 _LEAST_ANGLES = 3
+# Pixels of regions over all frames are held up to this size; where they are more, frames are read twice.
+MOST_HELD_BYTES = 256_000_000
+_FLOAT_BYTES = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -147,9 +151,8 @@ def measure(
         interpolated=variance_factor(run.session.interpolation),
     )
     frames = _Frames(run, grid, dark_level, corrections)
-    pixels = frames.pixels(inside)
-    areas = [_Area(name=name, outer=outer[name], inside=mask, pixels=pixels[name]) for name, mask in inside.items()]
-    measured, unmeasured = _measured_regions(areas, frames, plan, found)
+    areas = [_Area(name=name, outer=outer[name], inside=mask) for name, mask in inside.items()]
+    measured, unmeasured = _measured_regions(areas, frames, _repeats(areas, frames, plan), plan, found)
     if unmeasured and not measured and not may_measure_none:
         raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
     return Measurement(
@@ -169,16 +172,45 @@ def measure(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Area:
-    """A region's pixels: all of it, without its border, and their signal (cycles, N, P)."""
+    """A region's pixels: all of it, and without its border."""
 
     name: str
     outer: NDArray[np.bool_]
     inside: NDArray[np.bool_]
-    pixels: FloatArray
+
+
+# Gives the usable pixels of an area over all cycles.
+_Repeats = Callable[[_Area], RepeatedPixels]
+
+
+def _repeats(areas: Sequence[_Area], frames: "_Frames", plan: Design) -> _Repeats:
+    """Read every frame once, and return what gives the pixels of a region; where they are too many, read them again.
+
+    Only when all frames were read is it known which pixels are usable in all of them.
+    """
+    inflation = mean_inflation(frames.interpolation)
+    held_bytes = sum(int(area.inside.sum()) for area in areas) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
+    if held_bytes <= MOST_HELD_BYTES:
+        pixels = frames.pixels({area.name: area.inside for area in areas})
+
+        def of_held(area: _Area) -> RepeatedPixels:
+            usable = ~(frames.saturated | frames.missing)[area.inside]
+            return repeated(pixels[area.name][:, :, usable], plan.inverse, noise_inflation=inflation)
+
+        return of_held
+    frames.pixels({})
+    usable = ~(frames.saturated | frames.missing)
+    running = {area.name: RunningPixels(plan.inverse, noise_inflation=inflation) for area in areas}
+    again = frames.anew()
+    for cycle in range(frames.grid.cycles):
+        of_cycle = again.cycle(cycle, {area.name: area.inside & usable for area in areas})
+        for name, found in of_cycle.items():
+            running[name].add(found)
+    return lambda area: running[area.name].result()
 
 
 def _measured_regions(
-    areas: Iterable[_Area], frames: "_Frames", plan: Design, found: FoundCorrections | None
+    areas: Iterable[_Area], frames: "_Frames", repeats: _Repeats, plan: Design, found: FoundCorrections | None
 ) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
     """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
     usable = ~(frames.saturated | frames.missing)
@@ -186,13 +218,15 @@ def _measured_regions(
     measured: dict[str, MeasuredRegion] = {}
     unmeasured: dict[str, str] = {}
     for area in areas:
+        excluded, edge = int(np.sum(area.inside & ~usable)), int(np.sum(area.outer & ~area.inside))
         try:
+            require_pixels(area.name, int(np.sum(area.inside & usable)), excluded=excluded, edge=edge)
             measured[area.name] = measure_region(
                 name=area.name,
-                pixels=area.pixels[:, :, usable[area.inside]],
+                pixels=repeats(area),
                 inside=area.inside & usable,
-                excluded=int(np.sum(area.inside & ~usable)),
-                edge=int(np.sum(area.outer & ~area.inside)),
+                excluded=excluded,
+                edge=edge,
                 channel_names=frames.grid.channel_names,
                 plan=plan,
                 level_std_error=frames.dark_level.std_error_dn * frames.grid.to_unit,
@@ -232,14 +266,27 @@ class _Frames:
         self.saturated = np.zeros(shape, dtype=np.bool_)
         self.missing = np.zeros(shape, dtype=np.bool_)
 
+    def anew(self) -> "_Frames":
+        """Return a reader of the same frames that has seen none."""
+        return _Frames(self._run, self.grid, self.dark_level, self.corrections)
+
     def pixels(self, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
         """Return the signal of every frame in each region, shape (cycles, N, P)."""
-        shape = (self.grid.cycles, self.grid.angles)
-        pixels = {name: np.empty((*shape, int(mask.sum()))) for name, mask in inside.items()}
-        for cycle, angle in np.ndindex(*shape):
+        pixels = {
+            name: np.empty((self.grid.cycles, self.grid.angles, int(mask.sum()))) for name, mask in inside.items()
+        }
+        for cycle in range(self.grid.cycles):
+            for name, found in self.cycle(cycle, inside).items():
+                pixels[name][cycle] = found
+        return pixels
+
+    def cycle(self, cycle: int, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
+        """Return the signal of the frames of a cycle in each region, shape (N, P)."""
+        pixels = {name: np.empty((self.grid.angles, int(mask.sum()))) for name, mask in inside.items()}
+        for angle in range(self.grid.angles):
             signal = self.read(cycle, angle)
             for name, mask in inside.items():
-                pixels[name][cycle, angle] = signal[mask]
+                pixels[name][angle] = signal[mask]
         return pixels
 
     def read(self, cycle: int, angle: int) -> FloatArray:

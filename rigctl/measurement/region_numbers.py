@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from model.moments import Moments, propagate_linear
 from model.processing import dolp
-from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation
+from model.processing.mosaic import Interpolation, deviation_inflation
 from model.processing.reconstruction import Design
-from model.processing.repeatability import Repeatability, repeatability
+from model.processing.repeatability import Repeatability
+from model.processing.repeated_pixels import RepeatedPixels
 from model.processing.sample_moments import (
     Sample,
     deviation,
@@ -17,7 +18,6 @@ from model.processing.sample_moments import (
     mean_moments,
     mean_over_deviation,
     region_mean_moments,
-    temporal_deviation,
 )
 from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
 from model.stokes import dolp as degree_of_polarization
@@ -77,7 +77,7 @@ class MeasuredRegion:
 def measure_region(
     *,
     name: str,
-    pixels: FloatArray,
+    pixels: RepeatedPixels,
     inside: NDArray[np.bool_],
     excluded: int,
     edge: int,
@@ -94,8 +94,8 @@ def measure_region(
     ----------
     name : str
         For messages.
-    pixels : (C, N, P) array
-        Cycles, angles, pixels; dark level off.
+    pixels : RepeatedPixels
+        Of N angles and P pixels; dark level off.
     inside : (H, W) array of bool
         Where the P pixels are.
     excluded, edge : int
@@ -118,43 +118,53 @@ def measure_region(
     DataError
         Fewer than 16 pixels are left.
     """
-    if pixels.shape[2] < LEAST_PIXELS:
-        raise DataError(
-            f"region {name}: {pixels.shape[2]} pixels are left of {pixels.shape[2] + excluded + edge} "
-            f"({excluded} are saturated or missing, {edge} lie along its border); at least {LEAST_PIXELS} are needed"
-        )
-    mean = pixels.mean(axis=0)
-    independent = _independent_pixels(mean, inside, plan)
-    inflation = pixels.shape[2] / independent
-    repeats = repeatability(pixels, noise_inflation=mean_inflation(interpolation))
-    scattered = region_mean_moments(mean, inside)
+    count = pixels.mean.shape[1]
+    require_pixels(name, count, excluded=excluded, edge=edge)
+    independent = _independent_pixels(pixels.mean, inside, plan)
+    inflation = count / independent
+    scattered = region_mean_moments(pixels.mean, inside)
     channels_mean = _with_level_errors(scattered, level_std_error, relative_error, own_error)
-    channels_mean = replace(channels_mean, cov=channels_mean.cov + repeats.cov(channels_mean.mean))
-    stokes_pixels = np.asarray(plan.inverse @ pixels[0])
-    stokes_cycles = np.einsum("kn,cnp->ckp", plan.inverse, pixels)
+    channels_mean = replace(channels_mean, cov=channels_mean.cov + pixels.repeatability.cov(channels_mean.mean))
+    stokes_pixels = np.asarray(plan.inverse @ pixels.first)
     of_noise = deviation_inflation(interpolation)
-    quantities = _linear(channel_names, pixels, channels_mean, inflation, of_noise)
+    channels = _Vectors(names=channel_names, first=pixels.first, mean=pixels.mean, temporal=pixels.temporal)
+    stokes = _Vectors(
+        names=("s0", "s1", "s2"),
+        first=pixels.stokes_first,
+        mean=pixels.stokes_mean,
+        temporal=pixels.temporal_stokes,
+    )
     stokes_mean = propagate_linear(channels_mean, plan.inverse)
-    quantities |= _linear(("s0", "s1", "s2"), stokes_cycles, stokes_mean, inflation, of_noise)
+    quantities = _linear(channels, channels_mean, inflation, of_noise)
+    quantities |= _linear(stokes, stokes_mean, inflation, of_noise)
     quantities |= _of_mean_stokes(stokes_mean)
     quantities |= _of_pixel_dolp(stokes_pixels, inflation)
     return MeasuredRegion(
-        pixels=pixels.shape[2],
+        pixels=count,
         excluded=excluded,
         edge=edge,
         independent_pixels=independent,
         channels_mean=channels_mean,
         scatter_cov=scattered.cov,
-        channel_pixels=pixels[0],
-        channel_pixels_mean=mean,
+        channel_pixels=pixels.first,
+        channel_pixels_mean=pixels.mean,
         stokes_pixels=stokes_pixels,
-        stokes_pixels_mean=np.asarray(plan.inverse @ mean),
+        stokes_pixels_mean=np.asarray(plan.inverse @ pixels.mean),
         inside=inside,
-        repeatability=repeats,
+        repeatability=pixels.repeatability,
         # Whole cells where neighbours share samples: their pixels are not alike.
         first_half=np.sum(np.array(np.nonzero(inside)) // (1 if interpolation == "none" else 2), axis=0) % 2 == 0,
         quantities=quantities,
     )
+
+
+def require_pixels(name: str, left: int, *, excluded: int, edge: int) -> None:
+    """Refuse a region of which too few pixels are left."""
+    if left < LEAST_PIXELS:
+        raise DataError(
+            f"region {name}: {left} pixels are left of {left + excluded + edge} "
+            f"({excluded} are saturated or missing, {edge} lie along its border); at least {LEAST_PIXELS} are needed"
+        )
 
 
 def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Design) -> float:
@@ -174,22 +184,30 @@ def _with_level_errors(
     return Moments(mean=moments.mean, cov=moments.cov + common)
 
 
-def _linear(
-    names: tuple[str, ...], cycles: FloatArray, mean: Moments, inflation: float, of_noise: float
-) -> MeasuredQuantities:
-    """Return mean and deviations of channels or Stokes parameters, cycles (C, n, P).
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Vectors:
+    """Channels or Stokes parameters of the pixels: of the first cycle and the mean of all, and their temporal noise."""
+
+    names: tuple[str, ...]
+    first: FloatArray
+    mean: FloatArray
+    temporal: tuple[Sample, ...]
+
+
+def _linear(vectors: _Vectors, mean: Moments, inflation: float, of_noise: float) -> MeasuredQuantities:
+    """Return mean and deviations of channels or Stokes parameters.
 
     `inflation` is of errors of what varies over the pixels, `of_noise` of what varies with time.
     """
     found: MeasuredQuantities = {}
-    for k, name in enumerate(names):
+    for k, name in enumerate(vectors.names):
         found[name] = {
             "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
-            "std": _inflated(deviation(cycles[0, k]), inflation),
-            "std_spatial_mean": _inflated(deviation(cycles[:, k].mean(axis=0)), inflation),
+            "std": _inflated(deviation(vectors.first[k]), inflation),
+            "std_spatial_mean": _inflated(deviation(vectors.mean[k]), inflation),
         }
-        if cycles.shape[0] > 1:
-            found[name]["std_temporal"] = _inflated(temporal_deviation(cycles[:, k]), of_noise)
+        if vectors.temporal:
+            found[name]["std_temporal"] = _inflated(vectors.temporal[k], of_noise)
     return found
 
 

@@ -139,7 +139,10 @@ def _flat(run: Run, angle_deg: float, records: Iterable[FrameRecord], dark_dn: F
 def _dark_dn(run: Run, flat: FrameRecord) -> FloatArray:
     darks = [one for one in run.frames if one.kind == "dark" and one.exposure_s == flat.exposure_s]
     if darks:
-        return np.asarray(np.mean([run.counts(record) for record in darks], axis=0))
+        total = np.zeros((flat.height, flat.width))
+        for record in darks:
+            total += run.counts(record)
+        return total / len(darks)
     if flat.black_level_dn is None:
         raise DataError(
             f"{run.path}: has no dark frames at the exposure of its flat frames, and no black level: "

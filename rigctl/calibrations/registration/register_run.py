@@ -19,6 +19,8 @@ FloatArray = NDArray[np.float64]
 # A false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
 _WORTH_A_WORD_PIXELS = 0.1
 _SIGMAS = 4.0
+# More pictures than this are not held at once.
+_MOST_PICTURES = 16
 
 
 # No picture is larger.
@@ -134,6 +136,9 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
     scenes = [record for record in run.frames if record.kind == "scene"]
     wanted = cycle if cycle is not None else (scenes[0].cycle if scenes else None)
     records = [record for record in scenes if record.cycle == wanted]
+    if len(records) > _MOST_PICTURES:
+        # Repeats that nobody counted: the first at each angle.
+        records = list({_near(angle_deg(run, record)): record for record in reversed(records)}.values())[::-1]
     angles = np.array([angle_deg(run, record) for record in records])
     if len(records) < 2:
         raise DataError(f"{run.path}: {len(records)} scene frames in cycle {wanted}; two or more angles are needed")
@@ -146,6 +151,11 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
         found=found,
         wander=_wander(np.radians(angles), found.shift_pixels),
     )
+
+
+def _near(angle: float) -> float:
+    """Return the angle by which repeats are one [deg]."""
+    return round(angle % 360.0, 1)
 
 
 def usable_pixels(record: FrameRecord, counts: FloatArray) -> NDArray[np.bool_]:

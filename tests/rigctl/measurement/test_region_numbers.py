@@ -3,6 +3,7 @@
 import numpy as np
 
 from model.processing.reconstruction import design
+from model.processing.repeated_pixels import repeated
 from rigctl.measurement.region_numbers import measure_region
 
 CYCLES, SIDE, RUNS = 8, 20, 60
@@ -10,14 +11,15 @@ ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 
 
 def measured(pixels):
+    plan = design(np.deg2rad(ANGLES_DEG))
     return measure_region(
         name="paint",
-        pixels=pixels,
+        pixels=repeated(pixels, plan.inverse),
         inside=np.ones((SIDE, SIDE), dtype=bool),
         excluded=0,
         edge=0,
         channel_names=("dn_0", "dn_45", "dn_90", "dn_135"),
-        plan=design(np.deg2rad(ANGLES_DEG)),
+        plan=plan,
         level_std_error=np.zeros(4),
         relative_error=np.zeros(4),
     )
