@@ -128,12 +128,8 @@ def test_our_own_cameras_tell_of_themselves(request, camera):
     assert isinstance(camera, ReportingCamera) or request.config.getoption("--camera")
 
 
-def test_may_be_closed_twice(camera):
+def test_closed_camera_says_so_and_may_be_closed_twice(camera):
     camera.close()
-    camera.close()
-
-
-def test_closed_camera_says_so(camera):
     camera.close()
     with pytest.raises(NotConnectedError):
         camera.take_frame(timeout_s=TIMEOUT_S)

@@ -2,13 +2,34 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import cv2
 import pytest
+from typer.testing import CliRunner
 
+from rigctl.cli import app
+from rigctl.jobs import demo
+from rigctl.runs.run_events import read_events
+from rigctl.runs.run_folder import read_run
+from sim_devices.camera import SimCamera
+from tests.rigctl.example_files import SHORT_SESSION, SMALL_SCENE
+from tests.sim_devices.cameras.gige_port import gige_port
+
+_SHORT_NOISE = """
+name = "noise"
+[[take]]
+kind = "dark"
+exposure_ms = [0.002, 0.010, 0.022, 0.034, 0.060, 20, 60]
+cycles = 2
+[[take]]
+kind = "flat"
+exposure_ms = [0.002, 0.006, 0.010, 0.014, 0.018, 0.022, 0.026, 0.030, 0.034, 0.040, 0.046, 0.052, 0.060]
+cycles = 2
+"""
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 
@@ -116,3 +137,40 @@ def test_real_frames_become_a_run_images_and_a_closed_loop_report(tmp_path, name
     assert content["kind"] == "closed loop"
     assert 0 < content["regions"]["part"]["dolp_pixels"]["mean"]["measured"] < 1
     assert (tmp_path / "compared" / "report.html").stat().st_size > 50_000
+
+
+@pytest.mark.slow
+def test_the_demo_over_a_network_that_loses_packets_agrees_and_every_frame_is_bit_exact(tmp_path, monkeypatch):
+    """The command `rigctl demo --gige --lost 0.01`, with small pictures and few of them."""
+    copy, take_frame = demo.copy_examples, SimCamera.take_frame
+    rendered = set()
+
+    def copy_small(out):
+        copy(out)
+        rig = (out / "rig-sim.toml").read_text()
+        rig = rig.replace("width = 782", "width = 192").replace("height = 582", "height = 96")
+        (out / "rig-sim.toml").write_text(rig.replace("?speed=20", "?speed=400"))
+        scene = re.sub(r"(x|y|width|height) = (\d+)", lambda found: f"{found[1]} = {2 * int(found[2])}", SMALL_SCENE)
+        (out / "scene-panels.toml").write_text(scene)
+        (out / "session-noise.toml").write_text(_SHORT_NOISE)
+        (out / "session.toml").write_text(SHORT_SESSION.replace("cycles = 1", "cycles = 6"))
+
+    def noted(camera, *, timeout_s):
+        frame = take_frame(camera, timeout_s=timeout_s)
+        rendered.add(frame.counts.tobytes())
+        return frame
+
+    monkeypatch.setattr(demo, "copy_examples", copy_small)
+    monkeypatch.setattr(SimCamera, "take_frame", noted)
+    out = tmp_path / "demo"
+    with gige_port():
+        result = CliRunner().invoke(app, ["demo", "--gige", "--lost", "0.01", "--out", str(out), "--json"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["agrees"] is True
+    lost = 0
+    for name in ("noise-run", "run"):
+        run = read_run(out / name)
+        assert {run.counts(record).tobytes() for record in run.frames} <= rendered
+        tallies = [event.facts for event in read_events(out / name) if event.event == "camera tally"]
+        lost += sum(tally["packets_lost"] for tally in tallies)
+    assert lost > 0
