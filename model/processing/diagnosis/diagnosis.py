@@ -10,7 +10,6 @@ from model.processing.diagnosis.causes import SHARED, Cause, known_causes
 from model.processing.diagnosis.correction import FrameFaults, frame_faults
 from model.processing.diagnosis.evidence import estimates, is_useful
 from model.processing.diagnosis.joint_fit import LEAST_SHARE_LEFT, JointFit, fit_faults, share_left
-from model.processing.diagnosis.rounding import rounding_offsets
 from model.processing.reconstruction import Design
 
 FloatArray = NDArray[np.float64]
@@ -113,8 +112,7 @@ def diagnose(
     if not light > 0.0:
         return _untestable("no usable pixel holds any light", light)
     causes = known_causes(np.asarray(angles_rad, dtype=np.float64), times, light=light)
-    offsets = rounding_offsets(images, good, step=step)
-    fit = fit_faults(plan.system, images, good, causes, light=light, offsets=offsets)
+    fit = fit_faults(plan.system, images, good, causes, light=light, step=step)
     if fit is None:
         return _untestable("too few usable pixels: residuals of a dozen tiles of 12 pixels are needed", light)
     terms = tuple(_term(fit, index) for index in _in_order(fit))

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 from model.processing.diagnosis.causes import PER_FRAME, SHARED, Cause, parameter_count
 from model.processing.diagnosis.correction import corrected_pictures, corrected_system, frame_faults
 from model.processing.diagnosis.evidence import Evidence, by_size, estimates, significances
+from model.processing.diagnosis.rounding import RoundedParts, rounded_parts
 from model.processing.diagnosis.samples import block_samples, usable_with_neighbours
 from model.processing.diagnosis.scores import Scores, score_covariance, tile_scores
 from model.processing.diagnosis.weigher import Weigher, best_set, larger_set, stand_ins
+from model.processing.reconstruction import design_from_system
 
 FloatArray = NDArray[np.float64]
 
@@ -73,7 +75,7 @@ def fit_faults(
     causes: tuple[Cause, ...],
     *,
     light: float,
-    offsets: FloatArray,
+    step: float = 0.0,
 ) -> JointFit | None:
     """Return the faults that explain best what redundant angles leave over; None where too few pixels are usable.
 
@@ -89,8 +91,8 @@ def fit_faults(
         That are looked for.
     light
         Mean counts [DN].
-    offsets
-        By how much rounding may have moved the level of each frame (standard deviation), shape (N,) [DN].
+    step
+        Of the rounding of the pictures [DN]; 0 where none is known.
 
     Notes
     -----
@@ -98,13 +100,14 @@ def fit_faults(
     neither the set nor its sizes change.
     """
     near = usable_with_neighbours(usable)
+    parts = rounded_parts(pictures, usable, null_basis=design_from_system(system).null_basis, step=step)
     parameters = np.zeros(parameter_count(len(pictures)))
     named: tuple[int, ...] | None = None
     for _ in range(_PASSES):
-        scores = _scores_about(system, pictures, near, parameters, light)
+        scores = _scores_about(system, pictures, near, parameters, light, parts)
         if scores.tiles < _LEAST_TILES:
             return None
-        fit = _fit_about(scores, parameters, causes, light, offsets, named or ())
+        fit = _fit_about(scores, parameters, causes, light, named or ())
         settled = fit.named == named and _is_settled(fit, parameters)
         before, named, parameters = named or (), fit.named, fit.parameters
         if settled or not named:
@@ -144,12 +147,18 @@ def share_left(evidence: Evidence, index: int) -> float:
 
 
 def _scores_about(
-    system: FloatArray, pictures: FloatArray, near: NDArray[np.bool_], parameters: FloatArray, light: float
+    system: FloatArray,
+    pictures: FloatArray,
+    near: NDArray[np.bool_],
+    parameters: FloatArray,
+    light: float,
+    parts: RoundedParts | None,
 ) -> Scores:
     faults = frame_faults(parameters, len(pictures))
     design, turned = corrected_system(system, faults)
     straight = corrected_pictures(pictures, faults, light=light)
-    return tile_scores(design.null_basis, block_samples(design, turned, straight, near, faults=faults, light=light))
+    samples = block_samples(design, turned, straight, near, faults=faults, light=light)
+    return tile_scores(design.null_basis, samples, parts)
 
 
 def _fit_about(
@@ -157,7 +166,6 @@ def _fit_about(
     parameters: FloatArray,
     causes: tuple[Cause, ...],
     light: float,
-    offsets: FloatArray,
     before: tuple[int, ...],
 ) -> JointFit:
     """Return the fit, with errors from what is left once the causes that it names are taken out.
@@ -166,7 +174,7 @@ def _fit_about(
     -----
     Causes that were named before stay where others explain the run hardly better: twins would follow one another.
     """
-    sums = _Sums(scores=scores, parameters=parameters, causes=causes, offsets=offsets)
+    sums = _Sums(scores=scores, parameters=parameters, causes=causes)
     evidence = sums.evidence_about(sums.everything(), ())
     left_out: set[int] = set()
     while True:
@@ -242,13 +250,11 @@ def _that_stand(
 class _Sums:
     """Sums over tiles, made about some parameters, and the evidence that they are."""
 
-    def __init__(
-        self, *, scores: Scores, parameters: FloatArray, causes: tuple[Cause, ...], offsets: FloatArray
-    ) -> None:
+    def __init__(self, *, scores: Scores, parameters: FloatArray, causes: tuple[Cause, ...]) -> None:
         self._scores, self._parameters, self._causes = scores, parameters, causes
         self.information = scores.information.sum(axis=0)
         self.right = scores.right.sum(axis=0) + self.information @ parameters
-        self._unseen = _unseen(self.information, offsets)
+        self._unseen = _unseen(self.information) + scores.rounding_covariance
 
     def evidence_of(self, chosen: tuple[int, ...]) -> Evidence:
         """Return the evidence with the scatter of what some causes leave at their best sizes."""
@@ -275,14 +281,10 @@ class _Sums:
         )
 
 
-def _unseen(information: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the covariance of scores by rounding, of pictures and of numbers, and by what feigns a curved response."""
-    frames = len(offsets)
-    level = PER_FRAME.index("dark level") * frames
-    offset = information[:, level : level + frames] * offsets
-    feigned = information[:, len(PER_FRAME) * frames :] * _RESPONSE_FLOOR
-    least = np.diag(_LEAST_SCATTER * np.abs(np.diag(information)))
-    return np.asarray(offset @ offset.T + feigned @ feigned.T + least)
+def _unseen(information: FloatArray) -> FloatArray:
+    """Return the covariance of scores by what feigns a curved response, and by the rounding of numbers."""
+    feigned = information[:, -len(SHARED) :] * _RESPONSE_FLOOR
+    return np.asarray(feigned @ feigned.T + np.diag(_LEAST_SCATTER * np.abs(np.diag(information))))
 
 
 def _candidates(evidence: Evidence) -> NDArray[np.intp]:

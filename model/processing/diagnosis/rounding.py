@@ -1,5 +1,7 @@
 """Exact moments of a normal number that was rounded to whole steps, where the noise is smaller than a step."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -11,6 +13,8 @@ FloatArray = NDArray[np.float64]
 # 1/40 of the first without any.
 _WAVES = np.arange(1, 41)
 _TAIL_DEVIATIONS = 9.0
+# Noise from which on rounding moves a mean by less than a fortieth of a step.
+_HARMLESS_STEPS = 0.35
 
 
 def rounded_moments(mean: ArrayLike, std: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -74,6 +78,63 @@ def frame_noise_steps(pictures: FloatArray, usable: NDArray[np.bool_], *, step: 
         kept = squares[np.isfinite(squares)]
         found[index] = np.sqrt(max(float(np.quantile(kept, 0.2)) - 1.0 / 12.0, 0.0)) if kept.size else 0.0
     return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RoundedParts:
+    """Parts of a set of pictures whose rounding is the same.
+
+    Attributes
+    ----------
+    numbers : (H, W) array
+        Which part each pixel is of, from 0; -1 where it is not usable.
+    errors : (N,) array
+        By how much rounding moves a part of each frame (standard deviation), unit of the pictures.
+    """
+
+    numbers: NDArray[np.intp]
+    errors: FloatArray
+
+
+def rounded_parts(
+    pictures: FloatArray, usable: NDArray[np.bool_], *, null_basis: FloatArray, step: float
+) -> RoundedParts | None:
+    """Return the pixels that have the same counts in every frame, whose rounding is the same where there is no noise.
+
+    Parameters
+    ----------
+    pictures
+        Shape (N, H, W).
+    usable
+        Shape (H, W).
+    null_basis
+        Of the design, shape (N, N - 3): what is left of the pictures along it has noise and no texture.
+    step
+        Of the rounding, in the unit of the pictures; 0 where none is known.
+
+    Returns
+    -------
+    RoundedParts or None
+        None where the noise of all frames makes rounding harmless.
+    """
+    if not step > 0.0 or not usable.any():
+        return None
+    onto = null_basis @ null_basis.T
+    kept = np.sqrt(np.diag(onto))
+    left = np.tensordot(onto[kept > 0.0] / kept[kept > 0.0, None], pictures, axes=1)
+    noise = frame_noise_steps(pictures, usable, step=step)
+    noise = np.minimum(noise, np.sqrt(np.mean(frame_noise_steps(left, usable, step=step) ** 2)))
+    if noise.min() >= _HARMLESS_STEPS:
+        return None
+    counts = np.rint(pictures[:, usable] / step).astype(np.int64)
+    # Numbers of the sets of counts, made frame by frame so that they stay small.
+    together = np.zeros(counts.shape[1], dtype=np.int64)
+    for one in counts:
+        spread = int(np.ptp(one)) + 1
+        together = np.unique(together * spread + (one - one.min()), return_inverse=True)[1]
+    numbers = np.full(usable.shape, -1, dtype=np.intp)
+    numbers[usable] = together
+    return RoundedParts(numbers=numbers, errors=np.asarray(step * rounding_error_rms(noise)))
 
 
 def rounding_offsets(pictures: FloatArray, usable: NDArray[np.bool_], *, step: float) -> FloatArray:

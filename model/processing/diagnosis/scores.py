@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.diagnosis.causes import PER_FRAME, SHARED
-from model.processing.diagnosis.samples import Samples
+from model.processing.diagnosis.rounding import RoundedParts
+from model.processing.diagnosis.samples import BLOCK_PIXELS, Samples
 from model.special_functions import fdtri
 
 FloatArray = NDArray[np.float64]
@@ -40,6 +41,8 @@ class Scores:
         Of each tile.
     expected_covariance : (P, P) array
         Of the sum of the right sides, were the residuals of blocks independent with the variance of their weight.
+    rounding_covariance : (P, P) array
+        Of the same by rounding.
     grid : (int, int)
         Tiles down and across.
     """
@@ -47,6 +50,7 @@ class Scores:
     information: FloatArray
     right: FloatArray
     expected_covariance: FloatArray
+    rounding_covariance: FloatArray
     grid: tuple[int, int]
 
     @property
@@ -55,7 +59,7 @@ class Scores:
         return int(np.count_nonzero(np.einsum("tii->t", self.information) > 0.0))
 
 
-def tile_scores(null_basis: FloatArray, samples: Samples) -> Scores:
+def tile_scores(null_basis: FloatArray, samples: Samples, parts: RoundedParts | None = None) -> Scores:
     """Return the normal equations of every tile, weighted by the noise that the residual shows.
 
     Parameters
@@ -64,6 +68,8 @@ def tile_scores(null_basis: FloatArray, samples: Samples) -> Scores:
         Of the design, shape (N, N - 3).
     samples
         Block means.
+    parts
+        Pixels whose rounding is the same; None where noise makes it harmless.
     """
     frames = len(null_basis)
     side = _LARGE_TILE_BLOCKS if samples.pixels.size > _LARGE_BLOCKS else _TILE_BLOCKS
@@ -78,10 +84,12 @@ def tile_scores(null_basis: FloatArray, samples: Samples) -> Scores:
     products -= _of_noise_in_slopes(samples, weights, onto, products, np.count_nonzero(weight[:, 0] > 0.0, axis=1))
     rights = np.sum(instruments * weight * np.tile(residual, (1, repeats, 1)), axis=2)
     gather = _gathered(frames)
+    rounded = 0.0 * products[0] if parts is None else _rounding_covariance(samples, weights, onto, parts)
     return Scores(
         information=np.asarray(gather @ products @ gather.T),
         right=np.asarray(rights @ gather.T),
         expected_covariance=np.asarray(gather @ _expected_covariance(samples, weights) @ gather.T),
+        rounding_covariance=np.asarray(gather @ rounded @ gather.T),
         grid=grid,
     )
 
@@ -115,6 +123,19 @@ def _expected_covariance(samples: Samples, weights: FloatArray) -> FloatArray:
     instruments = samples.instruments[:, held]
     repeats = len(instruments) // len(between)
     return np.asarray((instruments * weights[held]) @ instruments.T * np.tile(between, (repeats, repeats)))
+
+
+def _rounding_covariance(samples: Samples, weights: FloatArray, onto: FloatArray, parts: RoundedParts) -> FloatArray:
+    """Return the covariance of the right sides by rounding: pixels of the same counts in all frames are off alike."""
+    height, width = (BLOCK_PIXELS * side for side in weights.shape)
+    rows, columns = np.nonzero(parts.numbers[:height, :width] >= 0)
+    block = (rows // BLOCK_PIXELS) * weights.shape[1] + columns // BLOCK_PIXELS
+    each = np.divide(weights, samples.pixels, out=np.zeros_like(weights), where=weights > 0.0).ravel()[block]
+    part = parts.numbers[rows, columns]
+    instruments = samples.instruments.reshape(len(samples.instruments), -1)
+    sums = np.array([np.bincount(part, weights=each * row[block]) for row in instruments])
+    repeats = len(instruments) // len(onto)
+    return np.asarray(sums @ sums.T * np.tile((onto * parts.errors**2) @ onto, (repeats, repeats)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

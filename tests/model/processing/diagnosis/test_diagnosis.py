@@ -201,3 +201,22 @@ def test_shifts_that_pictures_hardly_tell_apart_do_not_hide_themselves() -> None
     world = World(angles_deg=tuple(22.5 * k for k in range(8)), height=96, width=96, scene="stars", polarized=0.05)
     found = _diagnosed(world, Faults(shift_pixels={5: (-0.4, -0.3), 4: (0.35, -0.3)}), 6)
     assert set(_named(found)) == {("shift", 4), ("shift", 5)}
+
+
+@pytest.mark.parametrize("texture_pixels", [1.6, 2.9])
+def test_rounding_of_flat_parts_without_noise_is_no_fault(texture_pixels: float) -> None:
+    # Each of the few levels of such a picture has a rounding error of its own, the same all over it.
+    world = World(
+        height=64,
+        width=96,
+        scene="checker",
+        texture=0.2,
+        texture_pixels=texture_pixels,
+        blur_pixels=0.3,
+        full_scale_dn=255,
+        electrons=1e9,
+        read_noise_dn=0.0,
+        polarized=0.05,
+        is_evenly_polarized=True,
+    )
+    assert not [_named(found) for seed in range(4) if (found := _diagnosed(world, Faults(), seed)).first]
