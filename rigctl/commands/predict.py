@@ -9,7 +9,7 @@ import typer
 
 from rigctl.console.json_text import Json
 from rigctl.console.options import CalibrationStore
-from rigctl.console.terminal import print_json, progress, results, warn
+from rigctl.console.terminal import print_json, progress, results, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, Engine, LightPart, SnrKind
 from rigctl.reports.writers.terminal_table import terminal_table
@@ -172,7 +172,8 @@ def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -
         with_input_errors,
     )
 
-    predicted = predict_scene(request, uncertainty=uncertainty)
+    with solving_shown() as tell:
+        predicted = predict_scene(request, uncertainty=uncertainty, tell=tell)
     found, errors = predicted.found, predicted.uncertainty
     _say_picked(predicted.picked)
     _warn_of(predicted.doubts)
@@ -246,7 +247,8 @@ def _predict_to(request: "PredictRequest", tolerance: float, shown: "_Shown", *,
     from rigctl.reports.tables.numbers_json import prediction_json
     from rigctl.reports.tables.prediction_tables import quantity_tables
 
-    predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only)
+    with solving_shown() as tell:
+        predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only, tell=tell)
     found, effects = predicted.found, predicted.effects
     _say_picked(predicted.picked)
     _warn_of(predicted.doubts)
@@ -285,7 +287,10 @@ def _sweep(
     from rigctl.reports.tables.sweep_tables import sweep_json, sweep_tables, warning_lines
 
     out, snr = shown.out, shown.snr
-    swept = sweep_scene(request, ranges, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only)
+    with solving_shown() as tell:
+        swept = sweep_scene(
+            request, ranges, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only, tell=tell
+        )
     _say_picked(swept.picked)
     _warn_of(swept.doubts)
     if shown.as_json:

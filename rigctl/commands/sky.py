@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.console.terminal import print_json, progress, results
+from rigctl.console.terminal import print_json, progress, results, solving_shown
 from rigctl.files.choices import Engine
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ def command(
     if compare_aerosols:
         _compare(scene, out, engine=engine, as_json=as_json)
         return
-    sky = compute_sky(scene, engine=engine, out=out)
+    with solving_shown() as tell:
+        sky = compute_sky(scene, engine=engine, out=out, tell=tell)
     if out is not None:
         progress().print(f"sky.png and sky.json in {out}", markup=False)
     if as_json:

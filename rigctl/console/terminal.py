@@ -1,7 +1,8 @@
 """The two consoles: results go to standard output, progress and remarks to standard error."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
@@ -12,6 +13,8 @@ from rigctl.console.console_streams import visible
 from rigctl.console.json_text import Json, json_text
 
 _WIDTH_OF_FILES = 120
+# A wavelength of deeper air takes seconds to minutes: worth a line where there is no terminal for a bar.
+_DEEP = 12.0
 
 
 class _SafeConsole(Console):
@@ -34,6 +37,35 @@ def progress() -> Console:
     """Return the console for progress bars and remarks."""
     # In a file a remark is one line.
     return _SafeConsole(stderr=True, highlight=False, markup=False, soft_wrap=not sys.stderr.isatty())
+
+
+@contextmanager
+def solving_shown() -> Iterator[Callable[[float], None]]:
+    """Show a bar with the time while skies are solved; what is yielded is told the optical depth of each wavelength.
+
+    The bar is shown on a terminal, from the first sky on: one that is kept from before needs none. Elsewhere one line
+    says that deep air takes long.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = progress()
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    bar, depths = Progress(*columns, console=console, transient=True, disable=not console.is_terminal), list[float]()
+    task = bar.add_task("", total=None)
+
+    def tell(depth: float) -> None:
+        if not depths:
+            bar.start()
+            bar.reset(task)
+        if depth > _DEEP and not console.is_terminal and max(depths, default=0.0) <= _DEEP:
+            console.print(f"optical depth {depth:.3g}: each wavelength takes seconds to minutes")
+        depths.append(depth)
+        bar.update(task, description=f"sky {len(depths)}, of optical depth {depth:.3g}")
+
+    try:
+        yield tell
+    finally:
+        bar.stop()
 
 
 def warn(text: str) -> None:

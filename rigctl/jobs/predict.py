@@ -142,7 +142,11 @@ class SweptScene:
     picked: RigPicks = field(default_factory=RigPicks)
 
 
-def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> PredictedScene:
+# Told the optical depth of each wavelength that is solved.
+Tell = Callable[[float], None]
+
+
+def predict_scene(request: PredictRequest, *, uncertainty: bool = False, tell: Tell | None = None) -> PredictedScene:
     """Return what the model says of a scene.
 
     Parameters
@@ -151,13 +155,15 @@ def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> Pred
         The scene.
     uncertainty : bool
         Whether to find what the stated uncertainties of the inputs make of each number.
+    tell : callable or None
+        Told the optical depth of each wavelength that is solved.
 
     Raises
     ------
     ConfigError, DataError
         A file is wrong or does not fit, or there is no prediction.
     """
-    predictor, doubts, picked = _predictor(request)
+    predictor, doubts, picked = _predictor(request, tell)
     pair = _pair(request, predictor)
     found = predictor.predict()
     return PredictedScene(
@@ -172,7 +178,7 @@ def predict_scene(request: PredictRequest, *, uncertainty: bool = False) -> Pred
 
 
 def predict_scene_to(
-    request: PredictRequest, *, tolerance: float, estimated_only: bool = False
+    request: PredictRequest, *, tolerance: float, estimated_only: bool = False, tell: Tell | None = None
 ) -> PredictedToTolerance:
     """Return what the model says of a scene, to a stated numerical error.
 
@@ -184,13 +190,15 @@ def predict_scene_to(
         Of effects that are left out and numerical settings together, 1e-6 to 0.1.
     estimated_only : bool
         Take errors that nothing promises as they are estimated.
+    tell : callable or None
+        Told the optical depth of each wavelength that is solved.
 
     Raises
     ------
     ConfigError, DataError
         A file is wrong or does not fit, or the tolerance cannot be had.
     """
-    predictor, doubts, picked = _predictor(request)
+    predictor, doubts, picked = _predictor(request, tell)
     pair = _pair(request, predictor)
     effects = predictor.effect_plan(tolerance, rule=request.rule)
     found = predictor.to_tolerance(tolerance, effects=effects, estimated_only=estimated_only)
@@ -213,6 +221,7 @@ def sweep_scene(
     snr: SnrKind = "exact",
     tolerance: float | None = None,
     estimated_only: bool = False,
+    tell: Tell | None = None,
 ) -> SweptScene:
     """Return what the model says of a scene through ranges of its numbers: of one, or on a grid of several.
 
@@ -230,6 +239,8 @@ def sweep_scene(
         Largest numerical error, 1e-6 to 0.1; None: with the settings of the scene file.
     estimated_only : bool
         Take errors that nothing promises as they are estimated.
+    tell : callable or None
+        Told the optical depth of each wavelength that is solved.
 
     Raises
     ------
@@ -237,7 +248,7 @@ def sweep_scene(
         A file is wrong or does not fit, or there is no such number, or it is outside its range.
     """
     axes = parse_sweeps(ranges)
-    return _swept(request, axes, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only)
+    return _swept(request, axes, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only, tell=tell)
 
 
 def sweep_scene_over(
@@ -262,13 +273,14 @@ def _swept(
     snr: SnrKind,
     tolerance: float | None,
     estimated_only: bool,
+    tell: Tell | None = None,
 ) -> SweptScene:
     from rigctl.prediction.sweep import sweep_over, sweep_to_tolerance
 
     twice = [axis.key for axis in axes if axis.key in request.changes]
     if twice:
         raise ConfigError(f"--sweep: {twice[0]} is set by --set as well; leave one of them out")
-    predictor, doubts, picked = _predictor(request)
+    predictor, doubts, picked = _predictor(request, tell)
     pair, accuracy = _pair(request, predictor), None
     if tolerance is None:
         found = sweep_over(predictor, axes, roc=pair)
@@ -298,7 +310,7 @@ def _pair(request: PredictRequest, predictor: ScenePredictor) -> RocPair | None:
     return None if request.roc is None else parse_roc(request.roc, names)
 
 
-def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...], RigPicks]:
+def _predictor(request: PredictRequest, tell: Tell | None = None) -> tuple[ScenePredictor, tuple[str, ...], RigPicks]:
     """Return what predicts the scene, and what is doubtful of the calibrations."""
     scene = with_choices(scene_file(request.scene), switched_on=request.switched_on, left_out=request.left_out)
     require_engine(request.engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
@@ -312,7 +324,7 @@ def _predictor(request: PredictRequest) -> tuple[ScenePredictor, tuple[str, ...]
     if request.radiometric is not None:
         scaled, more = _scaling(request.radiometric, used)
         doubts += more
-    light = SceneLight(engine=request.engine)
+    light = SceneLight(engine=request.engine, tell=tell)
     predictor = ScenePredictor(scene, noise, light=light, source=request.light, scaled=scaled, changes=request.changes)
     return predictor, doubts, picked
 

@@ -8,7 +8,13 @@ from rigctl.files.scene_file import SceneFile, scene_file
 from rigctl.scene.sky_map import SkyMap, SkyOfKind, skies_of_kinds, sky_map
 
 
-def compute_sky(scene: Path | SceneFile, *, engine: Engine = "own", out: Path | None = None) -> SkyMap:
+def compute_sky(
+    scene: Path | SceneFile,
+    *,
+    engine: Engine = "own",
+    out: Path | None = None,
+    tell: Callable[[float], None] | None = None,
+) -> SkyMap:
     """Return the sky of a scene over the hemisphere.
 
     Parameters
@@ -19,13 +25,15 @@ def compute_sky(scene: Path | SceneFile, *, engine: Engine = "own", out: Path | 
         What solves it.
     out : Path or None
         Folder for sky.png and sky.json.
+    tell : callable or None
+        Told the optical depth of each wavelength that is solved.
 
     Raises
     ------
     ConfigError
         The file says nothing of sun and atmosphere, or of a sun too low; or the engine is not installed.
     """
-    found = sky_map(scene_file(scene), engine=engine)
+    found = sky_map(scene_file(scene), engine=engine, tell=tell)
     if out is not None:
         from rigctl.reports.outputs.prediction_files import write_sky  # half a second, wanted for a picture only
 

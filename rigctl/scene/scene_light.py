@@ -1,8 +1,8 @@
 """The light of a scene's regions, computed from sun, atmosphere and materials."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS
 from model.atmosphere.transfer.phase import AerosolKind
@@ -15,6 +15,9 @@ from rigctl.scene.skies.engine import require_engine
 if TYPE_CHECKING:
     from model.accuracy.evaluation.light_store import LightStore
     from model.accuracy.evaluation.settings import Settings
+    from model.atmosphere.lighting.diffuse_light import DiffuseLight
+    from model.atmosphere.lighting.solve_column import HowToSolve, LightSolver
+    from model.atmosphere.transfer.layers import Layer
     from model.scene.field_light import FieldLight
     from model.scene.illumination import Illumination
     from model.scene.lit_scene import LightParts
@@ -33,11 +36,17 @@ class SceneLight:
     """Computes the light of scenes, and keeps what it computed."""
 
     def __init__(
-        self, store: "SkyStore | None" = None, *, engine: Engine = "own", is_kept_between_runs: bool = True
+        self,
+        store: "SkyStore | None" = None,
+        *,
+        engine: Engine = "own",
+        is_kept_between_runs: bool = True,
+        tell: Callable[[float], None] | None = None,
     ) -> None:
         """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
 
-        Studies keep none: thousands of skies would be written to throw out those of others.
+        Studies keep none: thousands of skies would be written to throw out those of others. `tell` is told the optical
+        depth of each wavelength before it is solved, which takes seconds where the air is deep.
 
         Raises
         ------
@@ -46,7 +55,7 @@ class SceneLight:
         """
         require_engine(engine)
         self._engine = engine
-        self._given, self._is_kept = store, is_kept_between_runs
+        self._given, self._is_kept, self._tell = store, is_kept_between_runs, tell
 
     # What solves a sky takes a tenth of a second to import, and is not wanted where every radiance is stated.
 
@@ -64,7 +73,8 @@ class SceneLight:
         from model.atmosphere.solver import solve
 
         own = self._solved if self._is_kept else solve
-        return LightStore(solver=own if self._engine == "own" else sasktran2_solution)
+        solver: LightSolver = own if self._engine == "own" else sasktran2_solution
+        return LightStore(solver=solver if self._tell is None else _telling(solver, self._tell))
 
     def illumination(self, scene: "Scene") -> "Illumination":
         """Return sun, sky and air of a scene.
@@ -123,6 +133,14 @@ def _parts(scene: "Scene") -> "LightParts":
     from model.effects.acting import acting_parts
 
     return acting_parts(acting_effects(scene))
+
+
+def _telling(solver: "LightSolver", tell: Callable[[float], None]) -> "LightSolver":
+    def told(layers: "tuple[Layer, ...]", **how: "Unpack[HowToSolve]") -> "DiffuseLight":
+        tell(sum(layer.full_depth for layer in layers))
+        return solver(layers, **how)
+
+    return told
 
 
 def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:

@@ -1,6 +1,6 @@
 """The sky of a scene: Stokes radiance over the hemisphere, of its own aerosol or of one kind after another."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,7 +97,7 @@ class SkyDifference:
     largest_dolp: float
 
 
-def sky_map(scene: SceneFile, *, engine: Engine = "own") -> SkyMap:
+def sky_map(scene: SceneFile, *, engine: Engine = "own", tell: Callable[[float], None] | None = None) -> SkyMap:
     """Return the sky of a scene file.
 
     Parameters
@@ -106,6 +106,8 @@ def sky_map(scene: SceneFile, *, engine: Engine = "own") -> SkyMap:
         With sun, atmosphere and the sensor's band.
     engine : str
         What solves it.
+    tell : callable or None
+        Told the optical depth of each wavelength that is solved.
 
     Raises
     ------
@@ -118,7 +120,7 @@ def sky_map(scene: SceneFile, *, engine: Engine = "own") -> SkyMap:
     if missing:
         raise ConfigError(f"scene {scene.name}: a sky also needs {', '.join(missing)}")
     require_engine(engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
-    light = SceneLight(engine=engine)
+    light = SceneLight(engine=engine, tell=tell)
     record = scene_of_file(scene)
     return _map(scene.name, light.illumination(record), remarks=light.remarks(record))
 
