@@ -143,7 +143,12 @@ class Sasktran2Solution:
                 views.add_ray(sk.GroundViewingSolar(self.mu0, phi - pi, mu, height))
         air = sk.Atmosphere(geometry, config, calculate_derivatives=False, numwavel=1)
         self._fill(air, owner)
-        light = sk.Engine(config, geometry, views).calculate_radiance(air)["radiance"].to_numpy()[0]
+        try:
+            light = sk.Engine(config, geometry, views).calculate_radiance(air)["radiance"].to_numpy()[0]
+        except RuntimeError as error:
+            raise ValueError(
+                f"sasktran2 refuses {heights_m.size} levels of {self.depth:.3g} optical depth: {error}"
+            ) from error
         # Q > 0 there is vertical vibration; U has our sign.
         return np.asarray(light * np.array([1.0, -1.0, 1.0]) + 0.0)
 

@@ -22,16 +22,14 @@ STOKES = np.array([1.0, 0.4, 0.2])
 _HEAD = """# Where naive formulas lose all digits
 
 Written by `python -m tests.hard_cases.loss_of_significance`; do not edit. Three places of the model have a textbook
-formula that
-is right on paper and worthless in double precision. Beside each stands what `rigctl` computes.
+formula that is right on paper and worthless in double precision. Beside each stands what `rigctl` computes.
 """
 _VARIANCE = """## Deviation of DoLP: mean of the square minus square of the mean
 
 DoLP 0.05, additive noise, both by the same quadrature rule of 10 nodes along each axis. The variance is the
-difference of two numbers
-near 0.0025 and loses twice as many digits as the SNR has; ours (`model.processing.dolp`) takes the mean of (P -
-p0)^2, with P - p0 as a
-quotient in which nothing cancels. First order is right here to 1/SNR^2, and stands for the truth from 1e6 on.
+difference of two numbers near 0.0025 and loses twice as many digits as the SNR has; ours (`model.processing.dolp`)
+takes the mean of (P - p0)^2, with P - p0 as a quotient in which nothing cancels. First order is right here to
+1/SNR^2, and stands for the truth from 1e6 on.
 
 | SNR of S0 | naive | its error, relative | ours | first order |
 |---|---|---|---|---|"""
@@ -39,8 +37,7 @@ _TAIL = """
 ## Probability of a miss: one minus the probability of detection
 
 What is missed is less than the rounding of 1. Ours (`model.processing.detection.rx_p_miss`) integrates the smaller
-tail on its own
-contour; the reference is 170-bit quadrature.
+tail on its own contour; the reference is 170-bit quadrature.
 
 | case | naive: 1 - P_D | ours | reference |
 |---|---|---|---|"""
@@ -48,10 +45,8 @@ _NORMAL = """
 ## Stokes parameters from angles that lie close: the normal equations
 
 Four angles, so many degrees apart; S = (1, 0.4, 0.2) without noise. (M'M)^-1 M' has the square of the condition
-number of M; ours
-(`model.processing.reconstruction`) decomposes M itself, and refuses beyond a condition number of 1e6, at which noise
-alone would be
-enlarged as much.
+number of M; ours (`model.processing.reconstruction`) decomposes M itself, and refuses beyond a condition number of
+1e6, at which noise alone would be enlarged as much.
 
 | step [deg] | condition number | error of S, naive | error of S, ours |
 |---|---|---|---|"""

@@ -9,12 +9,14 @@ import argparse
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from tests.hard_cases.cases import HARD_CASES
 from tests.hard_cases.matrix import COLUMNS, Cell, cell
-from tests.hard_cases.references import reference_lines
+from tests.hard_cases.references import reference_lines, reference_of
+from tests.hard_cases.round_earth import round_earth_lines
 
 PAGE = Path(__file__).parents[2] / "docs" / "hard-cases.md"
 
@@ -26,6 +28,9 @@ and the exit code (2: the scene is refused) of its refusal. `tests/hard_cases/` 
 program (exit 70), a number that is not finite, or a refusal without words, and that DoLP of a given radiance is what
 was given, to rounding.
 
+- `reference`: what is known of DoLP and SNR of the target by other means: what the case states, the same scene with its
+  sky solved by sasktran2 (discrete ordinates; an independent program), and draws from the normal law of the pixels,
+  which have sampling errors of some 1e-3.
 - `predict`: DoLP of the target and its SNR over the pixels. "no SNR": mean and deviation of DoLP do not exist, for S0
   is too near to 0, or nothing fluctuates.
 - `--tolerance`: with `--tolerance 0.01`: the largest estimated error of any number, and whether all are promised.
@@ -33,18 +38,6 @@ was given, to rounding.
 - `effects`: how many of all effects act at 0.01. `tradeoff`: the true error at a tolerance of 0.1.
 - `ROC`: probability of detecting the target on the background at a false alarm rate of 1e-3, and the area under it.
 - `compare`: the verdict on one and the same run, of a target like that of the first row.
-
-**The round earth.** The atmosphere is plane-parallel. No correction is applied; this is what it would be, the air
-along a slant way over that along the same way through spherical shells (Chapman's function, without refraction),
-in per cent too much:
-
-| zenith angle [deg] | 60 | 70 | 75 | 80 | 82 | 84 | 85 | 87 | 89 | 89.9 |
-|---|---|---|---|---|---|---|---|---|---|---|
-| molecules (scale height 8 km) | 0.4 | 0.9 | 1.7 | 3.8 | 5.7 | 9.6 | 13 | 30 | 130 | 1600 |
-| aerosol (1.5 km) | 0.1 | 0.2 | 0.3 | 0.8 | 1.2 | 2.1 | 2.9 | 7.5 | 44 | 670 |
-
-A sun below 85 deg from the zenith is refused; a view beyond 85 deg is answered with a remark of how much too long its
-way is.
 
 **Deep air.** A solution takes time with the square of the optical depth. A prediction to a tolerance stops at coarse
 settings beyond a depth of 12 and says what these do not keep; `tradeoff` refuses such a scene.
@@ -57,12 +50,17 @@ def main() -> int:
     parser.add_argument("--only", default="")
     parser.add_argument("--out", type=Path, default=PAGE)
     arguments = parser.parse_args()
-    kept = rows_of(arguments.out) if arguments.only and arguments.out.exists() else {}
+    kept = rows_of(arguments.out if arguments.out.exists() else PAGE) if arguments.only else {}
+    head = [_HEAD, *round_earth_lines()]
+    tables = list(reference_lines())
     with tempfile.TemporaryDirectory() as cache:
         os.environ["XDG_CACHE_HOME"] = cache
-        lines = list(_matrix(kept, arguments.only))
+        lines = []
+        for line in _matrix(kept, arguments.only):
+            lines.append(line)
+            # After each row, so that a run that is stopped leaves what it had.
+            arguments.out.write_text("\n".join([*head, *lines, "", *tables, ""]), encoding="utf-8")
     faults = sum("**" in line for line in lines)
-    arguments.out.write_text("\n".join([_HEAD, *lines, "", *reference_lines(), ""]), encoding="utf-8")
     sys.stderr.write(f"{arguments.out}: {len(lines) - 2} cases, {faults} with a fault\n")
     return 1 if faults else 0
 
@@ -76,17 +74,21 @@ def rows_of(page: Path) -> dict[str, str]:
 
 
 def _matrix(kept: Mapping[str, str], only: str) -> Iterator[str]:
-    yield f"| case | {' | '.join(column.name for column in COLUMNS)} |"
-    yield "|---" * (len(COLUMNS) + 1) + "|"
-    for case in HARD_CASES:
+    yield f"| case | reference | {' | '.join(column.name for column in COLUMNS)} |"
+    yield "|---" * (len(COLUMNS) + 2) + "|"
+    begun = time.monotonic()
+    for done, case in enumerate(HARD_CASES, start=1):
         if case.name in kept and only not in case.name:
             yield kept[case.name]
             continue
         with tempfile.TemporaryDirectory() as folder:
             cells = [cell(case, column, Path(folder)) for column in COLUMNS]
+            reference = reference_of(case, Path(folder))
         seconds = ", ".join(f"{column.name} {one.seconds:.1f}" for column, one in zip(COLUMNS, cells, strict=True))
-        sys.stderr.write(f"{case.name}: {seconds} s\n")
-        yield f"| {case.name} | {' | '.join(_text(one) for one in cells)} |"
+        so_far = time.monotonic() - begun
+        sys.stderr.write(f"{done} of {len(HARD_CASES)}, {so_far:.0f} s: {case.name}: {seconds} s\n")
+        sys.stderr.flush()
+        yield f"| {case.name} | {reference} | {' | '.join(_text(one) for one in cells)} |"
 
 
 def _text(one: Cell) -> str:
