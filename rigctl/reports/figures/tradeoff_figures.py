@@ -1,6 +1,7 @@
 """Tradeoffs as plots: error against time of the computation, and against time of the session."""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,7 +9,7 @@ from matplotlib.axes import Axes
 
 from model.accuracy.predict_to_tolerance import ESTIMATES
 from model.acquisition.frame_order import degrees_text
-from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves
+from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves, DigitPoint
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.reports.figures.figure_style import legend_below, legend_beside, png, subplots
 from rigctl.reports.tables.accuracy_tables import is_mean
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 # Told apart in black and white too.
 _MARKERS = "osD^vP*X"
 _HATCHES = ("", "//", "..", "xx", "\\\\")
+# Text that lies on lines stays readable.
+_ON_LINES = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
 _LINES = {"cycles": "-", "palindrome": "--", "grouped": ":"}
 
 
@@ -36,7 +39,7 @@ def curve_png(curves: Curves) -> bytes:
         markersize=13,
         markerfacecolor="none",
         markeredgecolor="0.3",
-        label="all knobs: none is faster and better",
+        label="no other point is faster and better",
     )
     _draw_named(axes[0], curves)
     axes[0].legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
@@ -49,14 +52,14 @@ def digits_png(curves: Curves) -> bytes:
     figure, axes = subplots(1, 1, size=(8.0, 5.0))
     axis = axes[0]
     for place, quantity in enumerate(dict.fromkeys(point.quantity for point in curves.digits)):
-        points = [point for point in curves.digits if point.quantity == quantity and point.error > 0.0]
+        points = _paying([point for point in curves.digits if point.quantity == quantity and point.error > 0.0])
         if not points:
             continue
         axis.plot(
             [-math.log10(point.error) for point in points],
             [point.seconds for point in points],
             marker=_MARKERS[place % len(_MARKERS)],
-            label=quantity,
+            label=f"{quantity}{_price(points)}",
             color=f"C{place}",
         )
     axis.set(
@@ -72,22 +75,43 @@ def digits_png(curves: Curves) -> bytes:
     return png(figure)
 
 
+def _paying(points: Sequence[DigitPoint]) -> list[DigitPoint]:
+    """Return the points that are had for no less time, from few digits to many."""
+    found: list[DigitPoint] = []
+    for point in sorted(points, key=lambda one: (one.seconds, one.error)):
+        if not found or point.error < found[-1].error:
+            found.append(point)
+    return found
+
+
+def _price(points: Sequence[DigitPoint]) -> str:
+    """Say by what the time grows with a digit, from the fewest to the most; nothing where one digit is not spanned."""
+    digits = math.log10(points[0].error / points[-1].error)
+    if digits < 1.0:
+        return ""
+    return f":\none more digit takes {(points[-1].seconds / points[0].seconds) ** (1.0 / digits):.2g} x the time"
+
+
 def _draw_named(axis: "Axes", curves: Curves) -> None:
-    """Draw the paper's choices as numbered crosses, the user's as pluses; the legend has their names."""
-    for place, choice in enumerate(curves.named, start=1):
-        is_off = choice.error > 0.0
-        axis.plot(
-            [choice.seconds] if is_off else [],
-            [choice.error] if is_off else [],
-            linestyle="none",
-            marker="P" if choice.by_user else "X",
-            color="black",
-            markersize=6,
-            label=f"{place}: {choice.name}{'' if is_off else ' (no error here)'}",
-        )
-        if is_off:
-            at = (choice.seconds, choice.error)
-            axis.annotate(str(place), at, xytext=(5, 3), textcoords="offset points", fontsize=7)
+    """Draw the paper's choices as crosses, the user's as pluses, each with its name; those without error in a line."""
+    for by_user, marker, label in ((False, "X", "choices of the paper"), (True, "P", "your own choices")):
+        shown = [one for one in curves.named if one.by_user is by_user and one.error > 0.0]
+        if not shown:
+            continue
+        places = [(one.seconds, one.error) for one in shown]
+        axis.plot(*zip(*places, strict=True), linestyle="none", marker=marker, color="black", markersize=6, label=label)
+        for one, place in zip(shown, places, strict=True):
+            _name_point(axis, one.name, place, weight="normal")
+    without = [one.name for one in curves.named if not one.error > 0.0]
+    if without:
+        text = "\n".join(("no error here:", *without))
+        axis.text(0.02, 0.02, text, transform=axis.transAxes, fontsize=7, va="bottom", bbox=_ON_LINES)
+
+
+def _name_point(axis: "Axes", text: str, place: tuple[float, float], *, weight: str) -> None:
+    axis.annotate(
+        text, place, xytext=(6, 4), textcoords="offset points", fontsize=7, fontweight=weight, bbox=_ON_LINES, zorder=5
+    )
 
 
 def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:
@@ -100,19 +124,35 @@ def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:
             markersize=4,
             label=name,
             color=f"C{place}",
-            linewidth=2.2 if name == WHOLE_CHAIN else 1.0,
+            linewidth=2.6 if name == WHOLE_CHAIN else 0.8,
+            alpha=1.0 if name == WHOLE_CHAIN else 0.6,
         )
+        if name == WHOLE_CHAIN:
+            _name_tolerances(axis, {point.level: (point.seconds, _shown(getattr(point, kind))) for point in points})
     floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
     least = min((floor for floor in floors if floor > 0.0), default=None)
     if least is not None:
         axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label="floor of the inputs (DoLP)")
-    axis.set(xscale="log", xlabel="processor time [s]", ylabel="largest error of any number", title=f"{kind} error")
+    axis.set(xscale="log", xlabel="processor time [s]", ylabel="largest error of any number")
+    axis.set_title(f"{kind} error: the lower and the further left, the better")
+    axis.margins(x=0.15)
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
     # A scene of stated radiances has no error that a logarithm could show.
     if any(np.any(np.asarray(line.get_ydata(), dtype=np.float64) > 0.0) for line in axis.lines):
         axis.set_yscale("log")
     axis.grid(visible=True, which="major", alpha=0.3)
+
+
+def _name_tolerances(axis: "Axes", places: Mapping[str, tuple[float, float]]) -> None:
+    """Write each tolerance at its point, several that come to the same error at the last of them."""
+    by_error: dict[float, list[str]] = {}
+    for level, (_, error) in places.items():
+        by_error.setdefault(float(f"{error:.2g}"), []).append(level)
+    for k, levels in enumerate(by_error.values()):
+        if math.isfinite(places[levels[-1]][1]):
+            text = ", ".join(level.removeprefix("tolerance ") for level in levels)
+            _name_point(axis, f"{'' if k else '--tolerance '}{text}", places[levels[-1]], weight="bold")
 
 
 def _draw_stages(axis: "Axes", curves: Curves) -> None:
