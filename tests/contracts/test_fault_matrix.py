@@ -25,11 +25,11 @@ def test_a_wrong_angle_would_be_seen() -> None:
     assert not outcome.is_right  # LimitError, which this fault does not allow
 
 
+# A silent camera's pictures, with their deadline: tests/drivers/cameras/test_gige_faults.py.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "call"),
     [
-        ("silent from here on", "take"),
         ("its power goes and comes back here", "set"),
         ("1 % of packets lost, sent again", "take"),
         ("5 % of packets lost, not sent again", "open"),

@@ -34,22 +34,18 @@ def camera(process):
         yield opened
 
 
-@pytest.mark.slow
-def test_killed_camera_is_an_error_in_time(process, camera):
-    process.kill()
+def assert_error_in_time(camera, kind):
     start_s = time.monotonic()
-    with pytest.raises(DeviceError, match=ADDRESS):
-        camera.take_frame(timeout_s=1.0)
-    assert time.monotonic() - start_s < 1.0 + GRACE_S
-    start_s = time.monotonic()
-    with pytest.raises(NotConnectedError):
+    with pytest.raises(kind, match=ADDRESS):
         camera.take_frame(timeout_s=1.0)
     assert time.monotonic() - start_s < 1.0 + GRACE_S
 
 
 @pytest.mark.slow
-def test_restarted_camera_is_used_again_with_all_settings(process, camera):
+def test_a_killed_camera_is_an_error_in_time_and_used_again_with_all_settings(process, camera):
     process.kill()
+    assert_error_in_time(camera, DeviceError)
+    assert_error_in_time(camera, NotConnectedError)
     process.start()
     frame = camera.take_frame(timeout_s=20.0)
     assert_known(frame.counts)
@@ -59,18 +55,10 @@ def test_restarted_camera_is_used_again_with_all_settings(process, camera):
 
 
 @pytest.mark.slow
-def test_camera_that_hangs_is_an_error_in_time(process, camera):
+def test_a_camera_that_hangs_is_an_error_in_time_and_used_again_once_it_goes_on(process, camera):
     process.hang()
-    start_s = time.monotonic()
-    with pytest.raises(DeviceError, match=ADDRESS):
-        camera.take_frame(timeout_s=1.0)
-    assert time.monotonic() - start_s < 1.0 + GRACE_S
-
-
-@pytest.mark.slow
-def test_camera_that_hung_for_a_while_is_used_again(process, camera):
-    process.hang()
-    waker = threading.Timer(4.0, process.go_on)  # longer than the library asks for
+    assert_error_in_time(camera, DeviceError)
+    waker = threading.Timer(2.0, process.go_on)  # in all longer than the library asks for
     waker.start()
     frame = camera.take_frame(timeout_s=30.0)
     waker.join()
@@ -103,13 +91,11 @@ def test_nothing_is_damaged_without_loss(take_with_loss):
     assert tally.damaged <= 1
 
 
-@pytest.mark.parametrize("lost_share", [1e-4, 1e-3])
-def test_every_accepted_picture_is_whole_though_packets_are_lost(take_with_loss, lost_share):
-    tally = take_with_loss(lost_share=lost_share, pictures=10)
+def test_every_accepted_picture_is_whole_though_packets_are_lost(take_with_loss):
+    tally = take_with_loss(lost_share=1e-3, pictures=10)
     assert tally.accepted == 11
-    if lost_share == 1e-3:
-        # Each try of 626 packets is whole with p = 0.999^626 = 0.53; that ten come at once, 0.53^10 = 0.002.
-        assert tally.damaged + tally.never_came >= 1
+    # Each try of 626 packets is whole with p = 0.999^626 = 0.53; that ten come at once, 0.53^10 = 0.002.
+    assert tally.damaged + tally.never_came >= 1
 
 
 @pytest.mark.parametrize("lost_share", [0.01, 0.05])
@@ -133,11 +119,9 @@ def test_lost_packets_come_when_they_are_asked_for_again(lost_share):
 
 
 def test_a_network_that_damages_all_pictures_is_an_error_with_what_was_measured(take_with_loss):
-    with pytest.raises(
-        ProtocolError, match=r"loses [123].*none of them again.*packets of 1500 bytes, MTU.*interface lo"
-    ):
+    with pytest.raises(ProtocolError, match=r"loses \d.*none of them again.*packets of 1500 bytes, MTU.*interface lo"):
         # At 3 % a picture is whole with p = 0.97^626 = 5e-9; the driver's first one came before.
-        take_with_loss(lost_share=0.03, pictures=1, options="retakes=20")
+        take_with_loss(lost_share=0.03, pictures=1, options="retakes=6")
 
 
 @pytest.mark.parametrize(("largest_bytes", "found"), [(None, 9000), (1500, 1500)])
