@@ -180,12 +180,7 @@ def camera_frames(camera: Camera, timed: Sequence[TimedFrame]) -> Iterator[Findi
         f"{len(times_s)} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
     )
     yield Finding(what="camera", found=found)
-    last = timed[-1]  # by then the camera's clock is known, where it has one that can be read
-    if last.start_source is not None:
-        told = (
-            f"{START_SOURCES.get(last.start_source, last.start_source)}, {start_error_text(last.start_uncertainty_s)}"
-        )
-        yield Finding(what="time stamps", found=f"start of an exposure {told}")
+    yield from _time_stamps(timed[-1])  # by then the camera's clock is known, where it has one that can be read
     if not isinstance(camera, ReportingCamera):
         return
     facts, tally = camera.facts(), camera.tally()
@@ -207,6 +202,15 @@ def camera_frames(camera: Camera, timed: Sequence[TimedFrame]) -> Iterator[Findi
     yield Finding(what="loss", found=found, advice=advice)
     for name, value in camera.features().items():
         yield Finding(what=f"  {name}", found=value)
+
+
+def _time_stamps(frame: TimedFrame) -> Iterator[Finding]:
+    """Give how well the start of an exposure is known, where the camera tells."""
+    source = frame.start_source
+    if source is not None:
+        told = f"{START_SOURCES.get(source, source)}, {start_error_text(frame.start_uncertainty_s)}"
+        hint = "docs/cameras.md has what makes it known better" if source in ("trigger", "arrival") else None
+        yield Finding(what="time stamps", found=f"start of an exposure {told}", hint=hint)
 
 
 def interface_mtu(address: str) -> Finding:

@@ -53,6 +53,27 @@ def test_devices_and_time_are_told(run_path):
     assert summary.sizes == ((7, 5),)
 
 
+@pytest.mark.parametrize(
+    ("error_s", "told"), [(0.012, "within 12 ms of UTC"), (None, "was not synchronised")], ids=["good", "none"]
+)
+def test_how_well_starts_are_known_is_told_by_their_source(tmp_path, capsys, error_s, told):
+    path = tmp_path / "run"
+    starts = [("ptp", 2.5e-7), ("trigger", 0.004), ("ptp", 1.2e-6), ("driver", None), ("driver", 0.033), ("file", None)]
+    with RunWriter.create(path, {"origin": "device"}) as writer:
+        writer.event("host clock", utc_error_s=error_s)
+        for i, (source, uncertainty_s) in enumerate(starts):
+            record = make_record(i, start_source=source, start_uncertainty_s=uncertainty_s)
+            writer.write_frame(record, noisy_counts(i))
+    assert summarize_run(read_run(path)).start_times == (
+        "by the camera's clock, which follows a PTP master: 2 frames, off by 1.2 us at most",
+        "between the trigger and the first packet: 1 frames, off by 4 ms at most",
+        "by the time stamp of the video driver: 2 frames, off by 33 ms at most (not known of 1)",
+        "by the last change of the file: 1 frames, by how much it may be off is not known",
+    )
+    assert cli.main(["info", str(path)]) == 0
+    assert told in " ".join(capsys.readouterr().out.split())
+
+
 def test_command_answers_in_json(run_path, capsys):
     assert cli.main(["info", str(run_path), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
