@@ -12,7 +12,7 @@ _NAMES = {
 }
 _NEXT = {
     "light_or_gain_changed": "take all levels again with automatic gain off and a lamp that is warm",
-    "wrong_time_unit": "state the unit of the exposures (--exposure-unit)",
+    "wrong_time_unit": "correct the unit of the exposures, as wrong_time_unit says",
     "light_in_darks": "cover the lens and take the dark frames again",
     "dark_current_or_light": "cover the lens, and take stacks of 16 flats and darks at one exposure",
     "wrong_bit_depth": "state the camera's own bit depth",
@@ -24,6 +24,7 @@ _NEXT = {
     "wrong_dark": "take the named dark level again, with the lens covered",
     "wrong_variance": "take the named level again",
     "wrong_light": "correct exposure or photons of the named level",
+    "unclear_level": "take the named level again, and more beside it",
     "dark_current_changed": "let the camera warm up, and take the dark frames in mixed order",
     "quantisation_limited": "raise the camera's gain, or save more bits",
     "too_few_levels": "take ten levels or more between dark and 80 % of saturation",

@@ -17,7 +17,7 @@ _BY_FLAG = {
 _REASONS = {
     "quantisation_limited": "rounding to whole counts hides the noise of dark frames: raise the camera's gain",
     "read_noise_not_resolved": "dark current or rounding hides it: take dark frames at the shortest exposure",
-    "wrong_time_unit": "exposures are not in the unit that is wanted: state it with --exposure-unit",
+    "wrong_time_unit": "exposures seem to be in another unit than stated: wrong_time_unit says how to correct it",
     "light_in_darks": "light reached the dark frames: cover the lens and take them again",
     "dark_current_or_light": "it may be light: cover the lens and take stacks of 16 flats and darks at one exposure",
     "dark_current_changed": "it changed while the dark frames were taken: let the camera warm up and take them again",

@@ -4,9 +4,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from calibration.estimate import Estimate
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.performance import temporal_noise_e, total_noise_e
+from rigctl.numbers.number_text import to_digits
 from rigctl.reports.figures.figure_style import (
     MEASURED,
     PREDICTED,
@@ -136,19 +138,22 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
 
 
 def _mean_label(calibration: NoiseCalibration) -> str:
-    found = calibration.dark_current_e_per_s
-    return "mean" if found is None else f"dark current {found.value:.3g} ± {found.std_error:.2g} e-/s"
+    return _line_label(calibration, calibration.dark_current_e_per_s)
 
 
 def _variance_label(calibration: NoiseCalibration) -> str:
-    found = calibration.performance.dark_current_variance_e_per_s
-    return "mean" if found is None else f"dark current {found.value:.3g} ± {found.std_error:.2g} e-/s"
+    return _line_label(calibration, calibration.performance.dark_current_variance_e_per_s)
 
 
-def snr_png(calibration: NoiseCalibration) -> bytes | None:
-    """Return the signal-to-noise ratio of a pixel against its signal; None where the read noise is not known."""
-    if calibration.read_noise_e is None:
-        return None
+def _line_label(calibration: NoiseCalibration, dark_current_e_per_s: Estimate | None) -> str:
+    if dark_current_e_per_s is None:
+        return "straight line" if calibration.dark.has_slope else "mean"
+    value, error = dark_current_e_per_s.value, dark_current_e_per_s.std_error
+    return f"dark current {to_digits(value, error)} ± {error:.2g} e-/s"
+
+
+def snr_png(calibration: NoiseCalibration) -> bytes:
+    """Return the signal-to-noise ratio of a pixel against its signal; of a read noise that is a bound its curve."""
     gain, points = calibration.gain_dn_per_e.value, calibration.transfer.points
     shown = (points.signal_dn > 0.0) & (points.flat_variance_dn2 > 0.0) & ~points.saturated
     signal_e = points.signal_dn[shown] / gain
@@ -156,19 +161,30 @@ def snr_png(calibration: NoiseCalibration) -> bytes | None:
     ratio = points.signal_dn[shown] / np.sqrt(points.flat_variance_dn2[shown])
     axes.plot(signal_e, ratio, "o", ms=5, color=MEASURED, label="flats, noise in time")
     x = np.geomspace(1.0, signal_e.max(), 300)
-    temporal_e = temporal_noise_e(x, read_noise_e=calibration.read_noise_e.value, gain_dn_per_e=gain)
-    axes.plot(x, x / temporal_e, color=PREDICTED, label="by gain and read noise")
-    if calibration.prnu is not None and calibration.dsnu_e is not None:
-        total_e = total_noise_e(temporal_e, x, prnu=calibration.prnu.value, dsnu_e=calibration.dsnu_e.value)
-        axes.plot(x, x / total_e, color=PREDICTED, ls="--", label="with DSNU and PRNU")
+    _draw_expected_ratio(axes, calibration, x)
     axes.plot(x, np.sqrt(x), color=_GREY, ls=":", label="photons alone")
     _mark_limits(axes, calibration)
     axes.set(xscale="log", yscale="log", xlabel="signal [e-]", ylabel="signal over noise of a pixel")
     few_log_labels(axes.yaxis)
     axes.set_title("Signal-to-noise ratio")
     axes.set_ylim(bottom=0.05)
+    # A level of less than an electron is a dark one.
+    axes.set_xlim(left=0.7)
     _finish(axes)
     return png(figure)
+
+
+def _draw_expected_ratio(axes: Axes, calibration: NoiseCalibration, signal_e: FloatArray) -> None:
+    found, bound = calibration.read_noise_e, calibration.bounds.get("read_noise_e")
+    if found is None and bound is None:
+        return
+    read_noise_e = found.value if found is not None else bound.value if bound is not None else 0.0
+    temporal_e = temporal_noise_e(signal_e, read_noise_e=read_noise_e, gain_dn_per_e=calibration.gain_dn_per_e.value)
+    label = "by gain and read noise" if found is not None else f"at least: read noise below {read_noise_e:.3g} e-"
+    axes.plot(signal_e, signal_e / temporal_e, color=PREDICTED, label=label)
+    if calibration.prnu is not None and calibration.dsnu_e is not None:
+        total_e = total_noise_e(temporal_e, signal_e, prnu=calibration.prnu.value, dsnu_e=calibration.dsnu_e.value)
+        axes.plot(signal_e, signal_e / total_e, color=PREDICTED, ls="--", label="with DSNU and PRNU")
 
 
 def _mark_limits(axes: Axes, calibration: NoiseCalibration) -> None:

@@ -36,7 +36,9 @@ _LINEARITY = (
     "Mean against light; below, how far it is from a straight line. Error bars are the sampling of the means, often "
     "smaller than a point."
 )
-_DARK = "Mean and variance of dark frames against exposure; slopes of both are dark current, in electrons."
+_DARK = "Mean and variance of dark frames against exposure{}."
+_DARK_CURRENT = "; slopes of both are dark current, in electrons"
+_SNR = "Signal over noise of one pixel in one frame."
 _MAPS = (
     "Each pixel: mean in the dark, response to light, noise in the dark, and pixels that are further from the others "
     "than 6 standard deviations."
@@ -101,12 +103,11 @@ def _flags(flags: tuple[Flag, ...]) -> Block:
 
 def _curves(noise: NoiseCalibration) -> Iterable[Section]:
     yield _pictured("Photon transfer", photon_transfer_png(noise), _TRANSFER)
-    without = f"There is no curve without read noise: {not_known(noise).get('read_noise_e', 'it is not known')}."
-    yield _pictured(
-        "Signal-to-noise ratio", snr_png(noise), "Signal over noise of one pixel in one frame.", otherwise=without
-    )
+    no_curve = f" Its curve is a bound, or there is none: {not_known(noise).get('read_noise_e', 'it is not known')}."
+    yield _pictured("Signal-to-noise ratio", snr_png(noise), _SNR + (no_curve if noise.read_noise_e is None else ""))
     yield _pictured("Linearity", linearity_png(noise), _LINEARITY, otherwise="The light of the levels is not known.")
-    yield _pictured("Dark signal", dark_png(noise), _DARK, otherwise="Exposures of the dark frames are not known.")
+    caption = _DARK.format("" if noise.dark_current_e_per_s is None else _DARK_CURRENT)
+    yield _pictured("Dark signal", dark_png(noise), caption, otherwise="Exposures of the dark frames are not known.")
 
 
 def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "There is nothing to draw.") -> Section:
