@@ -121,8 +121,8 @@ def _longest_s(levels: Sequence[LevelStatistics]) -> float | None:
 def _as_read(stated: StatedExposures) -> str:
     """Return the unit that exposures were read in, in words."""
     if stated.unit is None:
-        return f"{stated.where} was read in"
-    return f"the {_UNITS[stated.unit][1]} that {stated.where} was read in"
+        return f"was read from {stated.where}"
+    return f"the {_UNITS[stated.unit][1]} that were read from {stated.where}"
 
 
 def _advice(longest_s: float, stated: StatedExposures) -> str:

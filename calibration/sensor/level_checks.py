@@ -17,6 +17,7 @@ _MIXED_STEP = 0.1
 _ROUNDING_DN, _WANDER_OF_ALL = 0.3, 8.0
 _FLICKER = 0.0015
 _PROPORTIONAL = 0.1
+_HALF = 0.5
 _LEAST_EXPOSURES = 5
 _BRIGHT = 0.2
 _OUTLIER_FRACTION = 1e-5
@@ -156,15 +157,24 @@ def _non_monotonic(levels: Sequence[LevelStatistics], wrong: Sequence[LevelStati
     ]
     if not drops:
         return None
-    where = level_names(drops)
+    where, named = level_names(drops), wrong or [one for one in drops if _alone_is_dark(one, flats)]
     if wrong:
         where = f"that is by {level_names(wrong)}, which the others do not confirm"
     return Flag(
         name="non_monotonic_sweep",
-        level=describe_level(wrong[0]) if wrong else None,
+        level=describe_level(named[0]) if named else None,
         message=f"the mean falls by more than {_STEP:.0%} although the exposure is longer: {where}; the "
         f"light changed during the sweep, or a frame has another exposure than stated: check lamp and shutter",
     )
+
+
+def _alone_is_dark(level: LevelStatistics, flats: Sequence[LevelStatistics]) -> bool:
+    """Return whether a flat is less than half as bright as both neighbours, which follow one another; by exposure."""
+    place = next(index for index, one in enumerate(flats) if one is level)
+    if not 0 < place < len(flats) - 1:
+        return False
+    before, after = flats[place - 1].mean_dn, flats[place + 1].mean_dn
+    return level.mean_dn < _HALF * before < _HALF * after
 
 
 def _below_saturation(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:

@@ -69,8 +69,14 @@ def noise_json(
 
 def _estimate(found: Estimate | None, bound: Bound | None) -> dict[str, Json] | None:
     """Return a number, its bound where it is not known itself, or None."""
-    known = found if found is not None else bound
-    return None if known is None else asdict(known)
+    if found is not None:
+        return asdict(found)
+    return None if bound is None else {"bound": bound.bound, "value": _brief(bound.value)}
+
+
+def _brief(value: float) -> float:
+    """Return a number without an error to six digits."""
+    return float(f"{value:.6g}")
 
 
 def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Json] | None:
@@ -80,7 +86,7 @@ def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Json] | None:
     if figure.bound is None:
         del held["bound"]
         return held
-    return {"bound": figure.bound, "value": figure.value, "n": figure.n, "symbol": held["symbol"]}
+    return {"bound": figure.bound, "value": _brief(figure.value), "n": figure.n, "symbol": held["symbol"]}
 
 
 def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Json]]:

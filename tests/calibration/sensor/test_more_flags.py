@@ -187,6 +187,7 @@ def test_advice_on_a_unit_is_about_where_exposures_are_stated(stated: StatedExpo
     given = [replace(level, exposure_s=2e-7 / longest_s * (level.exposure_s or 0.0)) for level in levels()]
     (flag,) = impossible_exposures(given, stated=stated)
     assert said in flag.message
+    assert f"read from {stated.where}" in flag.message
     assert ("nanoseconds" in flag.message) is (stated.unit == "ns")
     assert ("--exposure-unit" in flag.message) is stated.has_option
 

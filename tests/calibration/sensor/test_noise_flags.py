@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError, RefusedFramesError
 from calibration.flags import Flag
 from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
+from calibration.sensor.level_names import describe_level
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import (
     EXPOSURES_S,
@@ -141,6 +142,15 @@ def test_a_mean_that_falls_with_exposure_is_flagged() -> None:
     signals_e[8] = 0.7 * signals_e[7]
     calibration = calibrate_noise(camera.sweep(signals_e=signals_e, exposures_s=EXPOSURES_S), bit_depth=12)
     assert "non_monotonic_sweep" in flag_names(calibration)
+
+
+def test_a_flat_whose_frames_are_dark_is_named() -> None:
+    signals_e = [*SIGNALS_E]
+    signals_e[8] = 0.0
+    sweep = SyntheticCamera(SyntheticSensor(), 3).sweep(signals_e=signals_e, exposures_s=EXPOSURES_S)
+    dark_flat = next(one for one in sweep if one.kind == "flat" and one.exposure_s == EXPOSURES_S[8])
+    named = {flag.level for flag in calibrate_noise(sweep, bit_depth=12).flags if flag.level is not None}
+    assert named == {describe_level(dark_flat)}
 
 
 def test_cosmic_hits_are_flagged_and_do_no_harm() -> None:

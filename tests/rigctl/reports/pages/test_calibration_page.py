@@ -2,15 +2,18 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from calibration.estimate import Bound
 from rigctl.calibrations.noise.calibrate_files import calibrate_frames
 from rigctl.calibrations.noise.noise_frames import emva_frames
 from rigctl.cli import main
+from rigctl.reports.figures.calibration_figures import snr_png
 from rigctl.reports.tables.calibration_tables import calibration_rows
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
 
@@ -54,6 +57,21 @@ def test_numbers_are_shown_to_the_digits_of_their_errors(tmp_path: Path) -> None
     assert gain.frames == str(content["gain_dn_per_e"]["n"])
     threshold = rows["absolute sensitivity threshold", "e-"]
     assert float(threshold.value) == pytest.approx(content["performance"]["threshold_e"]["value"], rel=0.01)
+
+
+def test_a_read_noise_that_is_a_bound_bounds_the_curve_of_the_signal_to_noise_ratio(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noise = calibrate_frames(emva_frames(write_emva_set(tmp_path))).noise
+    drawn: list[str] = []
+    monkeypatch.setattr(
+        "rigctl.reports.figures.calibration_figures.legend_beside",
+        lambda axes: drawn.extend(line.get_label() for line in axes.get_lines()),
+    )
+    coarse = replace(noise, read_noise_e=None, bounds=noise.bounds | {"read_noise_e": Bound(bound="<", value=19.8)})
+    snr_png(coarse)
+    assert "at least: read noise below 19.8 e-" in drawn
+    assert "flats, noise in time" in drawn
 
 
 def test_the_file_holds_spectrograms_histograms_and_defects(tmp_path: Path) -> None:
