@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.processing.diagnosis.causes import PER_FRAME
-from model.processing.diagnosis.correction import corrected_pictures, corrected_system, frame_faults
+from model.processing.diagnosis.correction import can_be_undone, corrected_pictures, corrected_system, frame_faults
 from model.stokes import aolp_rad, dolp
 
 FloatArray = NDArray[np.float64]
@@ -22,7 +22,8 @@ class Consequence:
     Attributes
     ----------
     dolp_shift, aolp_shift_rad
-        With the fault less without it; None where there is no light, or no angle.
+        With the fault less without it; None where there is no light or no angle, or where the fault is too large to be
+        undone.
     """
 
     dolp_shift: float | None
@@ -56,7 +57,8 @@ def consequence(
         else counts + np.sum(_shifts(parameters, len(counts)) * np.asarray(slopes, dtype=np.float64), axis=1)
     )
     without = stokes_without(rows, still, parameters, light=light)
-    if not (with_fault[0] > 0.0 and without[0] > 0.0):
+    is_known = can_be_undone(parameters, len(counts)) and with_fault[0] > 0.0 and without[0] > 0.0
+    if not is_known:
         return Consequence(dolp_shift=None, aolp_shift_rad=None)
     degrees = float(dolp(with_fault)), float(dolp(without))
     turned = float(aolp_rad(with_fault) - aolp_rad(without))

@@ -12,7 +12,9 @@ FloatArray = NDArray[np.float64]
 
 # Shifts below this change nothing that is seen [pixel].
 _LEAST_SHIFT_PIXELS = 1e-4
-_LARGEST_CURVATURE, _LARGEST_POWER, _LARGEST_SHARE, _LARGEST_SHIFT_PIXELS = 0.9, 0.6, 0.7, 12.0
+_LARGEST_CURVATURE, _LARGEST_POWER, _LARGEST_SHARE, _LARGEST_SHIFT_PIXELS = 0.9, 0.8, 0.7, 12.0
+# A response that is bent further down has turned where the light is twice its mean: none does.
+_LEAST_CURVATURE = -0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,6 +52,14 @@ def frame_faults(parameters: FloatArray, frames: int) -> FrameFaults:
         curvature=float(np.clip(parameters[-2], -_LARGEST_CURVATURE, _LARGEST_CURVATURE)),
         power=float(np.clip(parameters[-1], -_LARGEST_POWER, _LARGEST_POWER)),
     )
+
+
+def can_be_undone(parameters: FloatArray, frames: int) -> bool:
+    """Return whether faults are so small that a correction undoes all of them."""
+    faults = frame_faults(parameters, frames)
+    held = np.concatenate([faults.throughput, faults.angle_rad, faults.shift_pixels.T.ravel(), [faults.power]])
+    asked = np.delete(parameters, np.s_[2 * frames : 3 * frames])
+    return bool(np.array_equal(held, np.delete(asked, -2)) and _LEAST_CURVATURE <= parameters[-2] <= _LARGEST_CURVATURE)
 
 
 def corrected_system(system: FloatArray, faults: FrameFaults) -> tuple[Design, FloatArray]:

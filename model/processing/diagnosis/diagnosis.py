@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.processing.diagnosis.causes import SHARED, Cause, known_causes
-from model.processing.diagnosis.correction import FrameFaults, frame_faults
+from model.processing.diagnosis.causes import PER_FRAME, SHARED, Cause, known_causes
+from model.processing.diagnosis.correction import FrameFaults, can_be_undone, frame_faults
 from model.processing.diagnosis.evidence import estimates, is_useful
 from model.processing.diagnosis.joint_fit import LEAST_SHARE_LEFT, JointFit, fit_faults, share_left
 from model.processing.reconstruction import Design
@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 
 # Correlation of what two causes do to a run, from which they are the same to it.
 _SAME = 0.99
+# Standard error of a fault that is too large to be undone, and so to be fitted about itself, as a share of its size.
+_HARDLY_KNOWN = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,6 +145,9 @@ def _term(fit: JointFit, index: int) -> Term:
     part = fitted.parts[together.index(index)]
     size, error = fitted.size_of(together.index(index))
     reason = _why_not(fit, index, fitted.is_determined, error)
+    made = cause.directions @ fitted.values[part]
+    if not reason and not can_be_undone(made, (len(made) - len(SHARED)) // len(PER_FRAME)):
+        error = max(error, _HARDLY_KNOWN * abs(size))
     return Term(
         name=cause.name,
         frame=cause.frame,
@@ -153,7 +158,7 @@ def _term(fit: JointFit, index: int) -> Term:
         reason=reason,
         is_named=is_named,
         confused_with=tuple((other.name, other.frame) for other in _confused(fit, index)),
-        parameters=cause.directions @ fitted.values[part],
+        parameters=made,
     )
 
 

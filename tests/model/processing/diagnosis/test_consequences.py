@@ -72,3 +72,14 @@ def test_error_of_a_residual_is_that_of_its_noise() -> None:
     found = region_residual(PLAN, pictures, np.ones((96, 96), dtype=bool))
     # The widest of several estimates from a few dozen blocks: up to about half more than the truth.
     assert 1.0 <= np.trace(found.cov) / (4.0 / 96**2) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [("response curvature", -0.54), ("response power law", -3.4), ("throughput", -1.4), ("angle", 20.0)],
+)
+def test_a_fault_too_large_to_be_undone_moves_the_polarization_by_nobody_knows_what(kind: str, size: float) -> None:
+    counts = PLAN.system @ STOKES
+    found = consequence(PLAN.system, counts, _parameters(kind, 0, size), light=100.0)
+    assert found.dolp_shift is None
+    assert found.aolp_shift_rad is None
