@@ -15,15 +15,12 @@ from drivers.cameras.pixel_format import needed_bytes, unpack
 from drivers.cameras.v4l2_controls import V4l2Controls
 from drivers.cameras.v4l2_node import LinuxVideoNode, VideoNode, told
 from drivers.cameras.v4l2_options import V4l2Options, read_v4l2_place, sample_format
+from drivers.cameras.v4l2_stamps import Asked, V4l2Stamps
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 
 _BUFFERS = 4
 _FIRST_EXPOSURE_S = 0.01
-_STAMP_STEP_NS = 1000
-# A stamp from here on is no time since the machine was started: the time of day, in 2001.
-_TIME_OF_DAY_NS = 10**18
-_CLOCK_STEP_NS = 2_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +52,7 @@ class V4l2Camera:
         utc_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._node, self._options = node, options
-        self._now_ns, self._utc_ns = now_ns, utc_ns
+        self._now_ns = now_ns
         self._pixel_format = sample_format(options)
         self._identity = self._identified()
         self._controls = V4l2Controls(node, options)
@@ -64,9 +61,7 @@ class V4l2Camera:
         self._settings = self._read_settings()
         self._tally = FrameTally()
         self._last_sequence: int | None = None
-        self._last_stamp: tuple[int, int] | None = None
-        self._period_ns: int | None = None
-        self._reading_ns = 0
+        self._stamps = V4l2Stamps(self._name, now_ns=now_ns, utc_ns=utc_ns)
         self._memory = self._start()
         self._open = True
 
@@ -124,16 +119,14 @@ class V4l2Camera:
             Something automatic was switched on meanwhile, or a setting changed.
         """
         self._refuse_closed()
-        asked_ns = self._now_ns()
-        to_utc_ns = self._utc_ns() - asked_ns
-        self._reading_ns = self._now_ns() - asked_ns
-        deadline_ns = asked_ns + round(timeout_s * 1e9)
+        asked = self._stamps.asked_now()
+        deadline_ns = asked.monotonic_ns + round(timeout_s * 1e9)
         damaged = 0
         while (left_ns := deadline_ns - self._now_ns()) > 0 and self._node.wait(left_ns / 1e9):
-            picture = self._next_picture(asked_ns, to_utc_ns)
+            picture = self._next_picture(asked)
             if isinstance(picture, _Picture):
                 self._require_settings()
-                return self._frame(picture, to_utc_ns)
+                return self._frame(picture, asked)
             damaged = damaged + 1 if picture == "damaged" else 0
             if damaged > self._options.retakes:
                 raise ProtocolError(f"{self._name}: {damaged} damaged pictures in a row; check cable and USB hub")
@@ -210,22 +203,19 @@ class V4l2Camera:
         self._ask(v4l2.STREAMON, ctypes.c_int(v4l2.CAPTURE), "starting the stream")
         return memory
 
-    def _next_picture(self, asked_ns: int, to_utc_ns: int) -> _Picture | str:
+    def _next_picture(self, asked: Asked) -> _Picture | str:
         """Return the picture that is waiting, or "damaged" or "too old"."""
         buffer = self._buffer(0)
         self._ask(v4l2.DQBUF, buffer, "taking a picture")
         try:
-            return self._judged(buffer, asked_ns, to_utc_ns)
+            return self._judged(buffer, asked)
         finally:
             self._ask(v4l2.QBUF, buffer, "queueing a buffer")
 
-    def _judged(self, buffer: v4l2.Buffer, asked_ns: int, to_utc_ns: int) -> _Picture | str:
+    def _judged(self, buffer: v4l2.Buffer, asked: Asked) -> _Picture | str:
         self._count_gap(buffer.sequence)
-        stamp_ns = self._stamp_ns(buffer, to_utc_ns)
-        self._measure_period(buffer.sequence, stamp_ns)
-        is_start = buffer.flags & v4l2.SOURCE_MASK == v4l2.AT_START_OF_EXPOSURE
-        start_ns = stamp_ns if is_start else stamp_ns - round(self._settings.exposure_s * 1e9)
-        if start_ns < asked_ns:
+        start_ns, error_ns = self._stamps.start_of(buffer, asked, exposure_ns=round(self._settings.exposure_s * 1e9))
+        if start_ns < asked.monotonic_ns:
             self._tally = replace(self._tally, too_old=self._tally.too_old + 1)
             return "too old"
         if buffer.flags & v4l2.DAMAGED or buffer.bytesused < self._needed_bytes():
@@ -242,41 +232,8 @@ class V4l2Camera:
             counts=counts_of_picture(counts, pixel_format=self._pixel_format, plane=self._options.plane),
             sequence=buffer.sequence,
             start_monotonic_ns=start_ns,
-            error_ns=self._start_error_ns(is_start=is_start),
+            error_ns=error_ns,
         )
-
-    def _stamp_ns(self, buffer: v4l2.Buffer, to_utc_ns: int) -> int:
-        """Return a picture's time stamp on the monotonic clock.
-
-        Notes
-        -----
-        Of a stamp of the time of day the flags say "unknown", or "monotonic" where the driver was told to use that
-        clock later (uvcvideo's parameter ``clock``): its size tells. Where the time of day was set meanwhile, such a
-        stamp counts as of long ago.
-        """
-        stamp_ns = int(buffer.timestamp.seconds) * 10**9 + int(buffer.timestamp.microseconds) * 1000
-        clock = buffer.flags & v4l2.CLOCK_MASK
-        if stamp_ns >= _TIME_OF_DAY_NS and clock != v4l2.COPIED:
-            was_set = abs(self._utc_ns() - self._now_ns() - to_utc_ns) > _CLOCK_STEP_NS
-            return 0 if was_set else stamp_ns - to_utc_ns
-        if clock != v4l2.MONOTONIC:
-            raise ProtocolError(
-                f"{self._name}: its time stamps are neither of the monotonic clock nor of the time of day, so age "
-                "cannot be known"
-            )
-        return stamp_ns
-
-    def _measure_period(self, sequence: int, stamp_ns: int) -> None:
-        """Take in when a picture came, for the time from one to the next."""
-        last, self._last_stamp = self._last_stamp, (sequence, stamp_ns)
-        if last is not None and sequence > last[0] and stamp_ns > last[1]:
-            self._period_ns = (stamp_ns - last[1]) // (sequence - last[0])
-
-    def _start_error_ns(self, *, is_start: bool) -> int | None:
-        """Return by how much a start may be off; None where the time from one picture to the next is not known yet."""
-        if is_start:
-            return _STAMP_STEP_NS + self._reading_ns
-        return None if self._period_ns is None else self._period_ns + self._reading_ns
 
     def _count_gap(self, sequence: int) -> None:
         last, self._last_sequence = self._last_sequence, sequence
@@ -310,9 +267,9 @@ class V4l2Camera:
             bit_depth=bit_depth,
         )
 
-    def _frame(self, picture: _Picture, to_utc_ns: int) -> Frame:
+    def _frame(self, picture: _Picture, asked: Asked) -> Frame:
         self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
-        start_utc_ns = picture.start_monotonic_ns + to_utc_ns
+        start_utc_ns = picture.start_monotonic_ns + asked.to_utc_ns
         return Frame(
             counts=picture.counts,
             settings=self._settings,

@@ -9,7 +9,7 @@ import pytest
 from tests.sim_devices.cameras.gige_port import need
 from tests.vm import vivid_vm
 
-CACHE = Path(os.environ.get("RIGCTL_VIVID_CACHE", "build/vivid"))
+CACHE = Path(os.environ.get("RIGCTL_VIVID_CACHE") or "build/vivid")
 CAMERA = "v4l2:/dev/video0?pixel_format=Y12&width=640&height=360&exposure_control=none"
 
 
