@@ -23,10 +23,10 @@ EXPOSURE_S = 0.001
 
 
 class OnePicture:
-    """A source that has its one picture ready."""
+    """A source that has its one picture ready; one pixel tells it from the last."""
 
-    def __init__(self) -> None:
-        self._counts = np.random.default_rng(1).integers(0, 4096, (HEIGHT, WIDTH), dtype=np.uint16)
+    def __init__(self, width: int = WIDTH, height: int = HEIGHT) -> None:
+        self._counts = np.random.default_rng(1).integers(0, 2048, (height, width), dtype=np.uint16)
         self.configure(exposure_s=EXPOSURE_S, gain_db=0.0)
 
     def __enter__(self) -> "OnePicture":
@@ -40,11 +40,16 @@ class OnePicture:
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
         self._settings = CameraSettings(
-            exposure_s=exposure_s, gain_db=gain_db, width=WIDTH, height=HEIGHT, bit_depth=12
+            exposure_s=exposure_s,
+            gain_db=gain_db,
+            width=self._counts.shape[1],
+            height=self._counts.shape[0],
+            bit_depth=12,
         )
         return self._settings
 
     def take_frame(self, *, timeout_s: float) -> Frame:
+        self._counts[0, 0] ^= 1
         return Frame(
             counts=self._counts,
             settings=self._settings,
@@ -58,13 +63,13 @@ class OnePicture:
         pass
 
 
-def serve() -> None:
+def serve(width: int = WIDTH, height: int = HEIGHT) -> None:
     """Serve the camera until it is ended."""
     import signal
 
     from sim_devices.cameras.gige_server import serve_gige_camera
 
-    with serve_gige_camera(OnePicture(), address=ADDRESS):
+    with serve_gige_camera(OnePicture(width, height), address=ADDRESS):
         print("ready", flush=True)
         signal.pause()
 

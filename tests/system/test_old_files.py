@@ -10,6 +10,7 @@ import pytest
 from drivers.interfaces import DeviceIdentity
 from rigctl import cli
 from rigctl.calibrations.flat.flat_file import read_flat_facts
+from rigctl.calibrations.lens_file import read_lens_file
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
 from rigctl.calibrations.radiometric_file import read_radiometric_file
@@ -26,6 +27,7 @@ from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.jobs.verify import verify
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.run_folder import read_run
+from rigctl.runs.wholeness import used_run
 from rigctl.version import VERSION
 
 ARCHIVES = Path(__file__).parent / "old_files"
@@ -76,6 +78,25 @@ def test_the_last_runs_without_seals_give_the_same_numbers(old):
     )
     _require_same(found, json.loads((late / "numbers.json").read_text()))
     assert verify(late / "run").state == "whole"
+
+
+def test_runs_sealed_and_annotated_give_the_same_numbers(old):
+    today = old / "today"
+    _require_same(
+        _numbers(today / "run", today / "regions.toml", noise=today / "noise.json"),
+        json.loads((today / "numbers.json").read_text()),
+    )
+    found = verify(today / "run")
+    assert (found.state, found.frames, found.unchecked) == ("whole", 14, ())
+    used = used_run(today / "run")
+    assert [one.sequence for one in used.excluded] == [13]
+    assert [(one.kind, one.by) for one in used.annotations] == [("note", "ann"), ("exclude", "bob")]
+    calibrations = CalibrationPaths(noise=today / "noise.json")
+    compared = compare_run(today / "run", CompareRequest(scene=today / "scene.toml", calibrations=calibrations))
+    assert compared.comparison.agrees is True
+    assert read_noise_file(today / "noise.json").made_for.exposure_range_s is not None
+    assert read_lens_file(today / "lens.json").lens().parameters[0] == pytest.approx(898.18, abs=0.01)
+    assert load_scene(today / "scene.toml").pointing.correlation == ((1.0, 0.25), (0.25, 1.0))
 
 
 def test_all_calibrations_and_files_ever_written_are_read(old):
