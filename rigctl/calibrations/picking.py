@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rigctl.calibrations.fitness import age_days, is_beyond_exposures, is_too_old, misfits, temperature_step_k
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.store import CalibrationKind, CalibrationStore, StoredCalibration
+from rigctl.calibrations.store import CalibrationKind, CalibrationStore, StoredCalibration, UnreadFile
 from rigctl.console.json_text import Json
 from rigctl.errors import DataError
 from rigctl.storage.bounded_file import sha256_of
@@ -80,8 +80,9 @@ class Choice:
         return f"no {self.kind} calibration: of {len(self.others)} in the store none fits: {reasons}"
 
 
-def choices_json(choices: Sequence[Choice]) -> dict[str, Json]:
+def choices_json(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> dict[str, Json]:
     """Return what a result says of calibrations where there is a store."""
+    not_read: list[Json] = [{"file": str(one.file), "problem": one.problem} for one in damaged]
     return {
         "calibrations": {one.kind: one.pick.as_json() for one in choices if one.pick is not None},
         "calibrations_not_picked": [
@@ -89,12 +90,14 @@ def choices_json(choices: Sequence[Choice]) -> dict[str, Json]:
             for choice in choices
             for one in choice.others
         ],
+        **({"calibrations_not_read": not_read} if not_read else {}),
     }
 
 
-def choice_lines(choices: Sequence[Choice]) -> tuple[str, ...]:
-    """Return what was picked and why, a line for each kind of which the store has any."""
-    return tuple(choice.line for choice in choices if choice.pick is not None or choice.others)
+def choice_lines(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> tuple[str, ...]:
+    """Return what was picked and why, a line for each kind of which the store has any, and what could not be read."""
+    told = (choice.line for choice in choices if choice.pick is not None or choice.others)
+    return (*told, *(one.line for one in damaged))
 
 
 def choose(
@@ -145,6 +148,8 @@ def choose(
             for other in ranked[place + 1 :]
         )
         why = _why(one, used, fitting=1 + len(rest), unfit=unfit, store=store)
+        same = [other.file.name for other in ranked[place + 1 :] if _rank(other, used) == _rank(one, used)]
+        why += f"; taken at the same time: {', '.join(same)}; the last by name is used" if same else ""
         pick = Pick(
             kind=kind, file=one.file, sha256=sha256_of(one.file), why=why, age_days=age_days(one.made_for, used)
         )

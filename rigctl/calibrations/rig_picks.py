@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rigctl.calibrations.fitness import age_days
 from rigctl.calibrations.made_for import MadeFor, made_for_rig
 from rigctl.calibrations.picking import Choice, choice_lines, choices_json, choose
-from rigctl.calibrations.store import KINDS, CalibrationKind, CalibrationStore, read_store, store_beside
+from rigctl.calibrations.store import KINDS, CalibrationKind, CalibrationStore, UnreadFile, read_store, store_beside
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.numbers.utc_time import utc_text
@@ -20,14 +20,17 @@ NONE = Path("none")
 # Without these nothing is compared; the others are warned of where the store has had them once.
 _NEEDED: tuple[CalibrationKind, ...] = ("noise", "polarizer")
 _SOON_DAYS = 14.0
+# Clocks of two computers may differ by less.
+_CLOCK_DAYS = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigPicks:
-    """What the store has for a rig: a choice for each kind; no store where `store` is None."""
+    """What the store has for a rig: a choice for each kind, and files that cannot be read; None: there is no store."""
 
     store: Path | None = None
     choices: tuple[Choice, ...] = ()
+    damaged: tuple[UnreadFile, ...] = ()
 
     @property
     def files(self) -> dict[CalibrationKind, Path]:
@@ -37,11 +40,11 @@ class RigPicks:
     @property
     def lines(self) -> tuple[str, ...]:
         """What was picked and why, a line for each kind of which the store has any."""
-        return choice_lines(self.choices)
+        return choice_lines(self.choices, self.damaged)
 
     def as_json(self) -> dict[str, Json]:
         """Return what results say of it; nothing where there is no store."""
-        return {} if self.store is None else choices_json(self.choices)
+        return {} if self.store is None else choices_json(self.choices, self.damaged)
 
 
 def picked_for_rig(
@@ -76,7 +79,7 @@ def picked_for_rig(
     used = made_for_rig(rig, now_utc=utc_text(now_ns))
     wanted = [kind for kind, path in named.items() if path is None]
     choices = (choose(found, kind, used, require_usable=_usable(kind, rig, used)) for kind in wanted)
-    return RigPicks(store=found.folder, choices=tuple(choices))
+    return RigPicks(store=found.folder, choices=tuple(choices), damaged=found.damaged)
 
 
 def store_doubts(rig: "RigFile", rig_path: Path, *, now_ns: int) -> tuple[str, ...]:
@@ -85,7 +88,8 @@ def store_doubts(rig: "RigFile", rig_path: Path, *, now_ns: int) -> tuple[str, .
     if store is None:
         return ()
     used = made_for_rig(rig, now_utc=utc_text(now_ns))
-    return tuple(doubt for kind in KINDS for doubt in _doubts(store, kind, rig, used))
+    doubts = (doubt for kind in KINDS for doubt in _doubts(store, kind, rig, used))
+    return (*doubts, *(one.line for one in store.damaged))
 
 
 def _store(rig_path: Path, store: Path | None) -> CalibrationStore | None:
@@ -107,6 +111,8 @@ def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used
         return
     made = next(one.made_for for one in there if one.file == choice.pick.file)
     days = age_days(made, used)
+    if days is not None and days < -_CLOCK_DAYS:
+        yield f"{kind} calibration: {choice.pick.file} is of {-days:.0f} days from now: look at the clock, then and now"
     left = None if days is None or made.valid_days is None else made.valid_days - days
     if left is not None and left < _SOON_DAYS:
         yield f"{kind} calibration: {choice.pick.file} expires in {left:.0f} days: make a new one"
@@ -149,4 +155,4 @@ def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, name
     from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
 
     choice = choose(found, "noise", used, require_usable=lambda path: require_noise_fits(read_noise_file(path), used))
-    return RigPicks(store=found.folder, choices=(choice,))
+    return RigPicks(store=found.folder, choices=(choice,), damaged=found.damaged)

@@ -16,6 +16,7 @@ KINDS: tuple[CalibrationKind, ...] = get_args(CalibrationKind)
 STORE_FOLDER = "calibrations"
 _DEPTH = 2
 _MOST_FILES = 5000
+_OF_ANOTHER_KIND = "is no calibration of frames"
 _WATCHED = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
 Numbers = Mapping[str, Measured[float]]
 
@@ -47,10 +48,16 @@ class StoredCalibration:
 
 @dataclass(frozen=True, kw_only=True)
 class UnreadFile:
-    """A file of a store that is no calibration that this program reads, and why."""
+    """A file of a store that is no calibration that this program reads, and why; of another kind, or damaged."""
 
     file: Path
     problem: str
+    is_damaged: bool = True
+
+    @property
+    def line(self) -> str:
+        """It in a line that a person reads."""
+        return f"calibration not read: {self.file}: {self.problem.partition(chr(10))[0]}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +67,11 @@ class CalibrationStore:
     folder: Path
     calibrations: tuple[StoredCalibration, ...]
     unread: tuple[UnreadFile, ...] = ()
+
+    @property
+    def damaged(self) -> tuple[UnreadFile, ...]:
+        """Files that may be calibrations, and cannot be read."""
+        return tuple(one for one in self.unread if one.is_damaged)
 
     def of(self, kind: CalibrationKind) -> tuple[StoredCalibration, ...]:
         """Return the calibrations of a kind, the oldest first."""
@@ -91,7 +103,8 @@ def read_store(folder: Path) -> CalibrationStore:
         try:
             found.append(read_stored(file))
         except DataError as error:
-            unread.append(UnreadFile(file=file, problem=str(error).removeprefix(f"{file}: ")))
+            problem = str(error).removeprefix(f"{file}: ")
+            unread.append(UnreadFile(file=file, problem=problem, is_damaged=problem != _OF_ANOTHER_KIND))
     found.sort(key=lambda one: (one.made_for.taken_utc or "", str(one.file)))
     return CalibrationStore(folder=folder, calibrations=tuple(found), unread=tuple(unread))
 
@@ -180,4 +193,4 @@ def _kind_of(file: Path) -> CalibrationKind:
     for known in KINDS:
         if kind == known:
             return known
-    raise DataError(f"{file}: is no calibration of frames")
+    raise DataError(f"{file}: {_OF_ANOTHER_KIND}")

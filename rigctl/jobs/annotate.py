@@ -18,7 +18,7 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run, read_run
 
 _SPAN = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
-_SHOWN = 8
+_SHOWN, _MOST_NAME = 8, 200
 # The fewest directions that tell S0, S1 and S2.
 _LEAST_ANGLES = 3
 Clock = Callable[[], int]
@@ -246,6 +246,8 @@ def _who(by: str | None) -> str:
     if by is not None:
         return _said("--by", by)
     try:
-        return getpass.getuser()
+        name = getpass.getuser()
     except (OSError, KeyError):  # a container may know no name for its user
         return "unknown"
+    # The environment may say anything for it.
+    return "".join(letter if letter.isprintable() else "?" for letter in name.strip()[:_MOST_NAME]) or "unknown"

@@ -84,7 +84,7 @@ class CalibrationsOverview:
             "not_read": [{"file": str(one.file), "problem": one.problem} for one in self.store.unread],
             "history": [one.as_json() for one in self.histories],
         }
-        return content if self.choices is None else content | choices_json(self.choices)
+        return content if self.choices is None else content | choices_json(self.choices, ())
 
 
 def look_at_calibrations(request: CalibrationsRequest) -> CalibrationsOverview:

@@ -12,7 +12,7 @@ from rigctl.calibrations.polarizer.polarizer_file import read_fitting_polarizer
 from rigctl.calibrations.radiometric_file import read_fitting_radiometric
 from rigctl.calibrations.registration.registration_file import read_fitting_registration
 from rigctl.calibrations.rig_picks import NONE
-from rigctl.calibrations.store import STORE_FOLDER, CalibrationKind, read_store
+from rigctl.calibrations.store import STORE_FOLDER, CalibrationKind, UnreadFile, read_store
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.measurement.flat_division import flat_division
@@ -39,20 +39,23 @@ class PickedCalibrations:
         Where was looked; None where there is no store, and nothing is picked.
     choices : tuple of Choice
         What was picked, kind by kind, and what was not.
+    damaged : tuple of UnreadFile
+        Files of the store that may be calibrations, and cannot be read.
     """
 
     paths: CalibrationPaths
     store: Path | None = None
     choices: tuple[Choice, ...] = ()
+    damaged: tuple[UnreadFile, ...] = ()
 
     @property
     def lines(self) -> tuple[str, ...]:
         """What was picked and why, a line for each kind of which the store has any."""
-        return choice_lines(self.choices)
+        return choice_lines(self.choices, self.damaged)
 
     def as_json(self) -> dict[str, Json]:
         """Return what results say of it; nothing where there is no store."""
-        return {} if self.store is None else choices_json(self.choices)
+        return {} if self.store is None else choices_json(self.choices, self.damaged)
 
 
 def calibration_paths(
@@ -106,7 +109,7 @@ def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calibratio
         for kind in wanted
     )
     picked = {choice.kind: choice.pick.file for choice in choices if choice.pick is not None}
-    return PickedCalibrations(paths=paths.with_files(picked), store=folder, choices=choices)
+    return PickedCalibrations(paths=paths.with_files(picked), store=folder, choices=choices, damaged=store.damaged)
 
 
 def store_of_run(run: Run) -> Path | None:

@@ -10,7 +10,7 @@ from calibration.control_chart import control_chart
 from rigctl import cli
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.picking import choose
-from rigctl.calibrations.rig_picks import store_doubts
+from rigctl.calibrations.rig_picks import picked_for_scene, store_doubts
 from rigctl.calibrations.store import read_store
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import load_rig
@@ -149,6 +149,29 @@ def test_plan_warns_of_what_is_missing_and_of_what_expires(folder, tmp_path):
     assert "n.json expires in 6 days" in expires
     write_noise(folder, "n.json", taken="2026-06-01", valid_days=10.0)
     assert any("too far in time" in doubt for doubt in store_doubts(rig, rig_file, now_ns=now_ns))
+    write_noise(folder, "n.json", taken="2027-06-01")
+    (folder / "torn.json").write_text('{"gain_dn_per_e": {"val')
+    doubts = store_doubts(rig, rig_file, now_ns=now_ns)
+    assert any("is of 351 days from now: look at the clock" in doubt for doubt in doubts)
+    assert any("calibration not read: " in doubt and "torn.json: is no JSON file" in doubt for doubt in doubts)
+
+
+def test_of_equal_times_the_last_by_name_is_used_and_that_is_said(folder):
+    for name in ("b.json", "a.json", "c.json"):
+        write_noise(folder, name, taken="2026-05-01")
+    found = _picked(folder).pick
+    assert found.file.name == "c.json"
+    assert "taken at the same time: b.json, a.json; the last by name is used" in found.why
+
+
+def test_a_damaged_file_of_the_store_is_said_beside_what_is_picked(folder):
+    write_noise(folder, "n.json", taken="2026-05-01")
+    (folder / "torn.json").write_text('{"gain_dn_per_e": {"val')
+    (folder / "lens.json").write_text('{"kind": "lens"}')
+    used = replace(USED, camera_serial=None)
+    found = picked_for_scene(folder.parent / "scene.toml", used, None, None)
+    assert [line.partition(":")[0] for line in found.lines] == ["noise calibration", "calibration not read"]
+    assert [one["file"] for one in found.as_json()["calibrations_not_read"]] == [str(folder / "torn.json")]
 
 
 def test_control_limits_hold_what_does_not_move_and_show_what_does():

@@ -256,3 +256,16 @@ def test_what_is_noted_stands_in_log_info_summary_and_the_live_page(run, tmp_pat
     assert cli.main(["summary", str(run), "--out", str(tmp_path / "s.html")]) == 0
     assert "a cloud passed" in (tmp_path / "s.html").read_text()
     assert {"note", "exclude"} <= {one.event for one in RunReader(run).look().events}
+
+
+def test_a_login_name_of_the_environment_is_made_to_fit_a_line(tmp_path, monkeypatch):
+    run = _run(tmp_path / "run")
+    monkeypatch.setenv("LOGNAME", "ann\n\x1b[31mbob")
+    assert note_run(run, "seen", at=None, by=None).annotation.by == "ann??[31mbob"
+
+    def unknown():
+        raise KeyError("uid not found")
+
+    monkeypatch.setattr("getpass.getuser", unknown)
+    assert note_run(run, "seen", at=None, by=None).annotation.by == "unknown"
+
