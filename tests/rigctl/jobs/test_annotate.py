@@ -268,4 +268,3 @@ def test_a_login_name_of_the_environment_is_made_to_fit_a_line(tmp_path, monkeyp
 
     monkeypatch.setattr("getpass.getuser", unknown)
     assert note_run(run, "seen", at=None, by=None).annotation.by == "unknown"
-
