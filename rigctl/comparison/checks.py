@@ -34,6 +34,8 @@ _PAIRS_REFUSED, _PAIRS_FLAGGED = 0.08, 0.01
 # Blur and edges that lie a tenth of a pixel apart feign up to this much in a scene with structure.
 _CURVATURE_FLAGGED = 0.02
 _CURVATURE_REFUSED = 0.1
+# Standard error, as a share of its size, of a response that no fit could follow.
+_UNKNOWN = 0.5
 _CLIPPED_FLAGGED = 0.05
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
@@ -151,12 +153,15 @@ def _linear(found: RunDiagnosis) -> Check:
     if best.named and abs(best.value) > _CURVATURE_FLAGGED:
         verdict = "refused" if abs(best.value) > _CURVATURE_REFUSED else "flagged"
     meant = "off a line at the mean light" if best.name == RESPONSES[0] else "off 1 in its exponent"
+    size = f"{best.value:+.2%} +- {best.std_error:.2%} {meant}"
+    if best.named and best.std_error >= _UNKNOWN * abs(best.value):
+        size = "too far off a line to be measured"
     return Check(
         name=name,
         verdict=verdict,
-        text=f"what the angles leave over goes with the light as a response that is {best.value:+.2%} +- "
-        f"{best.std_error:.2%} {meant}; flagged above {_CURVATURE_FLAGGED:.0%} where it is told from other faults, "
-        f"refused above {_CURVATURE_REFUSED:.0%}: gamma, tone mapping, saturation, or a dark level that is wrong",
+        text=f"what the angles leave over goes with the light as a response that is {size}; flagged above "
+        f"{_CURVATURE_FLAGGED:.0%} where it is told from other faults, refused above {_CURVATURE_REFUSED:.0%}: gamma, "
+        "tone mapping, saturation, or a dark level that is wrong",
     )
 
 

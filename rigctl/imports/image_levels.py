@@ -114,6 +114,15 @@ def _fraction(levels: NDArray[np.int64], value_dn: int) -> float:
     return float(levels[value_dn] / levels.sum())
 
 
+def _lonely_ends(occupied: NDArray[np.intp], step: int) -> list[int]:
+    """Return the lowest and the highest count where nothing is near: what a border holds, or where counts are cut."""
+    if occupied.size < _TELLING_COUNTS:
+        return []
+    far = 2 * step
+    low = [int(occupied[0])] if occupied[1] - occupied[0] > far else []
+    return low + ([int(occupied[-1])] if occupied[-1] - occupied[-2] > far else [])
+
+
 def odd_pattern(levels: NDArray[np.int64]) -> str:
     """Return what a histogram of counts says of bits that are not a camera's own, in words; empty where nothing.
 
@@ -130,6 +139,7 @@ def odd_pattern(levels: NDArray[np.int64]) -> str:
     step = 1 << common_zero_bits(levels)
     # A border or a clipped sky is a spike, and no end of the range.
     plain = np.minimum(levels, _SPIKE * np.median(levels[levels > 0])) if levels.any() else levels
+    plain[_lonely_ends(np.flatnonzero(levels), step)] = 0
     shares = np.cumsum(plain) / max(float(plain.sum()), 1.0)
     low, high = (int(np.searchsorted(shares, share)) for share in (_TRIMMED, 1.0 - _TRIMMED))
     low += -low % step

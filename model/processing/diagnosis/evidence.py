@@ -6,13 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.diagnosis.causes import Cause
+from model.processing.diagnosis.causes import SHARED, Cause
 from model.special_functions import fdtrc
 
 FloatArray = NDArray[np.float64]
 
 # Errors of a fault that are this much larger than any rig's faults tell nothing.
 _USELESS = 4.0
+# Curvature, or exponent less 1, of a response whose counts are not light.
+_BENT = 0.1
 # Share of a regressor's size that is left after others, below which it is one of them.
 _NOTHING_LEFT = 1e-6
 
@@ -127,13 +129,21 @@ def _statistic(fitted: Estimates, which: int) -> float:
 
 
 def by_size(evidence: Evidence, chosen: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the causes by how many of its errors each is off, the most first; what is no fault comes last."""
+    """Return the causes by how many of its errors each is off, the most first.
+
+    Notes
+    -----
+    A response so far off a line comes before all others, which were measured in counts that are not light; what is no
+    fault comes last.
+    """
     if not chosen:
         return ()
     fitted = estimates(evidence, chosen)
 
-    def rank(at: int) -> tuple[bool, float]:
-        return not evidence.causes[chosen[at]].is_fault, -_statistic(fitted, at)
+    def rank(at: int) -> tuple[bool, bool, float]:
+        cause = evidence.causes[chosen[at]]
+        is_bent = cause.name in SHARED and abs(fitted.size_of(at)[0]) > _BENT
+        return not cause.is_fault, not is_bent, -_statistic(fitted, at)
 
     return tuple(chosen[at] for at in sorted(range(len(chosen)), key=rank))
 

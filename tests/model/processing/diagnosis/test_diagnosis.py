@@ -230,3 +230,10 @@ def test_a_response_too_far_off_a_line_has_no_narrow_error() -> None:
         assert term.value is not None
         assert term.std_error is not None
         assert term.std_error >= 0.5 * abs(term.value)
+
+
+def test_a_response_far_off_a_line_is_said_before_what_was_measured_with_it() -> None:
+    found = _diagnosed(replace(_world(1), black_dn=0.0), Faults(tone=0.8, throughput={0: 0.06, 2: 0.06}), 1)
+    assert {name for name, _ in _named(found)} >= {"throughput of pairs"}
+    assert found.first is not None
+    assert found.first.name.startswith("response")
