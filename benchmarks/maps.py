@@ -4,8 +4,8 @@ Usage: python -m benchmarks.maps [--peer PYTHON] [--rounds 30]
 
 PYTHON is an interpreter that has polanalyser (`python -m benchmarks.page --make-peers` makes one): it computes the same
 frames in a process of its own, in turn with ours. numba is left out where it is not installed (`rigctl[fast]`). Each
-takes its turn round by round; of its times on the processor, of all its threads, the least counts, so that other work
-on the machine counts little.
+takes its turn round by round, and the least of its times counts: on the clock, and on the processor, of all its
+threads, where other work on the machine counts less.
 """
 
 import argparse
@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,24 +37,31 @@ height, width = map(int, sys.argv[1:])
 frames = list(np.random.default_rng(1).integers(500, 3500, (4, height, width), dtype=np.uint16))
 angles = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 for _ in sys.stdin:
-    start = time.process_time()
+    start = time.perf_counter(), time.process_time()
     stokes = polanalyser.calcStokes(frames, angles)
     polanalyser.cvtStokesToDoLP(stokes)
     polanalyser.cvtStokesToAoLP(stokes)
-    print(time.process_time() - start, flush=True)
+    print(time.perf_counter() - start[0], time.process_time() - start[1], flush=True)
 """
 
 
-def processor_s(work: Callable[[], object]) -> float:
-    """Return the time of a call on the processor."""
-    start_s = time.process_time()
+class Times(NamedTuple):
+    """Time of a call on the clock and on the processor [s]."""
+
+    clock_s: float
+    processor_s: float
+
+
+def timed(work: Callable[[], object]) -> Times:
+    """Return the times of a call."""
+    clock_s, processor_s = time.perf_counter(), time.process_time()
     work()
-    return time.process_time() - start_s
+    return Times(time.perf_counter() - clock_s, time.process_time() - processor_s)
 
 
 @contextmanager
-def peer_call(python: str | None, shape: tuple[int, int]) -> Iterator[Callable[[], float] | None]:
-    """Give what has the peer compute once, and returns its time on the processor; None without a peer."""
+def peer_call(python: str | None, shape: tuple[int, int]) -> Iterator[Callable[[], Times] | None]:
+    """Give what has the peer compute once, and returns its times; None without a peer."""
     if python is None:
         yield None
         return
@@ -63,10 +71,10 @@ def peer_call(python: str | None, shape: tuple[int, int]) -> Iterator[Callable[[
         if asked is None or answered is None:
             raise OSError("the peer's process has no streams")
 
-        def call() -> float:
+        def call() -> Times:
             asked.write("\n")
             asked.flush()
-            return float(answered.readline())
+            return Times(*map(float, answered.readline().split()))
 
         yield call
         asked.close()
@@ -86,20 +94,19 @@ def contenders(frames: np.ndarray) -> dict[str, Callable[[], object]]:
     return found
 
 
-def best_ms(height: int, width: int, *, rounds: int, peer: str | None) -> dict[str, float]:
-    """Return the least time of each contender over the rounds [ms]; two rounds before warm caches up."""
+def best(height: int, width: int, *, rounds: int, peer: str | None) -> dict[str, Times]:
+    """Return the least times of each contender over the rounds; two rounds before warm caches up."""
     frames = np.random.default_rng(1).integers(500, 3500, (4, height, width), dtype=np.uint16)
-    ours = contenders(frames)
     with peer_call(peer, (height, width)) as call:
-        timed = {name: partial(processor_s, work) for name, work in ours.items()}
+        calls = {name: partial(timed, work) for name, work in contenders(frames).items()}
         if call is not None:
-            timed["polanalyser"] = call
-        times: dict[str, list[float]] = {name: [] for name in timed}
+            calls["polanalyser"] = call
+        times: dict[str, list[Times]] = {name: [] for name in calls}
         for _ in range(rounds + 2):
-            for name, once in timed.items():
+            for name, once in calls.items():
                 # Several in a row: a caller's loop finds its frames in the cache as well.
-                times[name].append(1000.0 * min(once() for _ in range(_IN_A_ROW)))
-    return {name: min(found[2:]) for name, found in times.items()}
+                times[name] += [once() for _ in range(_IN_A_ROW)]
+    return {name: Times(*map(min, zip(*found[2 * _IN_A_ROW :], strict=True))) for name, found in times.items()}
 
 
 def main() -> int:
@@ -110,13 +117,17 @@ def main() -> int:
     options = parser.parse_args()
     cpu = Path("/proc/cpuinfo")
     has = cpu.exists() and "avx512f" in cpu.read_text()
-    print(f"Processor {'with' if has else 'without'} AVX-512; least of {options.rounds} rounds, on the processor.")
+    print(f"Processor {'with' if has else 'without'} AVX-512; the least of {options.rounds} rounds of {_IN_A_ROW}.")
     for height, width in SIZES:
-        times = best_ms(height, width, rounds=options.rounds, peer=options.peer)
-        print(f"{width} x {height}")
-        for name, time_ms in times.items():
-            peer = f"{times['polanalyser'] / time_ms:6.1f} x peer" if "polanalyser" in times else ""
-            print(f"{name:>18} {time_ms:8.2f} ms {time_ms / times['copy of float32']:6.1f} copies {peer}".rstrip())
+        times = best(height, width, rounds=options.rounds, peer=options.peer)
+        copy, peer = times["copy of float32"], times.get("polanalyser")
+        print(f"\n{f'{width} x {height}':>16}   clock   copies  of peer   processor  copies  of peer")
+        for name, one in times.items():
+            shown = [
+                f"{1000.0 * own:9.2f} ms {own / of_copy:6.1f} {'' if theirs is None else f'{theirs / own:7.1f} x':>9}"
+                for own, of_copy, theirs in zip(one, copy, peer or (None, None), strict=True)
+            ]
+            print(f"{name:>16} {'  '.join(shown)}".rstrip())
     return 0
 
 

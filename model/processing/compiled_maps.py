@@ -52,6 +52,8 @@ _half_argument: Callable[[np.float32, np.float32], np.float32] = numba.njit(
 
 
 def _fill_maps(
+    first: int,
+    last: int,
     counts: NDArray[np.uint16] | Float32Array,
     inverse: Float32Array,
     whole_dn: Float32Array,
@@ -67,6 +69,8 @@ def _fill_maps(
 
     Parameters
     ----------
+    first, last
+        The pixels that are filled: from `first` to before `last`.
     counts
         Shape (N, P), contiguous [DN].
     inverse
@@ -78,9 +82,9 @@ def _fill_maps(
     s0, s1, s2, dolp, aolp_rad, valid
         Shape (P,), filled.
     """
-    angles, pixels = counts.shape
-    for start in range(0, pixels, _BLOCK):
-        size = min(_BLOCK, pixels - start)
+    angles = counts.shape[0]
+    for start in range(first, last, _BLOCK):
+        size = min(_BLOCK, last - start)
         a, b, c = s0[start : start + size], s1[start : start + size], s2[start : start + size]
         d, e, good = dolp[start : start + size], aolp_rad[start : start + size], valid[start : start + size]
         for angle in range(angles):

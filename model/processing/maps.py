@@ -5,6 +5,8 @@ DoLP, and of AoLP times DoLP, against the same formulas in double precision. Row
 processor's cache; memory is the result and some blocks.
 """
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +21,8 @@ Engine = Literal["numpy", "fast"]
 
 # Pixels that go through at once: 130 kB a plane, so that the planes of a block stay in the second-level cache.
 BLOCK_PIXELS = 32_768
+# Below this a thread takes longer to begin than it saves; memory feeds no more than some.
+_PIXELS_A_THREAD, _MOST_THREADS = 1_000_000, 4
 # The direction pi is the direction 0, and single precision rounds pi itself up.
 _BELOW_HALF = np.nextafter(np.float32(0.5), np.float32(0.0))
 
@@ -153,13 +157,31 @@ def _by_numpy(
     inverse = design.inverse.astype(np.float32)
     counts, stokes = frames.reshape(frames.shape[0], -1), maps.stokes.reshape(3, -1)
     dolp, angle, valid = maps.dolp.reshape(-1), maps.aolp_rad.reshape(-1), maps.valid.reshape(-1)
-    signal, spare = np.empty((counts.shape[0], BLOCK_PIXELS), dtype=np.float32), np.empty(BLOCK_PIXELS, np.float32)
-    for start in range(0, counts.shape[1], BLOCK_PIXELS):
-        here = slice(start, min(start + BLOCK_PIXELS, counts.shape[1]))
-        size = here.stop - here.start
-        part = stokes[:, here]
-        _stokes_of(counts[:, here], dark if dark.ndim == 1 else dark[:, here], inverse, signal[:, :size], part)
-        _polar(part, dolp[here], angle[here], valid[here], spare[:size])
+
+    def fill(first: int, last: int) -> None:
+        signal, spare = np.empty((counts.shape[0], BLOCK_PIXELS), dtype=np.float32), np.empty(BLOCK_PIXELS, np.float32)
+        for start in range(first, last, BLOCK_PIXELS):
+            here = slice(start, min(start + BLOCK_PIXELS, last))
+            size = here.stop - here.start
+            part = stokes[:, here]
+            _stokes_of(counts[:, here], dark if dark.ndim == 1 else dark[:, here], inverse, signal[:, :size], part)
+            _polar(part, dolp[here], angle[here], valid[here], spare[:size])
+
+    _in_threads(fill, dolp.size)
+
+
+def _in_threads(fill: Callable[[int, int], None], pixels: int) -> None:
+    """Fill all pixels; those of large pictures by a thread for each processor."""
+    threads = min(pixels // _PIXELS_A_THREAD, _MOST_THREADS, os.cpu_count() or 1)
+    if threads < 2:
+        fill(0, pixels)
+        return
+    from concurrent.futures import ThreadPoolExecutor  # large pictures only
+
+    edges = np.linspace(0, pixels, threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(fill, edges[:-1], edges[1:]):
+            pass
 
 
 def _stokes_of(
@@ -219,16 +241,13 @@ def _by_numba(
         counts, dark = np.subtract(counts, dark, dtype=np.float64).astype(np.float32), np.zeros(counts.shape[0])
     inverse = design.inverse.astype(np.float32)
     whole, rest = split_dark(dark)
-    fill_maps(
-        np.ascontiguousarray(counts),
-        inverse,
-        whole,
-        inverse @ rest,
-        *maps.stokes.reshape(3, -1),
-        maps.dolp.reshape(-1),
-        maps.aolp_rad.reshape(-1),
-        maps.valid.reshape(-1),
-    )
+    together = np.ascontiguousarray(counts)
+    planes = (*maps.stokes.reshape(3, -1), maps.dolp.reshape(-1), maps.aolp_rad.reshape(-1), maps.valid.reshape(-1))
+
+    def fill(first: int, last: int) -> None:
+        fill_maps(first, last, together, inverse, whole, inverse @ rest, *planes)
+
+    _in_threads(fill, maps.dolp.size)
 
 
 def _fill_deviations(maps: PolarizationMaps, design: Design, sigma: FloatArray | Float32Array) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model.moments import Moments
-from model.processing import dolp
+from model.processing import dolp, maps
 from model.processing.maps import Engine, polarization_maps
 from model.processing.reconstruction import Design, design
 from model.processing.stokes_ratios import aolp_moments_rad
@@ -95,6 +95,18 @@ def test_unpolarized_light_has_angle_0_and_no_known_direction(engine: Engine):
     assert abs(found.dolp[0, 0]) < SINGLE
     assert 0.0 <= found.aolp_rad[0, 0] < np.pi
     assert stokes[0] == pytest.approx(200.0, rel=SINGLE)
+
+
+@engines
+def test_threads_fill_the_same_maps(engine: Engine, monkeypatch: pytest.MonkeyPatch):
+    plan = design(np.deg2rad([0, 45, 90, 135]))
+    frames = np.random.default_rng(3).integers(100, 4000, (4, 61, 67), dtype=np.uint16)
+    alone = polarization_maps(frames, plan, dark_dn=64.3, engine=engine)
+    monkeypatch.setattr(maps, "_PIXELS_A_THREAD", 1000)
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    together = polarization_maps(frames, plan, dark_dn=64.3, engine=engine)
+    for name in ("stokes", "dolp", "aolp_rad", "valid"):
+        np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
 
 
 @engines
