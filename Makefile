@@ -26,8 +26,10 @@ check: $(STAMP)
 docs: $(DOCS_STAMP)
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 
+# Writes docs/benchmarks.md. Programs of others are timed beside ours once `python -m benchmarks.page --make-peers` has
+# made their environments.
 bench: $(STAMP)
-	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+	$(BIN)/python -m benchmarks.page
 
 trials: $(STAMP)
 	$(BIN)/python -m benchmarks.trials

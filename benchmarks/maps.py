@@ -1,6 +1,6 @@
 """What maps of S0, S1, S2, DoLP and AoLP cost, beside polanalyser and a copy of the frames, all in one run.
 
-Usage: python -m benchmarks.maps [--peer PYTHON] [--rounds 30]
+Usage: python -m benchmarks.maps [--peer PYTHON] [--rounds 10]
 
 PYTHON is an interpreter that has polanalyser (`python -m benchmarks.page --make-peers` makes one): it computes the same
 frames in a process of its own, in turn with ours. numba is left out where it is not installed (`rigctl[fast]`). Each
@@ -113,7 +113,7 @@ def main() -> int:
     """Print times and ratios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peer", metavar="PYTHON")
-    parser.add_argument("--rounds", type=int, default=30)
+    parser.add_argument("--rounds", type=int, default=10)
     options = parser.parse_args()
     cpu = Path("/proc/cpuinfo")
     has = cpu.exists() and "avx512f" in cpu.read_text()

@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "benchmarks.md"
 # Peer -> what pip installs for it.
 PEERS = {
-    "polanalyser": "polanalyser==3.0.0",
+    "polanalyser": "polanalyser==3.0.0 numpy matplotlib opencv-contrib-python-headless",
     "emva1288": "emva1288==1.0.2 numpy<2 scipy<1.14",
     "pbrdf": "pySCATMECH==0.1.10 mitsuba==3.9.1",
 }
