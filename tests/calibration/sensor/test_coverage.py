@@ -85,6 +85,13 @@ def test_gain_and_read_noise(case: LEVELS, name: str, truth: float) -> None:
     assert inside([getattr(one, name) for one in calibrations(case)], truth) >= LEAST_INSIDE
 
 
+def test_scores_of_the_gain_where_the_response_is_bent() -> None:
+    scores = np.array([(one.gain_dn_per_e.value - GAIN) / one.gain_dn_per_e.std_error for one in calibrations(bent)])
+    # As without a bend: 4 sigma of 50 normal draws.
+    assert abs(scores.mean()) < 4.0 / np.sqrt(N_SEEDS)
+    assert abs(scores.var(ddof=1) - 1.0) < 4.0 * np.sqrt(2.0 / (N_SEEDS - 1))
+
+
 def test_prnu_in_uneven_light() -> None:
     # With the shading of 6 % the spatial variance is four times that of the pixels alone.
     assert inside([one.prnu for one in calibrations(unevenly_lit)], 0.01) >= LEAST_INSIDE
