@@ -116,7 +116,8 @@ class AravisDevice:
     def lose_packets(self, share: float) -> None:
         """Leave out this share of the packets of pictures until the power goes."""
         with self._lock:
-            self._gobject.g_object_set(_POINTER(self._camera), b"gvsp-lost-ratio", ctypes.c_double(share), None)
+            if self._camera is not None:
+                self._gobject.g_object_set(_POINTER(self._camera), b"gvsp-lost-ratio", ctypes.c_double(share), None)
 
     def _registers(self) -> int:
         if self._camera is None:

@@ -54,6 +54,8 @@ class FaultyPower:
         What, and when.
     power_down, power_up, forget : callable
         What makes the power go and come back, and changes a setting.
+    cut : callable
+        What keeps the picture at which the power goes from being sent, on a machine that is slow to let it go.
 
     Notes
     -----
@@ -68,9 +70,10 @@ class FaultyPower:
         power_down: Callable[[], None],
         power_up: Callable[[], None],
         forget: Callable[[], None],
+        cut: Callable[[], None] = lambda: None,
     ) -> None:
         self._faults = faults
-        self._power_down, self._power_up, self._forget = power_down, power_up, forget
+        self._power_down, self._power_up, self._forget, self._cut = power_down, power_up, forget, cut
         self._pictures = 0
         self._is_for_good = False
         self._is_over = threading.Event()
@@ -95,6 +98,7 @@ class FaultyPower:
         if number in (faults.die, faults.restart):
             # Another picture may be counted before the power goes.
             self._is_for_good = number == faults.die
+            self._cut()
             self._switch.set()
 
     def after_picture(self) -> None:

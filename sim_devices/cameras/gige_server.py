@@ -124,7 +124,13 @@ class _ServedCamera:
             ),
             fill=self._fill,
         )
-        self.power = FaultyPower(faults, power_down=self.device.power_down, power_up=self.power_up, forget=self._forget)
+        self.power = FaultyPower(
+            faults,
+            power_down=self.device.power_down,
+            power_up=self.power_up,
+            forget=self._forget,
+            cut=lambda: self.device.lose_packets(1.0),
+        )
 
     def power_up(self) -> None:
         """Answer on the network, with the settings of a power-up."""
