@@ -57,7 +57,7 @@ def consequence(
         else counts + np.sum(_shifts(parameters, len(counts)) * np.asarray(slopes, dtype=np.float64), axis=1)
     )
     without = stokes_without(rows, still, parameters, light=light)
-    is_known = can_be_undone(parameters, len(counts)) and with_fault[0] > 0.0 and without[0] > 0.0
+    is_known = can_be_undone(parameters) and with_fault[0] > 0.0 and without[0] > 0.0
     if not is_known:
         return Consequence(dolp_shift=None, aolp_shift_rad=None)
     degrees = float(dolp(with_fault)), float(dolp(without))

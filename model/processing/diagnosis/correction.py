@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.diagnosis.causes import PER_FRAME, parameter_count
+from model.processing.diagnosis.causes import PER_FRAME, SHARED, parameter_count
 from model.processing.reconstruction import Design, design_from_system
 
 FloatArray = NDArray[np.float64]
@@ -54,8 +54,9 @@ def frame_faults(parameters: FloatArray, frames: int) -> FrameFaults:
     )
 
 
-def can_be_undone(parameters: FloatArray, frames: int) -> bool:
+def can_be_undone(parameters: FloatArray) -> bool:
     """Return whether faults are so small that a correction undoes all of them."""
+    frames = (len(parameters) - len(SHARED)) // len(PER_FRAME)
     faults = frame_faults(parameters, frames)
     held = np.concatenate([faults.throughput, faults.angle_rad, faults.shift_pixels.T.ravel(), [faults.power]])
     asked = np.delete(parameters, np.s_[2 * frames : 3 * frames])

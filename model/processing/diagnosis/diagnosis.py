@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.processing.diagnosis.causes import PER_FRAME, SHARED, Cause, known_causes
+from model.processing.diagnosis.causes import SHARED, Cause, known_causes
 from model.processing.diagnosis.correction import FrameFaults, can_be_undone, frame_faults
 from model.processing.diagnosis.evidence import estimates, is_useful
 from model.processing.diagnosis.joint_fit import LEAST_SHARE_LEFT, JointFit, fit_faults, share_left
@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 # Correlation of what two causes do to a run, from which they are the same to it.
 _SAME = 0.99
-# Standard error of a fault that is too large to be undone, and so to be fitted about itself, as a share of its size.
+# Standard error, as a share of its size, of a fault too large to be undone and fitted about itself, and of others then.
 _HARDLY_KNOWN = 0.5
 
 
@@ -146,7 +146,7 @@ def _term(fit: JointFit, index: int) -> Term:
     size, error = fitted.size_of(together.index(index))
     reason = _why_not(fit, index, fitted.is_determined, error)
     made = cause.directions @ fitted.values[part]
-    if not reason and not can_be_undone(made, (len(made) - len(SHARED)) // len(PER_FRAME)):
+    if not reason and not (can_be_undone(made) and can_be_undone(fit.parameters)):
         error = max(error, _HARDLY_KNOWN * abs(size))
     return Term(
         name=cause.name,

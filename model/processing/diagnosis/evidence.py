@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.diagnosis.causes import SHARED, Cause
+from model.processing.diagnosis.correction import can_be_undone
 from model.special_functions import fdtrc
 
 FloatArray = NDArray[np.float64]
@@ -133,17 +134,18 @@ def by_size(evidence: Evidence, chosen: tuple[int, ...]) -> tuple[int, ...]:
 
     Notes
     -----
-    A response so far off a line comes before all others, which were measured in counts that are not light; what is no
-    fault comes last.
+    What is too large to be undone comes first, then a response far off a line, for all others were measured in counts
+    that are not light; what is no fault comes last.
     """
     if not chosen:
         return ()
     fitted = estimates(evidence, chosen)
 
-    def rank(at: int) -> tuple[bool, bool, float]:
+    def rank(at: int) -> tuple[bool, bool, bool, float]:
         cause = evidence.causes[chosen[at]]
+        made = cause.directions @ fitted.values[fitted.parts[at]]
         is_bent = cause.name in SHARED and abs(fitted.size_of(at)[0]) > _BENT
-        return not cause.is_fault, not is_bent, -_statistic(fitted, at)
+        return not cause.is_fault, can_be_undone(made), not is_bent, -_statistic(fitted, at)
 
     return tuple(chosen[at] for at in sorted(range(len(chosen)), key=rank))
 
