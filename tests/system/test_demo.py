@@ -11,7 +11,7 @@ import cv2
 import pytest
 from typer.testing import CliRunner
 
-from rigctl.cli import app
+from rigctl.cli import app, main
 from rigctl.jobs import demo
 from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import read_run
@@ -40,6 +40,19 @@ def _rigctl(*arguments, cwd):
     )
 
 
+@pytest.fixture
+def in_process(tmp_path, monkeypatch, capsys):
+    """Gives what runs a command without an interpreter of its own, for what has none to prove: code, answer, errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        code = main([str(argument) for argument in arguments])
+        streams = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, code, streams.out, streams.err)
+
+    return run
+
+
 @pytest.mark.timeout(400)
 def test_demo_does_the_whole_job_and_both_sides_agree(tmp_path):
     result = _rigctl("demo", "--out", "demo", "--seed", "3", "--json", cwd=tmp_path)
@@ -66,27 +79,27 @@ def test_demo_does_not_write_over_a_folder(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-def test_a_stage_that_stalls_ends_with_exit_code_3_and_keeps_what_was_taken(tmp_path):
+def test_a_stage_that_stalls_ends_with_exit_code_3_and_keeps_what_was_taken(tmp_path, in_process):
     rig = (EXAMPLES / "rig-sim.toml").read_text().replace("sim:ellx?speed=20", "sim:ellx?speed=20&stall=2")
     (tmp_path / "rig.toml").write_text(rig)
     (tmp_path / "scene-panels.toml").write_text((EXAMPLES / "scene-panels.toml").read_text())
     result = _rigctl("acquire", "rig.toml", EXAMPLES / "session.toml", "--out", "run", cwd=tmp_path)
     assert result.returncode == 3
     assert "mechanical" in result.stderr
-    info = json.loads(_rigctl("info", "run", "--json", cwd=tmp_path).stdout)
-    assert json.loads(_rigctl("verify", "run", "--json", cwd=tmp_path).stdout)["ok"] is True
+    info = json.loads(in_process("info", "run", "--json").stdout)
+    assert json.loads(in_process("verify", "run", "--json").stdout)["ok"] is True
     assert info["frames"] == 17
 
 
-def test_a_damaged_frame_is_found_and_refused_with_exit_code_4(tmp_path):
+def test_a_damaged_frame_is_found_and_refused_with_exit_code_4(tmp_path, in_process):
     session = tmp_path / "session.toml"
     session.write_text('name = "short"\n[[take]]\nkind = "dark"\nexposure_ms = 1\ncycles = 2\n')
-    assert _rigctl("acquire", EXAMPLES / "rig-sim.toml", session, "--out", "run", cwd=tmp_path).returncode == 0
+    assert in_process("acquire", EXAMPLES / "rig-sim.toml", session, "--out", "run").returncode == 0
     frame = next((tmp_path / "run" / "frames").glob("*.fits"))
     data = bytearray(frame.read_bytes())
     data[20_000] ^= 1
     frame.write_bytes(data)
-    result = _rigctl("verify", "run", "--json", cwd=tmp_path)
+    result = in_process("verify", "run", "--json")
     assert result.returncode == 4
     assert frame.name in json.loads(result.stdout)["bad"][0]["file"]
 
@@ -123,14 +136,14 @@ def _real_file(folder: Path, name: str, file: str) -> str:
         ),
     ],
 )  # fmt: skip
-def test_real_frames_become_a_run_images_and_a_closed_loop_report(tmp_path, name, arguments, region):
+def test_real_frames_become_a_run_images_and_a_closed_loop_report(tmp_path, in_process, name, arguments, region):
     files = [_real_file(tmp_path, name, a) if a.endswith((".png", ".fts")) else a for a in arguments]
-    assert _rigctl("import", "run", *files, cwd=tmp_path).returncode == 0
+    assert in_process("import", "run", *files).returncode == 0
     (tmp_path / "regions.toml").write_text(
         f'[[regions]]\nname = "part"\nrectangle = {{ x = {region[0]}, y = {region[1]}, width = 40, height = 40 }}\n'
     )
-    assert _rigctl("stokes", "run", "--out", "stokes", cwd=tmp_path).returncode == 0
-    result = _rigctl("compare", "run", "--regions", "regions.toml", "--out", "compared", "--json", cwd=tmp_path)
+    assert in_process("stokes", "run", "--out", "stokes").returncode == 0
+    result = in_process("compare", "run", "--regions", "regions.toml", "--out", "compared", "--json")
     # 0 or 5: whether a texture of the real world is Gaussian is for the report to say.
     assert result.returncode in (0, 5), result.stderr
     content = json.loads(result.stdout)
