@@ -2,7 +2,7 @@
 
 Usage: python -m benchmarks.trials [--seeds 200] [--perturbed-seeds 100] [--kills 200] [--lost-terminals 50]
     [--hard-times 5] [--day-cycles 35] [--monkey-cases 5000] [--cuts 50] [--turns 100] [--lossy-frames 100]
-    [--processes 3]
+    [--processes 3] [--cases 10000] [--archived-runs 2000]
 """
 
 import argparse
@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.loop_disk import why_not
+from benchmarks.trial_archive import run_archive
 from benchmarks.trial_damaged_runs import run_damaged
 from benchmarks.trial_day import run_day
 from benchmarks.trial_diagnosis import run_diagnoses
@@ -28,6 +29,7 @@ from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_roof import run_roof
 from benchmarks.trial_rows import run_rows
 from benchmarks.trial_stale_frames import run_turns
+from benchmarks.trial_study import run_study
 from benchmarks.trial_sweeps import run_sweeps
 from benchmarks.trial_tolerance import run_tolerance
 from drivers.cameras.aravis_library import load_aravis
@@ -56,11 +58,15 @@ def main() -> int:
     parser.add_argument("--turns", type=int, default=100)
     parser.add_argument("--lossy-frames", type=int, default=100)
     parser.add_argument("--processes", type=int, default=3)
+    parser.add_argument("--cases", type=int, default=10_000)
+    parser.add_argument("--archived-runs", type=int, default=2000)
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
     sound = run_damaged(arguments.damaged)
     sound &= run_pointing(arguments.seeds)
     sound &= run_monkey(arguments.monkey_cases)
+    sound &= run_study(arguments.cases, kills=10)
+    sound &= run_archive(arguments.archived_runs, arguments.archived_runs // 100, arguments.archived_runs)
     sound &= run_kills(arguments.kills)
     sound &= run_lost_terminals(arguments.lost_terminals)
     sound &= run_hard_times(arguments.hard_times)

@@ -2,8 +2,9 @@
 
 import hashlib
 import logging
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -21,14 +22,20 @@ _TOLD_DIGITS = 12
 # A worker that is killed is started anew and its task given to another; so often before the task is to blame.
 _LOST_WORKERS = 10
 # Of workers of this machine. One thread of linear algebra each, as they are as many as cores. dask has them give freed
-# memory back at once, which costs arrays of some 100 kB a page fault every time, and look at the stack every 10 ms.
+# memory back at once, which costs arrays of some 100 kB a page fault every time, look at the stack every 10 ms, and
+# wake every 20 ms to see how long that took: each time the thread that computes has to let go of the interpreter.
 _OF_WORKERS = {
     "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
     "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.monitor-interval": "1s",
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "5s",
 }
 # Tasks that wait at each worker: its next is there when one is done, and few are lost with the client.
 _WAITING = 2
 _CONNECT_S = 15
+# So long a scheduler may have no workers yet, as when a cluster's queue gives them; so often they are counted.
+_FIRST_WORKER_S, _ASKED_EVERY_S = 60, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,11 +112,12 @@ def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Ite
 def require_same_code(client: Any, packages: tuple[str, ...]) -> None:
     """Refuse workers of another version, and a scheduler without any."""
     try:
+        client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
         codes = client.run(code_version, packages)
+    except TimeoutError as error:
+        raise ConfigError("--scheduler: it has no workers; start some: dask worker ADDRESS --nthreads 1") from error
     except ImportError as error:
         raise ConfigError(f"--scheduler: rigctl is not installed on a worker: {error}") from error
-    if not codes:
-        raise ConfigError("--scheduler: it has no workers; start some: dask worker ADDRESS --nthreads 1")
     own = code_version(packages)
     others = {worker: code for worker, code in codes.items() if code != own}
     if others:
@@ -154,7 +162,7 @@ def compute_all(
     from distributed.client import FutureCancelledError
 
     under_way: dict[str, TaskT] = {}
-    workers = max(1, len(client.scheduler_info()["workers"]))
+    slots = _Slots(client)
     queue = as_completed()
 
     def give(task: TaskT) -> None:
@@ -162,9 +170,11 @@ def compute_all(
         under_way[future.key] = task
         queue.add(future)
 
-    for _, task in zip(range((1 + _WAITING) * workers), tasks, strict=False):
-        give(task)
-    while under_way:
+    while True:
+        for _, task in zip(range((1 + _WAITING) * slots.count() - len(under_way)), tasks, strict=False):
+            give(task)
+        if not under_way:
+            return
         try:
             future = next(queue)
             task = under_way.pop(future.key)
@@ -179,8 +189,28 @@ def compute_all(
         except (StopIteration, FutureCancelledError, OSError) as error:
             raise DataError(_gone(len(under_way) + 1)) from error
         keep(task, result)
-        for _, following in zip(range(1), tasks, strict=False):
-            give(following)
+
+
+class _Slots:
+    """How many tasks run at once; workers come and go, on a cluster for minutes after the first."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._count, self._asked_s = slots_of(client), time.monotonic()
+
+    def count(self) -> int:
+        """Return how many, as of a few seconds ago."""
+        if time.monotonic() > self._asked_s + _ASKED_EVERY_S:
+            # A scheduler that is gone is told by the next result that does not come.
+            with suppress(OSError):
+                self._count = slots_of(self._client)
+            self._asked_s = time.monotonic()
+        return self._count
+
+
+def slots_of(client: Any) -> int:
+    """Return how many tasks the workers of a client run at once, 1 at least."""
+    return max(1, sum(client.nthreads().values()))
 
 
 def _gone(tasks: int) -> str:

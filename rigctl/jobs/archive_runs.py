@@ -13,7 +13,7 @@ from rigctl.archive.run_rows import RunRow, inputs_hash, read_rows, write_rows
 from rigctl.calibrations.store import KINDS
 from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT
 from rigctl.cluster.held_folder import held_folder
-from rigctl.cluster.on_dask import client_of, code_version, compute_all
+from rigctl.cluster.on_dask import client_of, code_version, compute_all, slots_of
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import load_regions
@@ -150,7 +150,7 @@ def _done(
 
     try:
         with client_of(request.engine, command=f"archive {request.verb}", packages=PACKAGES) as client:
-            workers = max(1, len(client.scheduler_info()["workers"]))
+            workers = slots_of(client)
             compute_all(client, rows_of, _tasks(left, request, workers), keep, parts=_parts, lost=_lost)
     except KeyboardInterrupt:
         return "stopped"

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from rigctl.cluster.held_folder import held_folder
-from rigctl.cluster.on_dask import Engine, client_of, compute_all
+from rigctl.cluster.on_dask import Engine, client_of, compute_all, slots_of
 from rigctl.errors import ConfigError
 from rigctl.files.study_file import SENSITIVITY_KINDS, StudyFile, load_study
 from rigctl.numbers.utc_time import utc_text
@@ -162,7 +162,7 @@ def _computed(request: StudyRequest, plan: _Plan, left: Sequence[Case], tell: Ca
 
     try:
         with client_of(request.engine, command="study", packages=PACKAGES) as client:
-            workers = max(1, len(client.scheduler_info()["workers"]))
+            workers = slots_of(client)
             batches = batches_of(left, plan.scenes, plan.wanted, workers=workers)
             compute_all(client, compute, batches, keep, parts=parts_of, lost=failed)
     except KeyboardInterrupt:

@@ -65,6 +65,7 @@ def test_a_grid_is_what_predict_says_bit_for_bit(tmp_path, engine):
 def test_others_read_the_tables(tmp_path, engine):
     path = study_file(tmp_path, GRID)
     run_study(request(path, engine))
+    import duckdb
     import pandas as pd
     import polars as pl
 
@@ -74,6 +75,8 @@ def test_others_read_the_tables(tmp_path, engine):
     right = table[(table.case == 3) & (table.region == "right")].iloc[0]
     store = opened(path).sel({EXPOSURE: right[EXPOSURE], EFFICIENCY: right[EFFICIENCY]})
     assert right["dolp_mean"] == float(store.dolp_mean.sel(region="right").values[0])
+    asked = f"SELECT dolp_mean FROM '{tmp_path / 'out' / 'study.parquet'}' WHERE \"case\" = 3 AND region = 'right'"
+    assert duckdb.sql(asked).fetchall() == [(right["dolp_mean"],)]
     pairs = pl.read_parquet(tmp_path / "out" / "detection.parquet")
     assert pairs.shape == (10 * 2 * 4, 8)
     one = pairs.filter((pl.col("case") == 3) & (pl.col("pair") == "left on right") & (pl.col("p_false_alarm") == 1e-3))
@@ -141,6 +144,9 @@ def test_an_unknown_quantity_is_refused_with_what_there_is(tmp_path, engine):
 
 def test_a_worker_of_another_version_is_refused(tmp_path):
     class OldWorkers:
+        def wait_for_workers(self, workers, timeout):
+            assert workers == 1
+
         def run(self, function, packages):
             return {"tcp://10.0.0.7:41001": "0.0.1+old", "tcp://10.0.0.8:41001": study_case.code_version()}
 
@@ -151,6 +157,15 @@ def test_a_worker_of_another_version_is_refused(tmp_path):
     wanted = study_case.Wanted(columns=(), detection=False, roc=None, tolerance=None)
     with pytest.raises(ConfigError, match=r"a worker has rigctl .*, the study 0\.0\.1\+old"):
         compute(Batch(scene=study_case.study_scene(study), wanted=wanted, cases=(), code="0.0.1+old"))
+
+
+def test_a_scheduler_without_workers_is_told():
+    class Lonely:
+        def wait_for_workers(self, workers, timeout):
+            raise TimeoutError
+
+    with pytest.raises(ConfigError, match="it has no workers; start some"):
+        require_same_code(Lonely(), study_case.PACKAGES)
 
 
 def test_no_scheduler_is_a_clear_error(tmp_path, monkeypatch):

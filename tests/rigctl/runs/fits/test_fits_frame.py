@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from astropy.io import fits
+from astropy.time import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -150,6 +151,21 @@ def test_header_follows_the_conventions():
     assert header["TIMESYS"] == "UTC"
     assert (header["GAINDB"], header["EGAIN"]) == (0.1, 3.7)
     assert "GAIN" not in header
+
+
+def test_siril_and_ds9_find_what_they_look_for():
+    with fits.open(io.BytesIO(SAMPLE), do_not_scale_image_data=True) as units:
+        header, stored = units[0].header, units[0].data
+    # Unsigned 16 bits as the standard has them, which both undo; no blanks, no mosaic that nobody has.
+    assert (header["BITPIX"], header["NAXIS"], header["BZERO"], header["BSCALE"]) == (16, 2, 32768, 1)
+    assert stored.dtype == np.dtype(">i2")
+    assert "BLANK" not in header
+    assert "BAYERPAT" not in header
+    # Siril: which row is first, the exposure in seconds, and a time without a zone.
+    assert header["ROWORDER"] == "TOP-DOWN"
+    assert header["EXPTIME"] == FULL_RECORD.exposure_s
+    assert Time(header["DATE-OBS"], format="isot", scale="utc").isot.startswith("2026-05-04T10:00:00")
+    assert isinstance(header["CCD-TEMP"], float)
 
 
 def test_sum_carries_around_the_end():
