@@ -208,9 +208,7 @@ def _compared(root: Path, folder: Path, engine: Engine, told: dict[str, str], co
     note_run(root / changed, "a bird", at=None, by="trial")
     again = _done("compare", root, out, engine, settings, where)
     index_archive(root)
-    question_s, agreeing = min(
-        (_timed(lambda: find_runs(root, _QUESTIONS[2])) for _ in range(5)), key=lambda one: one[0]
-    )
+    question_s, agreeing = _asked(root, _QUESTIONS[2])
     print(
         f"{len(single)} of them by `compare` alone: {'bit for bit the same' if same else 'DIFFER'}; whole runs that "
         f"failed: {len(failed - set(told))}; {agreeing} runs agree by the index, asked in {1e3 * question_s:.1f} ms"

@@ -210,7 +210,8 @@ class _Slots:
 
 def slots_of(client: Any) -> int:
     """Return how many tasks the workers of a client run at once, 1 at least."""
-    return max(1, sum(client.nthreads().values()))
+    threads: int = sum(client.nthreads().values())
+    return max(1, threads)
 
 
 def _gone(tasks: int) -> str:
