@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import islice, permutations
 from typing import Literal
 
 import numpy as np
@@ -16,6 +16,8 @@ from model.processing.detection_distribution import condition_warnings
 from model.processing.nedolp import noise_equivalent
 
 FloatArray = NDArray[np.float64]
+# Target, background, and region to prediction.
+PairCase = tuple[str, str, Mapping[str, RegionPrediction]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,39 +143,62 @@ def detections_of_sweep(
     ----------
     [MK14] eq. (30), section IV-B.
     """
-    pairs = permutations(alternatives[0], 2) if alternatives else ()
-    by_pair = [detections_or_reasons(*pair, alternatives, p_false_alarm) for pair in pairs]
-    return tuple(tuple(found[k] for found in by_pair) for k in range(len(alternatives)))
+    pairs = tuple(permutations(alternatives[0], 2)) if alternatives else ()
+    return detections_of_pairs(pairs, alternatives, p_false_alarm)
 
 
-def detections_or_reasons(
-    target: str,
-    background: str,
+def detections_of_pairs(
+    pairs: Sequence[tuple[str, str]],
     alternatives: Sequence[Mapping[str, RegionPrediction]],
     p_false_alarm: Sequence[float],
     *,
     tolerance: float = 1e-10,
-) -> tuple[PairDetection, ...]:
-    """Return what `pair_detection` does for each of several sets of predictions, together where all exist.
+) -> tuple[tuple[PairDetection, ...], ...]:
+    """Return what `pair_detection` does for each pair in each of several sets of predictions.
 
     Parameters
     ----------
-    target, background, p_false_alarm, tolerance
-        As in `pair_detection`.
+    pairs
+        Target and background.
     alternatives
         Each from region to prediction.
+    p_false_alarm, tolerance
+        As in `pair_detection`.
 
     References
     ----------
     [MK14] eq. (30), section IV-B.
     """
+    cases = [(target, background, one) for one in alternatives for target, background in pairs]
+    found = iter(detections_of_cases(cases, p_false_alarm, tolerance=tolerance))
+    return tuple(tuple(islice(found, len(pairs))) for _ in alternatives)
+
+
+def detections_of_cases(
+    cases: Sequence[PairCase], p_false_alarm: Sequence[float], *, tolerance: float = 1e-10
+) -> tuple[PairDetection, ...]:
+    """Return what `pair_detection` does for each of several cases, together where all exist.
+
+    Parameters
+    ----------
+    cases
+        Target, background, and region to prediction of each.
+    p_false_alarm, tolerance
+        As in `pair_detection`.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    if len(cases) < 2:
+        return tuple(pair_detection(*one, p_false_alarm, tolerance=tolerance) for one in cases)
     try:
-        return detections_of_pair(target, background, alternatives, p_false_alarm, tolerance=tolerance)
+        return _together(cases, p_false_alarm, tolerance=tolerance)
     except (ValueError, ArithmeticError):
-        # One that cannot be had is refused together with all others: each is asked for itself then.
-        return tuple(
-            pair_detection(target, background, one, p_false_alarm, tolerance=tolerance) for one in alternatives
-        )
+        # One that cannot be had is refused together with all others: it is looked for in either half.
+        half = len(cases) // 2
+        parts = (detections_of_cases(some, p_false_alarm, tolerance=tolerance) for some in (cases[:half], cases[half:]))
+        return tuple(one for part in parts for one in part)
 
 
 def pair_detection(
@@ -202,7 +227,7 @@ def pair_detection(
     [MK14] eq. (30), section IV-B.
     """
     try:
-        return detections_of_pair(target, background, (predictions,), p_false_alarm, tolerance=tolerance)[0]
+        return _together(((target, background, predictions),), p_false_alarm, tolerance=tolerance)[0]
     except (ValueError, ArithmeticError) as error:
         rates = np.asarray(p_false_alarm, dtype=np.float64)
         nothing = np.full(rates.shape, np.nan)
@@ -276,7 +301,7 @@ def rocs_of_pair(
             for one in alternatives
         ]
     rates = np.asarray(p_false_alarm).tolist()
-    return detections_or_reasons(target, background, alternatives, rates, tolerance=tolerance)
+    return detections_of_cases([(target, background, one) for one in alternatives], rates, tolerance=tolerance)
 
 
 def _counts(prediction: RegionPrediction) -> Moments:
@@ -286,36 +311,15 @@ def _counts(prediction: RegionPrediction) -> Moments:
     return Moments(mean=channels.mean_dn, cov=channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2 + noise)
 
 
-def detections_of_pair(
-    target: str,
-    background: str,
-    alternatives: Sequence[Mapping[str, RegionPrediction]],
-    p_false_alarm: Sequence[float],
-    *,
-    tolerance: float = 1e-10,
+def _together(
+    cases: Sequence[PairCase], p_false_alarm: Sequence[float], *, tolerance: float
 ) -> tuple[PairDetection, ...]:
-    """Return what `pair_detection` does for each of several sets of predictions, in about the time of one.
-
-    Parameters
-    ----------
-    alternatives
-        Each from region to prediction.
-    target, background, p_false_alarm, tolerance
-        As in `pair_detection`.
-
-    Raises
-    ------
-    ValueError
-        In one of them the background's covariance is singular.
-
-    References
-    ----------
-    [MK14] eq. (30), section IV-B.
-    """
+    """Return detection of all cases by one integral; ValueError where a background's covariance is singular."""
     rates = np.asarray(p_false_alarm, dtype=np.float64)
+    targets, backgrounds = ([case[2][case[place]].stokes_dn for case in cases] for place in (0, 1))
     moments = (
-        np.stack([getattr(one[name].stokes_dn, moment) for one in alternatives])
-        for name in (target, background)
+        np.stack([getattr(one, moment) for one in several])
+        for several in (targets, backgrounds)
         for moment in ("mean", "cov")
     )
     curves = rx_roc(rates[:, np.newaxis], *moments, tolerance=tolerance)
@@ -333,5 +337,5 @@ def detections_of_pair(
             auc_error=float(auc_error[k]),
             warnings=condition_warnings(curves.background_condition[k]),
         )
-        for k in range(len(alternatives))
+        for k, (target, background, _) in enumerate(cases)
     )

@@ -1,14 +1,15 @@
 """Error budget of what a user reads, from errors of the light: per setting, and their sum."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.accuracy.estimates.light_error import LightError
-from model.accuracy.estimates.sensitivity import NO_STEPS, Changes, changes, grown, over_field, steps
+from model.accuracy.estimates.sensitivity import NO_STEPS, Changes, Steps, changes, grown, over_field, steps
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.lit_scenario import region_light
 from model.accuracy.evaluation.quantities import Reading, readings
@@ -20,6 +21,8 @@ from model.scene.field_light import FieldLight
 from model.scene.field_of_view import tiles
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
+
+FloatArray = NDArray[np.float64]
 
 # What one more tile along each side changes is what the tiles miss: of the fields of 240 random scenes, by 3 to 5
 # tiles, the middle one by a few hundredths more or less, one of twenty by 0.8 of it or less. A kink may hide from it.
@@ -75,11 +78,14 @@ def error_budget(
     Definition: first order in the errors of the light, whose signs are not known.
     """
     by_setting: dict[str, dict[Reading, float]] = {setting: defaultdict(float) for setting in lights}
+    tried = {}
     for region in result.scenario.regions:
-        if region.name not in result.lights:
-            continue
-        errors = {setting: of_region[region.name] for setting, of_region in lights.items() if region.name in of_region}
-        for setting, found in _of_region(scene, result, region, errors, tolerance=tolerance, tiles=tiles):
+        if region.name in result.lights:
+            errors = {setting: found[region.name] for setting, found in lights.items() if region.name in found}
+            tried[region.name] = _tried(scene, result, region, errors, tolerance=tolerance, tiles=tiles)
+    changed = changes(scene, result, {name: one.lights for name, one in tried.items() if one.lights})
+    for name in changed:
+        for setting, found in tried[name].changed(changed[name]):
             _add(by_setting[setting], found)
     by_setting |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
     every = readings(result.scenario, result.predictions, result.detections)
@@ -87,7 +93,48 @@ def error_budget(
     return Budget(by_setting={setting: dict(errors) for setting, errors in by_setting.items()}, total=total)
 
 
-def _of_region(
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Tried:
+    """Other lights of a region, by which its errors are carried to what a user reads.
+
+    Attributes
+    ----------
+    errors
+        Setting to the error of the light, where there is one.
+    steps
+        Of each component.
+    others
+        The light with its covariance as wide as the errors may make it, and over one more tile along each side.
+    """
+
+    errors: Mapping[str, LightError]
+    steps: Steps
+    others: Mapping[str, RegionLight]
+
+    @property
+    def lights(self) -> tuple[RegionLight, ...]:
+        """All of them."""
+        return (*self.steps.lights, *self.others.values())
+
+    def changed(self, found: Sequence[Changes]) -> Iterator[tuple[str, Changes]]:
+        """Yield settings and changes: by their errors, by differences of these over the field, by the tiles."""
+        moves = self.steps.per_unit(found[: len(self.steps.lights)])
+        changed = dict(zip(self.others, found[len(self.steps.lights) :], strict=True))
+        differ = _differ(self.errors)
+        for setting, error in self.errors.items():
+            if not np.all(np.isfinite(error.field)):
+                # Nothing is known of the light there, as of the air along a line of sight at the horizon.
+                yield setting, dict.fromkeys((key for each in moves for key in each), np.inf)
+                continue
+            yield setting, _moved(moves, error)
+            if _WIDER in changed and np.any(error.field):
+                share = float(np.mean((error.field / differ)[differ > 0.0]))
+                yield setting, {key: share * abs(change) for key, change in changed[_WIDER].items()}
+        if TILES in changed:
+            yield TILES, {key: _OF_MORE_TILES * abs(change) for key, change in changed[TILES].items()}
+
+
+def _tried(
     scene: LitScene,
     result: ChainResult,
     region: RegionLight,
@@ -95,33 +142,20 @@ def _of_region(
     *,
     tolerance: float,
     tiles: bool,
-) -> Iterator[tuple[str, Changes]]:
-    """Yield settings and their changes: by their errors, by the differences of these over the field, by the tiles."""
-    errors = {setting: error for setting, error in errors.items() if not error.is_nothing}
-    differ = sum((error.field for error in errors.values()), np.zeros(3))
-    stepped = steps(region, tolerance=tolerance) if errors else NO_STEPS
+) -> _Tried:
+    there = {setting: error for setting, error in errors.items() if not error.is_nothing}
+    differ = _differ(there)
     others: dict[str, RegionLight] = {}
-    is_known = bool(np.all(np.isfinite(differ)))
-    if is_known and np.any(differ):
+    if np.all(np.isfinite(differ)) and np.any(differ):
         others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
     if tiles and (finer := on_more_tiles(scene, result, region.name)) is not None:
         others[TILES] = finer
-    if not errors and not others:
-        return
-    found = changes(scene, result, region.name, (*stepped.lights, *others.values()))
-    moves = stepped.per_unit(found[: len(stepped.lights)])
-    changed = dict(zip(others, found[len(stepped.lights) :], strict=True))
-    for setting, error in errors.items():
-        if not np.all(np.isfinite(error.field)):
-            # Nothing is known of the light there, as of the air along a line of sight at the horizon.
-            yield setting, dict.fromkeys((key for each in moves for key in each), np.inf)
-            continue
-        yield setting, _moved(moves, error)
-        if is_known and np.any(error.field):
-            share = float(np.mean((error.field / differ)[differ > 0.0]))
-            yield setting, {key: share * abs(change) for key, change in changed[_WIDER].items()}
-    if TILES in changed:
-        yield TILES, {key: _OF_MORE_TILES * abs(change) for key, change in changed[TILES].items()}
+    return _Tried(errors=there, steps=steps(region, tolerance=tolerance) if there else NO_STEPS, others=others)
+
+
+def _differ(errors: Mapping[str, LightError]) -> FloatArray:
+    """Return how far the errors of all settings together may differ over the field."""
+    return sum((error.field for error in errors.values()), np.zeros(3))
 
 
 def _add(errors: dict[Reading, float], more: Changes) -> None:

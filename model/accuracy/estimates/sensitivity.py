@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import ChainResult
-from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
+from model.accuracy.evaluation.quantities import Reading, Readings, readings, signed_differences
 from model.prediction.prediction import RegionPrediction, predict_all
-from model.prediction.region_performance import PairDetection, detections_or_reasons
+from model.prediction.region_performance import detections_of_cases
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
 
@@ -72,39 +72,45 @@ def steps(region: RegionLight, *, tolerance: float) -> Steps:
 
 
 def changes(
-    scene: LitScene, result: ChainResult, name: str, alternatives: Sequence[RegionLight]
-) -> list[dict[Reading, float]]:
-    """Return the changes of the readings for each other light of a region; infinite where a reading is lost.
+    scene: LitScene, result: ChainResult, alternatives: Mapping[str, Sequence[RegionLight]]
+) -> dict[str, list[dict[Reading, float]]]:
+    """Return the changes of the readings for each other light of regions; infinite where a reading is lost.
 
     Parameters
     ----------
     scene, result
         What was evaluated, and what was found.
-    name
-        Of the region.
     alternatives
-        Its other lights.
+        Region to its other lights; of all others the light stays.
     """
-    pairs = tuple(pair for pair in scene.pairs if name in pair)
+    each = [(name, light) for name, lights in alternatives.items() for light in lights]
+    alone = _predicted(result, [light for _, light in each])
+    possible = [(name, found) for (name, _), found in zip(each, alone, strict=True) if found is not None]
+    cases = [
+        (*pair, {**result.predictions, name: found}) for name, found in possible for pair in scene.pairs if name in pair
+    ]
+    detections = iter(detections_of_cases(cases, scene.p_false_alarm, tolerance=result.settings.roc_tolerance))
+    bases = {name: _base(scene, result, name) for name in alternatives}
+    changed: dict[str, list[dict[Reading, float]]] = {name: [] for name in alternatives}
+    for (name, light), found in zip(each, alone, strict=True):
+        if found is None:
+            changed[name].append(dict.fromkeys(bases[name], np.inf))
+            continue
+        of_pairs = tuple(next(detections) for pair in scene.pairs if name in pair)
+        there = readings(replace(result.scenario, regions=(light,)), {name: found}, of_pairs)
+        changed[name].append(signed_differences(bases[name], there))
+    return changed
+
+
+def _base(scene: LitScene, result: ChainResult, name: str) -> Readings:
+    """Return the readings that the light of a region acts on."""
     before = replace(result.scenario, regions=tuple(r for r in result.scenario.regions if r.name == name))
-    concerned = tuple(found for pair, found in zip(scene.pairs, result.detections, strict=True) if pair in pairs)
-    base = readings(before, {name: result.predictions[name]}, concerned)
-    alone = _predicted(result, alternatives)
-    possible = {k: {**result.predictions, name: one} for k, one in enumerate(alone) if one is not None}
-    by_pair = [_detections(scene, result, pair, possible) for pair in pairs]
-
-    def changed(k: int) -> dict[Reading, float]:
-        if k not in possible:
-            return dict.fromkeys(base, np.inf)
-        own = replace(result.scenario, regions=(alternatives[k],))
-        there = readings(own, {name: possible[k][name]}, tuple(detections[k] for detections in by_pair))
-        return signed_differences(base, there)
-
-    return [changed(k) for k in range(len(alternatives))]
+    concerned = tuple(found for pair, found in zip(scene.pairs, result.detections, strict=True) if name in pair)
+    return readings(before, {name: result.predictions[name]}, concerned)
 
 
 def _predicted(result: ChainResult, lights: Sequence[RegionLight]) -> list[RegionPrediction | None]:
-    """Predictions of other lights of a region; None for light that nothing sends, polarized to more than 1."""
+    """Predictions of other lights of regions; None for light that nothing sends, polarized to more than 1."""
     alone, tolerance = [replace(result.scenario, regions=(one,)) for one in lights], result.settings.dolp_tolerance
     try:
         found = predict_all(alone, tolerance=tolerance)
@@ -112,14 +118,6 @@ def _predicted(result: ChainResult, lights: Sequence[RegionLight]) -> list[Regio
         # One that nothing sends is refused together with all others: each is asked for itself then.
         return [found for one in lights for found in _predicted(result, (one,))] if len(lights) > 1 else [None]
     return [one[light.name] for one, light in zip(found, lights, strict=True)]
-
-
-def _detections(
-    scene: LitScene, result: ChainResult, pair: tuple[str, str], alternatives: dict[int, dict[str, RegionPrediction]]
-) -> dict[int, PairDetection]:
-    each, tolerance = list(alternatives.values()), result.settings.roc_tolerance
-    found = detections_or_reasons(*pair, each, scene.p_false_alarm, tolerance=tolerance) if each else ()
-    return dict(zip(alternatives, found, strict=True))
 
 
 def _step(region: RegionLight, component: int, size: float) -> float:

@@ -11,7 +11,7 @@ from model.accuracy.evaluation.settings import Settings
 from model.effects.acting import acting
 from model.effects.names import ALL, Effect
 from model.prediction.prediction import RegionPrediction, predict_all
-from model.prediction.region_performance import PairDetection, detections_or_reasons
+from model.prediction.region_performance import PairDetection, detections_of_pairs
 from model.scene.field_light import FieldLight
 from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination
@@ -174,16 +174,14 @@ def _evaluated(
         scenarios = [lit_scenario(one, field) for one, field in zip(seen, fields, strict=True)]
         predictions = predict_all(scenarios, tolerance=used.dolp_tolerance)
     with _timed(taken, DETECTION, clock):
-        by_pair = [
-            detections_or_reasons(*pair, predictions, rates, tolerance=used.roc_tolerance) for pair in scenes[0].pairs
-        ]
+        detections = detections_of_pairs(scenes[0].pairs, predictions, rates, tolerance=used.roc_tolerance)
     return [
         ChainResult(
             scenario=scenarios[k],
             illumination=illuminations[k],
             lights=fields[k],
             predictions=predictions[k],
-            detections=tuple(found[k] for found in by_pair),
+            detections=detections[k],
             stage_s={stage: seconds / len(scenes) for stage, seconds in taken.items()},
             settings=used,
             effects=effects,

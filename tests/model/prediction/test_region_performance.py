@@ -3,7 +3,7 @@ import pytest
 
 from model.prediction.prediction import predict, reason_missing
 from model.prediction.region_performance import (
-    detections_of_pair,
+    detections_of_cases,
     pair_detection,
     pair_detections,
     polarization_strength,
@@ -36,7 +36,7 @@ def test_every_ordered_pair_is_there_and_a_pair_of_equals_is_chance():
 
 def test_several_sets_of_predictions_are_detected_as_each_alone():
     several = [_predictions(a=((s0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02)) for s0 in (20.0, 20.1, 23.0)]
-    found = detections_of_pair("a", "b", several, (1e-3, 1e-2))
+    found = detections_of_cases([("a", "b", one) for one in several], (1e-3, 1e-2))
     for predictions, together in zip(several, found, strict=True):
         alone = pair_detection("a", "b", predictions, (1e-3, 1e-2))
         np.testing.assert_allclose(together.p_detection, alone.p_detection, rtol=1e-9)

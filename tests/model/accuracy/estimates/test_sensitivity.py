@@ -25,7 +25,7 @@ def test_changes_are_those_of_a_prediction_with_the_other_light():
     scene, result = evaluated()
     region = result.scenario.regions[0]
     others = [replace(region, stokes_radiance=factor * region.stokes_radiance) for factor in (1.01, 0.98)]
-    for other, found in zip(others, changes(scene, result, region.name, others), strict=True):
+    for other, found in zip(others, changes(scene, result, {region.name: others})[region.name], strict=True):
         scenario = replace(result.scenario, regions=(other, *result.scenario.regions[1:]))
         predictions = predict(scenario, tolerance=result.settings.dolp_tolerance)
         detections = tuple(
@@ -46,7 +46,7 @@ def test_light_that_nothing_sends_changes_everything_and_others_nothing():
     region = result.scenario.regions[0]
     s0 = region.stokes_radiance[0]
     impossible = replace(region, stokes_radiance=np.array([s0, 1.2 * s0, 0.0]))
-    lost, same = changes(scene, result, region.name, [impossible, region])
+    lost, same = changes(scene, result, {region.name: [impossible, region]})[region.name]
     assert set(lost.values()) == {np.inf}
     assert max(map(abs, same.values())) < 2.0 * result.settings.roc_tolerance
 
