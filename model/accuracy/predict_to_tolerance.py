@@ -31,9 +31,9 @@ SMALLEST, LARGEST = 1e-6, 0.1
 # Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
 # times as much, then with errors as they were estimated for each number.
 _FIRST_AIM, _AIM = 0.6, 0.75
-# A first plan is no coarser, for that would save nothing. Where it would have to be finer it is the coarsest: it costs
-# little beside the one that follows, and tells it what counts.
-_FIRST_COARSEST, _FIRST_FINEST = 1e-2, 7e-4
+# A first plan is no coarser than this, or than a share of a large tolerance: a second one would cost more. Where it would
+# have to be finer it is the coarsest: it costs little beside the one that follows, and tells it what counts.
+_FIRST_COARSEST, _FIRST_FINEST, _OF_LARGE = 1e-2, 7e-4, 0.25
 _ROUNDS = 6
 _OF_SKY = (STREAMS, LAYERS, WAVELENGTHS, SKY_GRID)
 # Of deeper air the time of a solution grows with the square of the depth, and finer settings take minutes: one round
@@ -170,7 +170,7 @@ def predict(
 
 def _first_aim(tolerance: float) -> float:
     aim = _FIRST_AIM * tolerance
-    return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, _FIRST_COARSEST)
+    return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, max(_FIRST_COARSEST, _OF_LARGE * tolerance))
 
 
 def plan_beside(
