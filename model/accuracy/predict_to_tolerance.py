@@ -31,8 +31,8 @@ SMALLEST, LARGEST = 1e-6, 0.1
 # Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
 # times as much, then with errors as they were estimated for each number.
 _FIRST_AIM, _AIM = 0.6, 0.75
-# A first plan is no coarser than this, or than a share of a large tolerance: a second one would cost more. Where it would
-# have to be finer it is the coarsest: it costs little beside the one that follows, and tells it what counts.
+# A first plan is no coarser than this, or than a share of a large tolerance: a second one would cost more. Where it
+# would have to be finer it is the coarsest: it costs little beside the one that follows, and tells it what counts.
 _FIRST_COARSEST, _FIRST_FINEST, _OF_LARGE = 1e-2, 7e-4, 0.25
 _ROUNDS = 6
 _OF_SKY = (STREAMS, LAYERS, WAVELENGTHS, SKY_GRID)

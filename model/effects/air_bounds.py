@@ -48,6 +48,13 @@ class BandSlice:
         """Of its aerosols."""
         return tuple({one.g for column in (self.thick, self.thin) for one in (column.lower, column.upper)})
 
+    def scattered_once(self, scattering_rad: FloatArray) -> FloatArray:
+        """Return the largest phase function of molecules times their depth, and that of all air times the rest's."""
+        molecules, rest = (
+            max(getattr(column, name) for column in (self.thick, self.thin)) for name in ("tau_rayleigh", "tau_aerosol")
+        )
+        return np.asarray(molecules * _phase((), scattering_rad) + rest * _phase(self.asymmetries, scattering_rad))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AirBounds:
@@ -108,13 +115,23 @@ class AirBounds:
         ----------
         zenith_rad, scattering_rad
             Zenith angle of a direction, and its angle from the sun; of one shape [rad].
+
+        Notes
+        -----
+        Of the beam no more is scattered than the share 1 - exp(-tau / mu) by the larger of the phase functions of
+        molecules and aerosol, nor more than tau / mu of each by its own.
         """
-        share = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
+        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
 
         def each(air: AirBounds) -> FloatArray:
             found = np.full(np.shape(scattering_rad), 0.0 if air.slices else np.inf)
             for part in air.slices:
-                found = found + air.source_of(part, scattering_rad, 0.0) * -np.expm1(-part.depth * share)
+                scattered = -np.expm1(-part.depth * slant)
+                once = np.minimum(
+                    _phase(part.asymmetries, scattering_rad) * scattered, part.scattered_once(scattering_rad) * slant
+                )
+                rest = air.rest_of(part, scattering_rad) * scattered
+                found = found + _ROOM * (part.outside * once + rest) / (4.0 * np.pi)
             return found
 
         return each(self) if self.alternative is None else np.maximum(each(self), each(self.alternative))
@@ -167,12 +184,16 @@ class AirBounds:
 
     def source_of(self, part: BandSlice, scattering_rad: FloatArray, above: float) -> FloatArray:
         """Return the most that is scattered into a direction, over the depth [W m-2 sr-1]."""
-        nearest = np.maximum(scattering_rad - _TURNED_RAD, 0.0)
         beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
+        return np.asarray(_ROOM * (beam + self.rest_of(part, scattering_rad)) / (4.0 * np.pi))
+
+    def rest_of(self, part: BandSlice, scattering_rad: FloatArray) -> FloatArray:
+        """Return the most that is scattered of all but the beam, over the depth and 1 / (4 pi) [W m-2]."""
+        nearest = np.maximum(scattering_rad - _TURNED_RAD, 0.0)
         turned = part.outside * -np.expm1(-part.depth / self.mu) * _phase(part.asymmetries, nearest, turned=True)
         diffuse = (1.0 - expn(2, 0.5 * part.depth)) * self.actinic_of(part)
         diffuse += 2.0 * self.ground_albedo * self.received_of(part)
-        return np.asarray(_ROOM * (beam + turned + _SPREAD_PHASE * diffuse) / (4.0 * np.pi))
+        return np.asarray(turned + _SPREAD_PHASE * diffuse)
 
     def received_of(self, part: BandSlice) -> float:
         """Return what a part of the band brings to the ground [W m-2]."""

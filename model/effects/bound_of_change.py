@@ -50,8 +50,9 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     e: a mixture of distributions, whose divergence is at most the mean of theirs, 6 <e^2>, as of a share of 2 rms(e).
 
     Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (a + b) / (1 - a). The deviation of DoLP
-    changes as its gradient does: by no more than (2 b / P + 3 a) times the largest deviation of a Stokes parameter over
-    the least, and where polarised light is not clear of its noise by no more than the change over the deviation.
+    changes as its gradient does: by no more than (1.42 b / P + 2 a) / (1 - a - b / P) times the largest deviation of a
+    Stokes parameter over the least, and where polarised light is not clear of its noise by no more than the change over
+    the deviation.
 
     References
     ----------
@@ -73,19 +74,20 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     divergence = _divergence(share)
     low, high = deviation_limits(bounds)
     dolp_low = bounds.polarised_low / bounds.s0_high
-    spread = 2.0 * divergence + divergence**2 + share
+    # A deviation changes by half of what its variance does, and by what its gradient does.
+    variance = 2.0 * divergence + divergence**2 + share
+    if not variance < 0.5:
+        return _ANYTHING
+    spread = 0.5 * variance / (1.0 - variance)
     spread += _of_gradient(bounds, found, shift=shift, low=low, dolp_low=dolp_low)
     if not spread < 0.5:
         return _ANYTHING
-    moved = shift + (_ROUNDING if dolp_low > 0.0 else 0.0)
-    snr = (moved / ((1.0 - tail) * dolp_low) if dolp_low > 0.0 else np.inf) if moved > 0.0 else 0.0
+    snr = _of_mean(found, divergence, high=high, dolp_low=dolp_low, tail=tail)
     return Bound(
         radiance=_of_counts(bounds, found, shift),
         ratios=shift / (1.0 - tail) + divergence * high,
         # An SNR to first order knows no common factor: it grows as the deviation falls.
-        deviations=max(
-            (spread + divergence + snr + found.factor) / (1.0 - spread), (1.0 - found.share) ** -0.5 - 1.0, found.share
-        ),
+        deviations=max((spread + snr + found.factor) / (1.0 - spread), (1.0 - found.share) ** -0.5 - 1.0, found.share),
     )
 
 
@@ -162,9 +164,28 @@ def _of_gradient(bounds: RegionBounds, found: Disturbance, *, shift: float, low:
     if low == 0.0 or dolp_low == 0.0:
         return np.inf
     most = np.sqrt(float(np.linalg.eigvalsh(bounds.cov_high)[-1]))
-    by_gradient = most / (low * bounds.s0_high) * (2.0 * found.polarised / dolp_low + 3.0 * found.s0)
+    # The gradient (-P, u) / S, u a unit vector, turns by the change of polarised light over itself; P changes as much.
+    turned = found.polarised / dolp_low
+    if not turned + found.s0 < 1.0:
+        return np.inf
+    of_gradient = (np.sqrt(2.0) * turned + 2.0 * found.s0) / (1.0 - turned - found.s0)
+    by_gradient = most / (low * bounds.s0_high) * of_gradient
     by_shift = 0.0 if bounds.polarised_low > _CLEAR * most else 1.5 * shift / low
     return float(max(by_gradient, by_shift))
+
+
+def _of_mean(found: Disturbance, divergence: float, *, high: float, dolp_low: float, tail: float) -> float:
+    """Relative change of the mean of the pixels' DoLP: by another distribution, and about another mean.
+
+    The first is the divergence times the deviation over the mean, which is below 1 of any DoLP.
+    """
+    spread = min(divergence, divergence * high / (dolp_low * (1.0 - tail)) if dolp_low > 0.0 else np.inf)
+    if found.s0 + found.polarised == 0.0:
+        return spread
+    if dolp_low == 0.0:
+        return np.inf
+    moved = found.s0 + (found.polarised + _ROUNDING) / dolp_low
+    return float(moved / ((1.0 - found.s0) * (1.0 - tail)) + spread)
 
 
 def _of_counts(bounds: RegionBounds, found: Disturbance, shift: float) -> float:

@@ -14,7 +14,9 @@ _POWER = 4.2
 
 def skylight(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return what the sky adds: the largest reflectance times all of its light (`model.effects.sun_light`)."""
-    return _added(scene, region, light.sky) if scene.source in ("total", "reflected", "reflected_sky") else NOTHING
+    if scene.source not in ("total", "reflected", "reflected_sky") or light.sky == 0.0:
+        return NOTHING
+    return _added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
 
 
 def path_radiance(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
@@ -118,19 +120,27 @@ def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -
     counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
     variance = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * counts)
     share = region.temporal_share(variance) if noise.shot_noise else 0.0
-    return Disturbance(s0=s0, polarised=polarised, share=share + _of_texture(scene, region, s0 + polarised))
+    texture = _of_texture(scene, region, float(np.hypot(s0, polarised)))
+    return Disturbance(
+        s0=s0,
+        polarised=polarised,
+        share=share + texture + texture**2,
+        share_of_dolp=share + texture / np.sqrt(region.cycles) + texture**2 / region.cycles,
+    )
 
 
 def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
-    """Share by which texture, pattern and spread over the field, which go with the light, change.
+    """Amplitude b of what texture, pattern and spread over the field, which go with the light, change.
 
-    Of a part with amplitude b it is 2 b + b^2; over a field the light of each direction may change by all of the shift.
+    A part v v' of a covariance C = N + v v' + ... that becomes (v + d) (v + d)' changes x'Cx by 2 (xv) (xd) + (xd)^2.
+    With b the largest of |xd| over the root of x'Nx, and since 2 |xv| times that root is at most x'Cx, it is b + b^2 of
+    x'Cx at most. N is the noise of a mean over cycles: of one cycle b is smaller by the root of their number. Over a
+    field the light of each direction may change by all of the shift.
     """
     one, noise = region.region, scene.sensor.noise
     over_field = 0.0 if one.part is None else 1.0
-    relative = np.sqrt(2.0) * (one.texture_rms + noise.prnu + max(one.texture_diagonal) + over_field)
+    relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal) + over_field)
     if relative == 0.0:
         return 0.0
     cov = region.to_channels((relative * shift * region.s0_high) ** 2 * np.eye(3))
-    amplitude = np.sqrt(region.spatial_share(cov, is_part=False))
-    return float(2.0 * amplitude + amplitude**2)
+    return float(np.sqrt(region.spatial_share(cov, is_part=False)))

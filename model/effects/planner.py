@@ -1,7 +1,7 @@
 """Plan of the effects that a scene calls for: the others are left out within a tolerance, each with its reason."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import astuple, dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ _SMALL = 0.5
 
 # Effects of the light before the lens: those that cost time.
 LIGHT = frozenset(effect for effect, entry in EFFECT_MODELS.items() if entry.of_light)
+# Of them those that cost most, decided first: where they are left out, one wavelength misses nothing of them.
+_OF_AIR = frozenset({Effect.SKYLIGHT, Effect.PATH_RADIANCE})
 
 _NO_CHOICE: Mapping[Effect, bool] = {}
 
@@ -147,14 +149,20 @@ def plan(
 
     Notes
     -----
-    Effects of the light, which cost time, are decided first; then those of sensor and session. Each group is taken by
-    its largest bound, smallest first; bounds of means add, shares of variances add, and so do the bounds made of them.
+    Effects of the light, which cost time, are decided first, skylight and path radiance before the others of them; then
+    those of sensor and session. Each group is taken by its largest bound, smallest first; bounds of means add, shares
+    of variances add, and so do the bounds made of them. Where skylight and path radiance are left out, of the others
+    only what they change beside that counts in the sum.
     """
     if not tolerance >= 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
     choice = _Choice(tolerance=tolerance, forced=forced, rule=rule, estimates=estimates, every_estimate=every_estimate)
     limits = light_limits(scene)
-    of_light, spent = choice.decided(effect_bounds(scene, limits, LIGHT), _Spent())
+    of_air, spent = choice.decided(effect_bounds(scene, limits, _OF_AIR), _Spent())
+    of_band, spent = choice.decided(
+        effect_bounds(scene, limits, LIGHT - _OF_AIR), spent, unlit=_unlit(scene, limits, of_air)
+    )
+    of_light = [*of_air, *of_band]
     if known is not None and any(one.surface is not None for one in scene.regions):
         left_out = [one for one in of_light if not one.acts]
         margin = sum((one.bound if rule == "safe" else one.most).radiance for one in left_out)
@@ -233,6 +241,25 @@ class _Spent:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Unlit:
+    """What effects change beside skylight and path radiance, for a rule by which these are left out; else nothing."""
+
+    by_bound: Mapping[Effect, Bound] = field(default_factory=dict)
+    by_estimate: Mapping[Effect, Bound] = field(default_factory=dict)
+
+
+def _unlit(scene: LitScene, limits: Mapping[str, SunLight], of_air: Sequence[Decision]) -> _Unlit:
+    by_bound, by_estimate = (
+        not any(getattr(one, rule) or one.forced for one in of_air) for rule in ("acts_by_bound", "acts_by_estimate")
+    )
+    if not (by_bound or by_estimate):
+        return _Unlit()
+    dark = {name: replace(one, sky=0.0, sky_polarised=0.0, path=0.0) for name, one in limits.items()}
+    found = effect_bounds(scene, dark, frozenset({Effect.WAVELENGTHS}))
+    return _Unlit(by_bound=found if by_bound else {}, by_estimate=found if by_estimate else {})
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Choice:
     """What decides of an effect."""
 
@@ -242,9 +269,12 @@ class _Choice:
     estimates: Estimates | None = None
     every_estimate: bool = False
 
-    def decided(self, bounds: Mapping[Effect, Bound], spent: _Spent) -> tuple[list[Decision], _Spent]:
+    def decided(
+        self, bounds: Mapping[Effect, Bound], spent: _Spent, *, unlit: "_Unlit | None" = None
+    ) -> tuple[list[Decision], _Spent]:
         """Return decisions by both rules, and what they spend."""
-        by_bound = self._left_out(bounds, spent.by_bound)
+        beside = _Unlit() if unlit is None else unlit
+        by_bound = self._left_out({**bounds, **beside.by_bound}, spent.by_bound)
         there = frozenset(one for one in bounds if bounds[one].largest > 0.0)
         undecided = there - by_bound.effects - self.forced.keys()
         found: Mapping[Effect, Estimate] = {}
@@ -252,7 +282,7 @@ class _Choice:
             least = 0.0 if self.every_estimate else _SMALL * self.tolerance
             found = self.estimates({one: bounds[one] for one in there if bounds[one].largest > least})
         most = {one: bound.tighter(found[one].most) if one in found else bound for one, bound in bounds.items()}
-        by_estimate = self._left_out(most, spent.by_estimate)
+        by_estimate = self._left_out({**most, **beside.by_estimate}, spent.by_estimate)
         used = by_estimate if self.rule == "estimated" else by_bound
         decisions = [
             Decision(

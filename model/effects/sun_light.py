@@ -44,6 +44,8 @@ class SunLight:
         Of these.
     sky, path, adjacency
         Upper limits of what sky, path and surroundings add.
+    sky_polarised
+        Upper limit of the polarised light that the sky adds.
     apart
         Largest difference of the beam's light from its middle, of directions at which it is known.
     spread
@@ -62,6 +64,7 @@ class SunLight:
     polarised_low: float
     polarised_high: float
     sky: float = 0.0
+    sky_polarised: float = 0.0
     path: float = 0.0
     adjacency: float = 0.0
     apart: float = 0.0
@@ -148,10 +151,11 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
 
     Notes
     -----
-    Sky: a surface reflects at most the largest of F00 cos(theta_i) times the sum of the radiance over the sky, and for
-    polarised light twice that. The largest is sought on a grid with the mirror direction, and taken times 1.5. A level
-    surface reflects no more than the sum over that grid of F00 cos(theta_i) times the bound of the sky's radiance in
-    each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
+    Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
+    most fp = |(F10, F20)| + the norm of the rest of F, which a diffuse term has not. Either is at most the largest of
+    it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid with the mirror
+    direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times the bound of the
+    sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
 
     References
     ----------
@@ -173,15 +177,18 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
     normal_rad = geometry.angle_between_rad(tilt.normal, _toward(views))
     ground = 2.0 * np.pi * limits.ground_radiance if tilt.tilt_rad > 0.0 else 0.0
     grid = _PbrdfGrid.of(surface, normal_rad)
-    sky = 2.0 * _MISSED * grid.largest * (limits.sky_actinic + ground)
+    skies = _MISSED * grid.largest * (limits.sky_actinic + ground)
     if tilt.tilt_rad == 0.0 and limits.depth < _THIN:
-        sky = min(sky, 2.0 * _MISSED * _reflected_sky(grid, views, limits, air.sun_zenith_rad, scene.sun_azimuth_rad))
+        seen = _reflected_sky(grid, views, limits, air.sun_zenith_rad, scene.sun_azimuth_rad)
+        skies = np.minimum(skies, _MISSED * seen)
+    sky, polarised = skies.tolist()
     path = _path(limits, air, views, scene.sun_azimuth_rad)
     found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
     of_beam, of_rest = _spread(found, views, sky=sky, path=path, slope_rms=surface.slope_rms)
     return replace(
         found,
         sky=sky,
+        sky_polarised=min(polarised, sky),
         path=path,
         adjacency=_adjacency(scene, air, views, limits),
         spread=_BETWEEN * of_beam + of_rest,
@@ -206,14 +213,15 @@ def field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _PbrdfGrid:
-    """F00 cos(theta_i) over the sky for some views [sr-1].
+    """Reflectance times cos(theta_i) over the sky for some views [sr-1].
 
     Attributes
     ----------
     zenith_rad, azimuth_rad
         Angles from the normal and from the plane of the view, half of it, rising.
     values
-        View's angle from the normal to the values, shape (zeniths, azimuths).
+        View's angle from the normal to the most that is reflected, and the most that is polarised of it, of light of
+        any polarization, shape (2, zeniths, azimuths).
     """
 
     zenith_rad: FloatArray
@@ -230,15 +238,24 @@ class _PbrdfGrid:
         azimuth = np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)])
         azimuth = np.unique(np.clip(azimuth, 0.0, np.pi))
         weight = np.cos(zenith)[:, np.newaxis]
-        values = {
-            one: mueller(zenith[:, np.newaxis], one, azimuth, surface=surface)[..., 0, 0] * weight for one in angles
-        }
+        matrices = {one: mueller(zenith[:, np.newaxis], one, azimuth, surface=surface) for one in angles}
+        values = {one: _most_reflected(each) * weight for one, each in matrices.items()}
         return cls(zenith_rad=zenith, azimuth_rad=azimuth, values=values)
 
     @property
-    def largest(self) -> float:
-        """The largest of all."""
-        return float(max(np.max(values) for values in self.values.values()))
+    def largest(self) -> FloatArray:
+        """The largest of all, and of all that is polarised, shape (2,)."""
+        return np.asarray(np.max([np.max(values, axis=(-2, -1)) for values in self.values.values()], axis=0))
+
+
+def _most_reflected(mueller: FloatArray) -> FloatArray:
+    """Most of S0 and of polarised light that matrices make of light of any polarization, shape (2, ...)."""
+    rest = mueller[..., 1:, 1:]
+    squares = np.sum(rest**2, axis=(-2, -1))
+    determinant = rest[..., 0, 0] * rest[..., 1, 1] - rest[..., 0, 1] * rest[..., 1, 0]
+    norm = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * determinant**2, 0.0))))
+    total = mueller[..., 0, 0] + np.hypot(mueller[..., 0, 1], mueller[..., 0, 2])
+    return np.stack([total, np.hypot(mueller[..., 1, 0], mueller[..., 2, 0]) + norm])
 
 
 def _rounded(angle_rad: float) -> float:
@@ -248,8 +265,8 @@ def _rounded(angle_rad: float) -> float:
 
 def _reflected_sky(
     grid: _PbrdfGrid, views: tuple[View, ...], limits: AirBounds, sun_zenith_rad: float, sun_azimuth_rad: float
-) -> float:
-    """Largest over the views of the sum of F00 cos(theta_i) times the bound of the sky over its directions."""
+) -> FloatArray:
+    """Largest over the views of the sum of the reflectance times the bound of the sky over its directions, (2,)."""
     zenith, azimuth = grid.zenith_rad[:, np.newaxis], grid.azimuth_rad
     found = []
     for angle, off_rad in {(_rounded(one.zenith_rad), round(sun_azimuth_rad - one.azimuth_rad, 2)) for one in views}:
@@ -263,8 +280,8 @@ def _reflected_sky(
                 zenith_rad=np.broadcast_to(zenith, scattering.shape), scattering_rad=scattering
             )
         rows = _sum(grid.values[angle] * both_sides, azimuth)
-        found.append(float(_sum(rows * np.sin(grid.zenith_rad), grid.zenith_rad)))
-    return max(found)
+        found.append(_sum(rows * np.sin(grid.zenith_rad), grid.zenith_rad))
+    return np.asarray(np.max(found, axis=0))
 
 
 def _sum(values: FloatArray, at: FloatArray) -> FloatArray:
