@@ -1,11 +1,16 @@
 """Time and error of the atmosphere solver over its settings; sasktran2 beside it where that is installed.
 
-Run: python -m benchmarks.sky_solver
+Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.sky_solver [--limit]
+
+With --limit: seconds of the processor beside those of the solver's matrix products alone, and beside what as many
+operations take in one large product, in double and in single precision.
 """
 
+import argparse
 import importlib.util
+from collections import Counter
 from math import cos, radians
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 
@@ -13,6 +18,7 @@ from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
 from model.atmosphere.profile import AtmosphereState, column
 from model.atmosphere.sasktran2_engine import Sasktran2Solution, sasktran2_solution
 from model.atmosphere.solver import Layer, Solution, solve
+from model.atmosphere.transfer import successive_orders
 from model.atmosphere.transfer.phase import AerosolKind
 
 SZA_DEG = 50.0
@@ -87,9 +93,88 @@ def sasktran2_sky() -> None:
         print(f"sasktran2, {kind}: {seconds:.3f} s, difference beyond 12 deg {np.max(error[far], axis=0)}")
 
 
-if __name__ == "__main__":
+def products_of(layers: tuple[Layer, ...], **settings) -> Counter[tuple[int, ...]]:
+    """Count the matrix products of a solution, by their shapes: matrices, rows, inner, columns."""
+    found: Counter[tuple[int, ...]] = Counter()
+    project, scattered_source = successive_orders.project, successive_orders.scattered_source
+
+    def projected(scattering, radiance):
+        modes, inner, columns = scattering.projector.shape
+        found[modes, radiance.shape[0], inner, columns] += 1
+        return project(scattering, radiance)
+
+    def scattered(scattering, moments, grid):
+        modes, inner, columns = scattering.basis.shape
+        found[modes, 3 * scattering.coefficients.shape[0], inner, columns] += 1
+        return scattered_source(scattering, moments, grid)
+
+    successive_orders.project, successive_orders.scattered_source = projected, scattered
+    try:
+        solve(layers, mu0=cos(radians(SZA_DEG)), albedo=0.1, **settings)
+    finally:
+        successive_orders.project, successive_orders.scattered_source = project, scattered_source
+    return found
+
+
+def seconds_of(work, *, rounds: int = 5) -> float:
+    """Least processor time of some calls [s]."""
+    taken = []
+    for _ in range(rounds):
+        start = process_time()
+        work()
+        taken.append(process_time() - start)
+    return min(taken)
+
+
+def product_s(shapes: Counter[tuple[int, ...]], kind: type) -> float:
+    """Time of the products alone, their factors being there [s]."""
+    total = 0.0
+    for (matrices, rows, inner, columns), times in shapes.items():
+        left, right = np.ones((matrices, rows, inner), kind), np.ones((matrices, inner, columns), kind)
+        total += times * seconds_of(lambda left=left, right=right: left @ right)
+    return total
+
+
+def limit() -> None:
+    """The solver beside its matrix products, and these beside one large one."""
+    one, side = column(STATE, wavelength_m=550e-9), 768
+    rates = {}
+    for kind in (np.float64, np.float32):
+        square = np.ones((side, side), kind)
+        rates[kind] = 2.0 * side**3 / seconds_of(lambda square=square: square @ square)
+    print(f"one large product: {rates[np.float64]:.2g} operations/s, single precision {rates[np.float32]:.2g}")
+    for tier, nodes in ((Fidelity.FAST, 8), (Fidelity.STANDARD, 16)):
+        settings = FIDELITY_LEVELS[tier].settings
+        for kind in (AerosolKind.DEPOLARIZING, AerosolKind.POLARIZING):
+            layers = one.layers(fine=settings.fine_layers, aerosol=kind, matrix_tolerance=settings.matrix_tolerance)
+            how = {"aerosol": kind, "nodes": nodes, "element_depth": settings.element_depth}
+            how["tolerance"] = settings.tolerance
+            shapes = products_of(layers, **how)
+            work = sum(2.0 * np.prod(shape) * times for shape, times in shapes.items())
+            whole = seconds_of(
+                lambda layers=layers, how=how: solve(layers, mu0=cos(radians(SZA_DEG)), albedo=0.1, **how)
+            )
+            double, single = (product_s(shapes, one_kind) for one_kind in (np.float64, np.float32))
+            print(
+                f"{nodes} streams, {kind}: {1e3 * whole:.1f} ms; its products {1e3 * double:.1f} ms, in single "
+                f"precision {1e3 * single:.1f}; {work:.2g} operations, {1e3 * work / rates[np.float64]:.2f} ms of one "
+                f"large product",
+                flush=True,
+            )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--limit", action="store_true")
+    if parser.parse_args().limit:
+        limit()
+        return
     own_solver()
     if importlib.util.find_spec("sasktran2") is None:
         print("sasktran2 is not installed: pip install sasktran2 to see it beside")
     else:
         sasktran2_sky()
+
+
+if __name__ == "__main__":
+    main()

@@ -29,6 +29,8 @@ _THIN = 0.05
 _DIGITS = 2
 # Over a field the beam's light is known at nine directions; between them it may go this much farther.
 _BETWEEN = 2.0
+# How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
+_ROOM = 5.0
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
 
 
@@ -184,7 +186,7 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
     sky, polarised = skies.tolist()
     path = _path(limits, air, views, scene.sun_azimuth_rad)
     found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
-    of_beam, of_rest = _spread(found, views, sky=sky, path=path, slope_rms=surface.slope_rms)
+    of_beam, of_rest = _spread(found, views, sky=_ROOM * sky, path=path, slope_rms=surface.slope_rms)
     return replace(
         found,
         sky=sky,

@@ -316,7 +316,8 @@ def _together(
 ) -> tuple[PairDetection, ...]:
     """Return detection of all cases by one integral; ValueError where a background's covariance is singular."""
     rates = np.asarray(p_false_alarm, dtype=np.float64)
-    targets, backgrounds = ([case[2][case[place]].stokes_dn for case in cases] for place in (0, 1))
+    targets = [predictions[target].stokes_dn for target, _, predictions in cases]
+    backgrounds = [predictions[background].stokes_dn for _, background, predictions in cases]
     moments = (
         np.stack([getattr(one, moment) for one in several])
         for several in (targets, backgrounds)

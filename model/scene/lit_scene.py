@@ -1,6 +1,7 @@
 """Record of a scene: air, sun, camera, what stands before it, sensor, and what is asked of it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,7 @@ class Air:
         """True if light scattered more than once is computed."""
         return self.fidelity in (Fidelity.FAST, Fidelity.STANDARD)
 
-    @property
+    @cached_property
     def key(self) -> tuple[object, ...]:
         """Equal for two airs of the same light; hashable."""
         band = (self.band.wavelength_m, self.band.irradiance_w_per_m3, self.band.response)

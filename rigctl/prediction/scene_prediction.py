@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from rigctl.files.scene_file import SceneFile
     from rigctl.scene.scene_record import Scene
 
+# Optical depth below which the sky may be left out.
+_THIN = 0.05
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneGeometry:
@@ -178,7 +181,8 @@ class ScenePredictor:
     ) -> "EffectPlan":
         """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
 
-        By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds.
+        By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds. Of
+        the scene as it is, none is estimated in daylight.
 
         Parameters
         ----------
@@ -196,6 +200,7 @@ class ScenePredictor:
         """
         # What holds errors to a tolerance takes a quarter of a second to import, and most predictions state none.
         from model.accuracy.effect_estimates import estimate_effects
+        from model.accuracy.planning.forecast import optical_depth
         from model.accuracy.predict_to_tolerance import SMALLEST
         from model.effects.planner import LIGHT, plan, plan_of_all
         from rigctl.scene.effect_plan import SHARE
@@ -211,7 +216,9 @@ class ScenePredictor:
             return estimate_effects(lit, of_light, limit=share, store=self._light.lights)
 
         try:
-            estimates = estimated if rule == "estimated" else None
+            # Of one scene in daylight an estimate costs more than what it may leave out: the sky is solved either way.
+            pays = of is not None or optical_depth(lit) < _THIN
+            estimates = estimated if rule == "estimated" and pays else None
             return plan(lit, tolerance=share, forced=forced, rule=rule, estimates=estimates)
         except ValueError as error:
             raise ConfigError(f"scene {self.scene.name}: {error}") from error

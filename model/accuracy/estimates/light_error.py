@@ -14,6 +14,7 @@ from model.accuracy.evaluation.settings import Settings
 from model.accuracy.planning.forecast import unused
 from model.accuracy.planning.numerical_settings import (
     HEMISPHERE,
+    LAYERS,
     NUMERICAL_SETTINGS,
     SKY_GRID,
     STREAMS,
@@ -43,6 +44,8 @@ _FINER_GRID = 1.5
 _OF_FINER_RULES = 0.5
 # A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
 _HARMLESS = 0.001
+# What the references of a sky depend on, whoever looks at it.
+_OF_SKY = (STREAMS, LAYERS, WAVELENGTHS, SKY_GRID)
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
 _PARTS: dict[Source, frozenset[str]] = {
     "total": frozenset({"reflected_sky", "path", "reflected"}),
@@ -119,7 +122,7 @@ def light_errors(
         return found
     idle, air, illumination = unused(result.effects), scene.air, result.illumination
     of_sky = store.once(
-        ("references", air.key, tuple(plan.items()), result.settings, result.effects),
+        ("references", air.key, tuple(plan[name] for name in _OF_SKY), result.settings.solver, result.effects),
         lambda: _references(air, plan, result.settings, illumination, store, solved=STREAMS not in idle),
     )
     pairs, skies, grid = of_sky.pairs, of_sky.skies, of_sky.grid

@@ -1,7 +1,7 @@
 """Lights of regions that are asked for: what tells one from another, and many of them computed in one pass."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from model.scene.illumination import Illumination
     from model.scene.view import View
 
-# Views of one pass times the square of their order: some 1e5 nodes.
-_TOGETHER = 1e4
+# Views of one pass times the square of their order: some 4e5 nodes, of which a block at a time is looked at.
+_TOGETHER = 4e4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,7 +136,7 @@ def sky_key(air: Air, settings: "Settings", parts: LightParts) -> object:
     numbers = (
         settings.wavelengths,
         settings.split_at_kinks,
-        astuple(settings.solver),
+        settings.solver,
         settings.sky_zeniths,
         settings.sky_azimuths,
     )

@@ -16,7 +16,7 @@ from model.accuracy.planning.numerical_settings import (
 from model.scene.lit_scene import LitScene
 
 # Seconds, on one core: a wavelength solved with the least of all, its sky read on the smallest grid, one line of sight.
-_SOLVED_S, _READ_S, _SEEN_S = 0.008, 0.0025, 0.0005
+_SOLVED_S, _READ_S, _SEEN_S = 0.008, 0.005, 0.0005
 # In the time of so many lines of sight, out of many that are computed together, one alone is.
 _LINES_OF_POINT = 12.0
 # What the readings of a solution cost more with its streams and layers than the solution itself: less.

@@ -75,7 +75,7 @@ _LAYERS = ((1, False), (2, False), (1, True), (2, True), (4, True), (8, True))
 _ELEMENT_DEPTH = 0.1
 # How many, and whether each stretch between the entries of the aerosol's tables has its part of them.
 _WAVELENGTHS = ((1, False), (2, False), (3, False), (3, True), (4, True), (6, True), (8, True), (12, True), (16, True))
-_GRIDS = ((10, 8), (16, 14), (24, 20), (36, 32), (48, 44))
+_GRIDS = ((16, 14), (24, 20), (36, 32), (48, 44))
 _TILES = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20)
 _TOLERANCES = (3e-2, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 # Orders of scattering, and the statistics, cost so little that they are always finer than what is asked for.
@@ -132,9 +132,7 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
                 convergence="geometric, as fast as the aureole lets it",
                 estimate="both ends of the band, as the panel reflects them, beside a finer grid",
                 levels=_levels(
-                    tuple(f"{z} x {a}" for z, a in _GRIDS),
-                    (2e-3, 4e-4, 1.6e-4, 3e-5, 6e-6),
-                    (1.0, 2.0, 4.4, 10.0, 19.0),
+                    tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)
                 ),
             ),
             NumericalSetting(

@@ -189,3 +189,10 @@ def test_a_grid_keeps_a_tolerance_and_says_of_each_point_whether_it_was_judged(c
 def test_the_rule_of_effects_is_of_a_tolerance(capsys):
     assert main(["predict", str(EXAMPLES / "scene-panels.toml"), *GRID, "--effects", "safe"]) == 2
     assert "give --tolerance" in capsys.readouterr().err
+
+
+def test_in_daylight_nothing_is_estimated_of_one_scene():
+    plan = ScenePredictor(load_scene(EXAMPLES / "effects" / "roof-3m.toml"), None).effect_plan(0.01, rule="estimated")
+    assert all(one.estimate is None for one in plan.decisions)
+    lamp = ScenePredictor(load_scene(EXAMPLES / "effects" / "lamp.toml"), None).effect_plan(0.01, rule="estimated")
+    assert any(one.estimate is not None for one in lamp.decisions)
