@@ -2,8 +2,8 @@
 
 Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.sky_solver [--limit]
 
-With --limit: seconds of the processor beside those of the solver's matrix products alone, and beside what as many
-operations take in one large product, in double and in single precision.
+Beside it the solver's limit (with --limit that alone): seconds of the processor, those of its matrix products, and what
+as many operations take in one large product, in double and in single precision.
 """
 
 import argparse
@@ -170,6 +170,7 @@ def main() -> None:
         limit()
         return
     own_solver()
+    limit()
     if importlib.util.find_spec("sasktran2") is None:
         print("sasktran2 is not installed: pip install sasktran2 to see it beside")
     else:

@@ -29,6 +29,8 @@ _SPOT_CHECKED = 4
 _JUDGING, _DEAR = 5.0, 4.0
 # Nearer to a glint than its corners by this, a case of a cell is judged, and divides it [rad].
 _NEARER_RAD = 0.02
+# Effects are planned of so many cases, and of all others only if these left something out.
+_PLANNED = 2
 _BY_NEIGHBOUR = "is not promised of a neighbouring case, and its own error was not estimated"
 
 
@@ -138,7 +140,7 @@ class _Series:
             return self._judged[place]
         scene = self._scenes[place]
         start = self._clock()
-        effects = self._effects.of(scene)
+        effects = self._effects.of(scene) if self._may_leave_out() else TakenEffects(acting=self._effects.acting)
         self._taken[ESTIMATES] += self._clock() - start
         allowed = self._tolerance - effects.spent
         aim, near = max(share * allowed, SMALLEST), self._nearest(place)
@@ -163,6 +165,11 @@ class _Series:
         )
         self._judged[place] = judged
         return judged
+
+    def _may_leave_out(self) -> bool:
+        """Return whether a plan of effects may pay: not where the first two cases left nothing out."""
+        taken = [one.effects for one in self._judged.values()]
+        return len(taken) < _PLANNED or any(one.left_out for one in taken)
 
     def _nearest(self, place: Index) -> AccuratePrediction | None:
         """Return the judged case that is nearest to a place."""

@@ -1,6 +1,7 @@
 """Bounds of the radiance and the covariance of a region, known before anything is solved."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +103,8 @@ class RegionBounds:
         return ratio / (1.0 + ratio) if is_part and np.isfinite(ratio) else ratio
 
 
+# One plan asks for the bounds of effects in several groups: records are known by their identity.
+@lru_cache(maxsize=32)
 def radiance_bounds(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBounds:
     """Return the limits of a region.
 
