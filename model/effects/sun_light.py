@@ -25,6 +25,10 @@ FloatArray = NDArray[np.float64]
 _ZENITHS, _AZIMUTHS, _MISSED = 46, 31, 1.5
 # Under air as thick as this the sky sends so much that no sharper bound of it helps.
 _THIN = 0.05
+# Under air thinner than this a computed sky is bright at the horizon alone and has few digits there, if any: its grid
+# may be off by more than all of it, and polarised by more than 1. Sharp bounds are of no use there, for all of it is
+# next to nothing.
+_NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
 # Digits of an angle [rad] to which views are one.
 _DIGITS = 2
 # Over a field the beam's light is known at nine directions; between them it may go this much farther.
@@ -184,6 +188,8 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
         seen = _reflected_sky(grid, views, limits, air.sun_zenith_rad, scene.sun_azimuth_rad)
         skies = np.minimum(skies, _MISSED * seen)
     sky, polarised = skies.tolist()
+    if limits.depth < _NEXT_TO_NONE:
+        sky = polarised = _FEW_DIGITS * sky
     path = _path(limits, air, views, scene.sun_azimuth_rad)
     found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
     of_beam, of_rest = _spread(found, views, sky=_ROOM * sky, path=path, slope_rms=surface.slope_rms)
