@@ -86,18 +86,7 @@ def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Ite
     }
     with dask.config.set(settings):
         if engine.scheduler is None:
-            with (
-                LocalCluster(
-                    n_workers=engine.workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    # Nothing listens beyond this machine.
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
-                    silence_logs=logging.CRITICAL,
-                ) as cluster,
-                Client(cluster) as client,
-            ):
+            with _local_cluster(LocalCluster, engine.workers) as cluster, Client(cluster) as client:
                 yield client
             return
         try:
@@ -107,6 +96,30 @@ def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Ite
         with client:
             require_same_code(client, packages)
             yield client
+
+
+def _local_cluster(kind: Any, workers: int) -> Any:
+    """Return workers of this machine; nothing listens beyond it.
+
+    Raises
+    ------
+    DataError
+        They do not start.
+    """
+    try:
+        return kind(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        )
+    except RuntimeError as error:
+        raise DataError(
+            f"workers do not start on this machine: {error} They need memory, ports of 127.0.0.1, a writable /dev/shm "
+            "and a writable folder for temporary files"
+        ) from error
 
 
 def require_same_code(client: Any, packages: tuple[str, ...]) -> None:

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
 
 from rigctl.cluster.held_folder import PARTS_FOLDER, held_folder
-from rigctl.cluster.on_dask import Engine, require_same_code
+from rigctl.cluster.on_dask import Engine, client_of, require_same_code
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.study import StudyRequest, run_study
@@ -166,6 +166,18 @@ def test_a_scheduler_without_workers_is_told():
 
     with pytest.raises(ConfigError, match="it has no workers; start some"):
         require_same_code(Lonely(), study_case.PACKAGES)
+
+
+def test_workers_that_do_not_start_are_told(monkeypatch):
+    def cluster(**_):
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr("distributed.LocalCluster", cluster)
+    with (
+        pytest.raises(DataError, match=r"workers do not start on this machine: Nanny failed to start\. They need"),
+        client_of(Engine(scheduler=None, workers=1), command="study", packages=study_case.PACKAGES),
+    ):
+        pass
 
 
 def test_no_scheduler_is_a_clear_error(tmp_path, monkeypatch):
