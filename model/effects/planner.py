@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -157,21 +158,31 @@ def plan(
     if not tolerance >= 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
     choice = _Choice(tolerance=tolerance, forced=forced, rule=rule, estimates=estimates, every_estimate=every_estimate)
-    limits = light_limits(scene)
-    of_air, spent = choice.decided(effect_bounds(scene, limits, _OF_AIR), _Spent())
-    of_band, spent = choice.decided(
-        effect_bounds(scene, limits, LIGHT - _OF_AIR), spent, unlit=_unlit(scene, limits, of_air)
-    )
+    bounds_of, limits = partial(_bounds_beside, scene, forced), light_limits(scene)
+    of_air, spent = choice.decided(bounds_of(limits, _OF_AIR), _Spent())
+    of_band, spent = choice.decided(bounds_of(limits, LIGHT - _OF_AIR), spent, unlit=_unlit(bounds_of, limits, of_air))
     of_light = [*of_air, *of_band]
     if known is not None and any(one.surface is not None for one in scene.regions):
         left_out = [one for one in of_light if not one.acts]
         margin = sum((one.bound if rule == "safe" else one.most).radiance for one in left_out)
         light = known(ALL - {one.effect for one in left_out})
         limits = {one.name: known_light(one, margin=margin) for one in light} if np.isfinite(margin) else limits
-    others, spent = choice.decided(effect_bounds(scene, limits, ALL - LIGHT), spent)
+    others, spent = choice.decided(bounds_of(limits, ALL - LIGHT), spent)
     decisions = sorted([*of_light, *others], key=lambda one: one.bound.largest)
     used = {"safe": spent.by_bound, "estimated": spent.by_estimate, "all": Bound()}[rule]
     return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=used, rule=rule)
+
+
+def _bounds_beside(
+    scene: LitScene, forced: Mapping[Effect, bool], limits: Mapping[str, SunLight], effects: frozenset[Effect]
+) -> dict[Effect, Bound]:
+    """Bounds of effects beside what is left over: noise that is left out by request hides nothing of other noise."""
+    off = frozenset(effect for effect, is_on in forced.items() if not is_on) - LIGHT
+    left = scene
+    for effect in off:
+        left = EFFECT_MODELS[effect].removed(left)
+    found = effect_bounds(left, limits, effects - off)
+    return found | (effect_bounds(scene, limits, effects & off) if effects & off else {})
 
 
 def plan_of_all(forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float = 0.0) -> EffectPlan:
@@ -248,14 +259,18 @@ class _Unlit:
     by_estimate: Mapping[Effect, Bound] = field(default_factory=dict)
 
 
-def _unlit(scene: LitScene, limits: Mapping[str, SunLight], of_air: Sequence[Decision]) -> _Unlit:
+def _unlit(
+    bounds_of: Callable[[Mapping[str, SunLight], frozenset[Effect]], dict[Effect, Bound]],
+    limits: Mapping[str, SunLight],
+    of_air: Sequence[Decision],
+) -> _Unlit:
     by_bound, by_estimate = (
         not any(getattr(one, rule) or one.forced for one in of_air) for rule in ("acts_by_bound", "acts_by_estimate")
     )
     if not (by_bound or by_estimate):
         return _Unlit()
     dark = {name: replace(one, sky=0.0, sky_polarised=0.0, path=0.0) for name, one in limits.items()}
-    found = effect_bounds(scene, dark, frozenset({Effect.WAVELENGTHS}))
+    found = bounds_of(dark, frozenset({Effect.WAVELENGTHS}))
     return _Unlit(by_bound=found if by_bound else {}, by_estimate=found if by_estimate else {})
 
 

@@ -118,7 +118,12 @@ HARD_CASES: tuple[HardCase, ...] = (
     _given("S0 of 1e-9, SNR 1e-7", s0=1e-9),
     _given("S0 of 0", s0=0.0, known=False),
     _given("DoLP above 1", dolp=1.1, known=False),
-    _given("SNR 1e6", s0=8.0, texture_rms=0.0, sensor={"exposure_ms": 3000.0, "gain_dn_per_e": 2e-8, "prnu": 0.0}),
+    _given(
+        "SNR 1e6",
+        texture_rms=0.0,
+        sensor={"exposure_ms": 3e7, "gain_dn_per_e": 2e-10, "prnu": 0.0},
+        more="[effects]\nwithout = ['quantisation', 'read-noise']\n",
+    ),
     _given("extinction 1", sensor={"extinction_ratio": 1.0}),
     _given("extinction 1.000001", condition=2e6, sensor={"extinction_ratio": 1.000001}),
     _given("identical angles", sensor={"exposure_ms": "0.03\nangles_deg = [10, 10, 10, 10]"}),

@@ -61,9 +61,17 @@ def test_effect_that_is_switched_on_acts_though_it_is_small():
 
 
 def test_what_is_left_out_by_request_takes_nothing_of_the_tolerance():
-    free = plan(radiance_scene(), tolerance=0.01)
+    without = plan(radiance_scene(noise={"read_noise_e": 0.0}), tolerance=0.01)
     forced = plan(radiance_scene(), tolerance=0.01, forced={Effect.READ_NOISE: False})
-    assert forced.spent == free.spent
+    assert forced.spent == without.spent
+
+
+def test_noise_that_is_left_out_by_request_hides_nothing_of_other_noise():
+    # Of so bright a light, beside a rounding to whole counts, shot noise is nothing; alone it is all there is.
+    noise = {"gain_dn_per_e": 1e-7, "read_noise_e": 0.0, "dark_current_e_per_s": 0.0}
+    scene = radiance_scene(noise=noise, sensor={"exposure_s": 1e5 * radiance_scene().sensor.exposure_s})
+    assert Effect.SHOT_NOISE not in plan(scene, tolerance=0.01).active
+    assert Effect.SHOT_NOISE in plan(scene, tolerance=0.01, forced={Effect.QUANTISATION: False}).active
 
 
 def test_light_is_asked_for_with_what_acts_of_it():
