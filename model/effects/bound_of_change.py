@@ -138,7 +138,7 @@ def _missed(
     ]
     apart = max(target.s0_low - background.s0_high, background.s0_low - target.s0_high) - sum(shifts)
     of_background_s0, of_target_s0 = (
-        np.sqrt(region.cov_high[0, 0] * (1.0 + found.share))
+        np.sqrt(region.cov_high[0, 0] * (1.0 + found.share)) if np.isfinite(found.share) else np.inf
         for region, found in ((background, of_background), (target, of_target))
     )
     clear = apart - np.sqrt(max(eta, _HARDLY)) * of_background_s0
