@@ -21,7 +21,8 @@ import sys
 import tempfile
 import termios
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,16 +62,21 @@ disk_free_mb = 0
 _OF_THE_MOMENT = ("start_utc", "end_utc", "start_monotonic_ns", "settle_s", "checksum")
 
 
-def run_kills(kills: int, *, seed: int = 1) -> bool:
-    """Kill so many sessions and go on with each; return whether all became the undisturbed one."""
-    moments = random.Random(seed)
+@contextmanager
+def _undisturbed_session() -> Iterator[tuple[Path, tuple[Path, Path], Run, float]]:
+    """A folder with a rig and a session file, the run that nothing disturbs, and how long it takes [s]."""
     with tempfile.TemporaryDirectory() as folder:
         files = write_files(Path(folder))
         undisturbed = undisturbed_run(files)
-        session_s = duration_s(undisturbed)
-        failures = 0
+        yield Path(folder), files, undisturbed, duration_s(undisturbed)
+
+
+def run_kills(kills: int, *, seed: int = 1) -> bool:
+    """Kill so many sessions and go on with each; return whether all became the undisturbed one."""
+    moments, failures = random.Random(seed), 0
+    with _undisturbed_session() as (folder, files, undisturbed, session_s):
         for kill in range(kills):
-            run, truth = Path(folder) / "killed", Path(folder) / _TRUTH_FILE
+            run, truth = folder / "killed", folder / _TRUTH_FILE
             truth.unlink()
             named, there = killed_session(run, files, delay_s=moments.uniform(0.0, session_s))
             bad = problems_of(run) + problems_after_resume(run, undisturbed, truth)
@@ -85,14 +91,10 @@ def run_kills(kills: int, *, seed: int = 1) -> bool:
 
 def run_lost_terminals(sessions: int, *, seed: int = 1) -> bool:
     """Close the terminals of so many sessions, kill half of them, and go on; return whether all became whole."""
-    moments = random.Random(seed)
-    with tempfile.TemporaryDirectory() as folder:
-        files = write_files(Path(folder))
-        undisturbed = undisturbed_run(files)
-        session_s = duration_s(undisturbed)
-        failures = 0
+    moments, failures = random.Random(seed), 0
+    with _undisturbed_session() as (folder, files, undisturbed, session_s):
         for number in range(sessions):
-            run, truth = Path(folder) / "lost", Path(folder) / _TRUTH_FILE
+            run, truth = folder / "lost", folder / _TRUTH_FILE
             truth.unlink(missing_ok=True)
             closed_s, is_killed = moments.uniform(-_BEFORE_S, session_s), number % 2 == 0
             code = session_without_terminal(
