@@ -112,7 +112,12 @@ def run_tolerance(
     """Run the trial over a number of scenes; return whether every promise was kept."""
     rows = []
     for seed in seeds_in_time(first, scenes, minutes):
-        rows.append({"seed": seed} | one_scene(make_scene(seed), tolerances[seed % len(tolerances)]))
+        try:
+            rows.append({"seed": seed} | one_scene(make_scene(seed), tolerances[seed % len(tolerances)]))
+        except ValueError as error:
+            # Such as an analytic sky that is polarized by more than all of its light: no scene.
+            print(f"seed {seed}: refused: {error}")
+            continue
         print(rows[-1], flush=True)
     if out is not None:
         with out.open("w", newline="") as file:
