@@ -1,6 +1,6 @@
 """Propagation of uncertain inputs to the covariance of results: by slopes, or by quadrature where curved."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,7 @@ def propagate(
     *,
     least: ArrayLike,
     most: ArrayLike,
+    fitted: Collection[int] = (),
     curvature_tolerance: float = 0.1,
 ) -> Propagation:
     """Return the effect of each uncertain input on a function's results, and the covariance that all of them make.
@@ -56,6 +57,9 @@ def propagate(
         Covariance of the inputs, shape (k, k); an input with variance 0 is exact.
     least, most
         Smallest and largest value that each input may take, shape (k,); infinite where there is none.
+    fitted
+        Inputs, by position, that were fitted to make up for others. What they make up for cancels at any distance, as
+        their covariance, which is of first order, does not say: bends are seen of each of them alone.
     curvature_tolerance
         Share of a result's first-order standard uncertainty that the bend of one input's response may have, >= 0.
         With 0.1, what is neglected changes a standard uncertainty by at most 1 %.
@@ -83,7 +87,7 @@ def propagate(
     spread = np.sqrt(np.diag(linear))
     bent = {k for k in response.uncertain if response.bends_more_than(k, curvature_tolerance * spread)}
     total, curved = linear, set[int]()
-    for group in response.groups:
+    for group in response.groups(fitted):
         for inputs, extra in response.extras(group, bent.intersection(group)):
             curved |= inputs
             total = total + extra
@@ -122,12 +126,13 @@ class _Response:
         rounding = 1e-9 * np.abs(self._centre)
         return k in self._bends and bool(np.any(np.abs(self._bends[k]) > allowed + rounding))
 
-    @property
-    def groups(self) -> list[list[int]]:
-        """The uncertain inputs, those that are correlated with one another together."""
+    def groups(self, alone: Collection[int]) -> list[list[int]]:
+        """Return the uncertain inputs, those that are correlated with one another together, but for some."""
+        tied = self.cov != 0.0
+        tied[list(alone), :] = tied[:, list(alone)] = False
         found: list[list[int]] = []
         for k in self.uncertain:
-            joined = [group for group in found if any(self.cov[k, other] != 0.0 for other in group)]
+            joined = [group for group in found if any(tied[k, other] for other in group)]
             found = [group for group in found if group not in joined]
             found.append(sorted([k, *(other for group in joined for other in group)]))
         return found

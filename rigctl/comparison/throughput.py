@@ -73,4 +73,4 @@ def rescaled(inputs: Inputs, factor: float, *, variance: float, common: FloatArr
     row = efficiency * common * np.array([0.0 if name in _THROUGHPUT else 1.0 for name in inputs.names])
     cov[place[EFFICIENCY], :] = cov[:, place[EFFICIENCY]] = row
     cov[place[EFFICIENCY], place[EFFICIENCY]] = efficiency**2 * variance
-    return replace(fixed, scene=fixed.at(values), values=values, cov=cov)
+    return replace(fixed, scene=fixed.at(values), values=values, cov=cov, fitted=(EFFICIENCY,))

@@ -64,7 +64,8 @@ def propagate_numbers(
 
     found = only_uncertain(inputs)
     try:
-        return propagate(off, found.values, found.cov, least=found.least, most=found.most)
+        fitted = [k for k, name in enumerate(found.names) if name in found.fitted]
+        return propagate(off, found.values, found.cov, least=found.least, most=found.most, fitted=fitted)
     except ValueError as error:
         raise ConfigError(f"the uncertainties of the inputs ({', '.join(found.names)}): {error}") from error
 

@@ -31,6 +31,8 @@ class Inputs:
         Between which numbers each has to stay; infinite where there is no limit.
     remarks : tuple of str
         What is assumed, and what was set aside, in words.
+    fitted : tuple of str
+        Those that were fitted so that they make up for others: their covariance with these holds to first order.
     """
 
     scene: Scene
@@ -40,6 +42,7 @@ class Inputs:
     least: FloatArray
     most: FloatArray
     remarks: tuple[str, ...]
+    fitted: tuple[str, ...] = ()
 
     def at(self, values: FloatArray) -> Scene:
         """Return the scene with other numbers in the place of these."""
