@@ -25,8 +25,8 @@ FINER = {STREAMS: 4, LAYERS: 3, WAVELENGTHS: 6, SKY_GRID: 2, HEMISPHERE: 2, TILE
     ("make_scene", "seed"),
     [
         (random_scene, 0),
-        (random_scene, 4),
         (random_scene, 8),
+        (random_scene, 21),
         (hostile_scene, 4),
         (hostile_scene, 9),
         (hostile_scene, 14),

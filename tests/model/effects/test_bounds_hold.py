@@ -29,7 +29,8 @@ def test_bound_that_is_too_small_is_found(monkeypatch):
     monkeypatch.setattr("model.effects.noise_bounds.RegionBounds.temporal_share", lambda *_, **__: 1e-9)
     found = Score()
     for seed in SEEDS:
-        score_scene(found, seed)
+        if not found.violations:
+            score_scene(found, seed)
     assert found.violations
 
 

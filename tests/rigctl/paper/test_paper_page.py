@@ -35,13 +35,13 @@ def test_every_figure_has_its_sentences():
 
 @pytest.mark.parametrize("materials", ["library", "rough"])
 def test_verdicts_and_numbers_of_the_page_are_those_computed(materials):
-    # Fig. 13, four geometries; benchmarks/trial_paper.py does the whole page.
+    # The figures with the most sentences; benchmarks/trial_paper.py does the whole page.
     column = 5 + ["library", "rough"].index(materials)
-    found = check_paper(PaperRequest(figures=(13,), materials=(materials,))).results
-    rows = page_rows()
+    results = check_paper(PaperRequest(figures=(9, 10), materials=(materials,))).results
+    rows, found = page_rows(), [one for one in results if one.statement.figure.rstrip("ab") in ("9", "10")]
+    assert len(found) >= LEAST["9"] + LEAST["10"]
     for one in found:
-        if one.statement.figure == "13":
-            assert rows[one.statement.id][column] == verdict_cell(one)
+        assert rows[one.statement.id][column] == verdict_cell(one)
 
 
 def test_a_figure_that_is_not_computed_is_refused(capsys):
