@@ -53,6 +53,24 @@ def in_process(tmp_path, monkeypatch, capsys):
     return run
 
 
+@pytest.fixture
+def small_demo(monkeypatch):
+    """Make the demo one of small pictures and few of them."""
+    copy = demo.copy_examples
+
+    def copy_small(out):
+        copy(out)
+        rig = (out / "rig-sim.toml").read_text()
+        rig = rig.replace("width = 782", "width = 192").replace("height = 582", "height = 96")
+        (out / "rig-sim.toml").write_text(rig.replace("?speed=20", "?speed=400"))
+        scene = re.sub(r"(x|y|width|height) = (\d+)", lambda found: f"{found[1]} = {2 * int(found[2])}", SMALL_SCENE)
+        (out / "scene-panels.toml").write_text(scene)
+        (out / "session-noise.toml").write_text(_SHORT_NOISE)
+        (out / "session.toml").write_text(SHORT_SESSION.replace("cycles = 1", "cycles = 6"))
+
+    monkeypatch.setattr(demo, "copy_examples", copy_small)
+
+
 @pytest.mark.timeout(400)
 def test_demo_does_the_whole_job_and_both_sides_agree(tmp_path):
     result = _rigctl("demo", "--out", "demo", "--seed", "3", "--json", cwd=tmp_path)
@@ -65,9 +83,8 @@ def test_demo_does_the_whole_job_and_both_sides_agree(tmp_path):
     assert abs(gain["value"] - 0.24) < 5 * gain["std_error"]
 
 
-@pytest.mark.timeout(400)
-def test_a_perturbed_demo_disagrees_with_exit_code_5(tmp_path):
-    result = _rigctl("demo", "--out", "demo", "--perturb", "extinction", cwd=tmp_path)
+def test_a_perturbed_demo_disagrees_with_exit_code_5(in_process, small_demo):
+    result = in_process("demo", "--out", "demo", "--perturb", "extinction")
     assert result.returncode == 5, result.stderr
     assert "points to polarization" in result.stdout
 
@@ -153,27 +170,17 @@ def test_real_frames_become_a_run_images_and_a_closed_loop_report(tmp_path, in_p
 
 
 @pytest.mark.slow
-def test_the_demo_over_a_network_that_loses_packets_agrees_and_every_frame_is_bit_exact(tmp_path, monkeypatch):
+def test_the_demo_over_a_network_that_loses_packets_agrees_and_every_frame_is_bit_exact(
+    tmp_path, monkeypatch, small_demo
+):
     """The command `rigctl demo --gige --lost 0.01`, with small pictures and few of them."""
-    copy, take_frame = demo.copy_examples, SimCamera.take_frame
-    rendered = set()
-
-    def copy_small(out):
-        copy(out)
-        rig = (out / "rig-sim.toml").read_text()
-        rig = rig.replace("width = 782", "width = 192").replace("height = 582", "height = 96")
-        (out / "rig-sim.toml").write_text(rig.replace("?speed=20", "?speed=400"))
-        scene = re.sub(r"(x|y|width|height) = (\d+)", lambda found: f"{found[1]} = {2 * int(found[2])}", SMALL_SCENE)
-        (out / "scene-panels.toml").write_text(scene)
-        (out / "session-noise.toml").write_text(_SHORT_NOISE)
-        (out / "session.toml").write_text(SHORT_SESSION.replace("cycles = 1", "cycles = 6"))
+    take_frame, rendered = SimCamera.take_frame, set()
 
     def noted(camera, *, timeout_s):
         frame = take_frame(camera, timeout_s=timeout_s)
         rendered.add(frame.counts.tobytes())
         return frame
 
-    monkeypatch.setattr(demo, "copy_examples", copy_small)
     monkeypatch.setattr(SimCamera, "take_frame", noted)
     out = tmp_path / "demo"
     with gige_port():

@@ -16,19 +16,25 @@ ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 SUN = {"sun_azimuth_deg": 180.0, "sun_elevation_deg": 40.0}
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """A folder in which the skies of these tests are kept: most have the same."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture(autouse=True)
-def _own_cache(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def _own_cache(monkeypatch, cache):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
 
 
 @pytest.fixture
-def compared(tmp_path):
+def compared(tmp_path, cache):
     """Compare a run, made of what the model predicts for the sun of the frames, with the scene file."""
 
     def compare(text=SCENE, sun=SUN, rig=None, told=None):
         scene = load_scene(written(tmp_path, text))
         changed = {"sun.zenith_deg": 90.0 - sun["sun_elevation_deg"], "sun.azimuth_deg": sun["sun_azimuth_deg"]}
-        light = SceneLight(SkyStore(tmp_path / "skies"))
+        light = SceneLight(SkyStore(cache / "skies"))
         truth = ScenePredictor(scene, None, light=light).predictions(changed)
         generator = np.random.default_rng(3)
         frames = [
