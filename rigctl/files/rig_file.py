@@ -250,11 +250,6 @@ class RigFile(Section):
         ports = () if self.stage is None else (self.stage.port,)
         return any(address.startswith(REPLAY) for address in (*ports, self.camera.address))
 
-    @property
-    def has_simulated_clock(self) -> bool:
-        """True if its time is simulated: a session does not wait then."""
-        return self.simulation is not None and self.simulation.clock is not None
-
     @model_validator(mode="before")
     @classmethod
     def _mosaic_sits_as_stated(cls, given: object) -> object:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.diagnosis.causes import PER_FRAME
 from model.processing.diagnosis.consequences import consequence
 from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
 from model.processing.mosaic import coarse_pictures
@@ -262,13 +261,3 @@ def _moved(
 
 def _largest(shifts: Iterable[float | None]) -> float | None:
     return max((shift for shift in shifts if shift is not None), key=abs, default=None)
-
-
-def found_throughput(diagnosis: RunDiagnosis) -> FloatArray:
-    """Return the throughput of each frame as the named causes make it, shape (N,)."""
-    frames = len(diagnosis.angles_deg)
-    total = np.zeros(frames)
-    for term in diagnosis.found.terms:
-        if term.is_named:
-            total += term.parameters[: len(PER_FRAME) * frames].reshape(len(PER_FRAME), frames)[0]
-    return np.asarray(1.0 + total)

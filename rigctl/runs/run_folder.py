@@ -13,7 +13,7 @@ The frames are the truth; the manifest is their table of contents and can be mad
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
@@ -99,7 +99,7 @@ def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
     DataError
         The file is gone, is not the one that was written, or says something else of the frame than the manifest does.
     """
-    frame = decode_frame(_checked(path, record, read_for_now))
+    frame = decode_frame(_checked(path, record))
     stated = record_from_header(frame, file=record.file, checksum=record.checksum)
     if stated != record:
         other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
@@ -107,20 +107,9 @@ def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
     return frame
 
 
-def read_frame_file(path: Path, record: FrameRecord) -> bytes:
-    """Return the bytes of a frame's file, once their checksum agrees with the manifest.
-
-    Raises
-    ------
-    RunFolderError
-        The file cannot be read, or its checksum differs.
-    """
-    return bytes(_checked(path, record, read_bounded))
-
-
-def _checked(path: Path, record: FrameRecord, read: Callable[[Path, int], bytes | memoryview]) -> bytes | memoryview:
+def _checked(path: Path, record: FrameRecord) -> bytes | memoryview:
     try:
-        data = read(path / record.file, _largest_bytes(record))
+        data = read_for_now(path / record.file, _largest_bytes(record))
     except OSError as error:
         raise RunFolderError(f"{path / record.file}: cannot be read: {error.strerror}") from error
     found = file_checksum(data)

@@ -175,12 +175,6 @@ def map_pictures(cycle: CyclePictures, *, dolp_top: float) -> dict[str, Picture]
     return {"s0": _s0(maps), "dolp": _dolp(maps, top=dolp_top), "aolp": _aolp(maps, noise_dn=noise_dn)}
 
 
-def colour_bar(name: str) -> bytes:
-    """Return the colours of a map from its lower to its upper end, as a JPEG of one row of 256."""
-    steps = np.arange(256, dtype=np.uint8)[None, :].repeat(8, axis=0)
-    return _jpeg(cv2.applyColorMap(steps, _COLOURS[name]) if name in _COLOURS else steps)
-
-
 _COLOURS = {"dolp": cv2.COLORMAP_VIRIDIS, "aolp": cv2.COLORMAP_TWILIGHT_SHIFTED}
 
 

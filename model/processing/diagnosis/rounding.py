@@ -1,45 +1,17 @@
-"""Exact moments of a normal number that was rounded to whole steps, where the noise is smaller than a step."""
+"""How far rounding to whole steps moves levels, where the noise is smaller than a step."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.special_functions import ndtr
-
 FloatArray = NDArray[np.float64]
 
 # Waves of the periodic error that are summed: the last is below 1e-16 where noise is a third of a step, and a share of
 # 1/40 of the first without any.
 _WAVES = np.arange(1, 41)
-_TAIL_DEVIATIONS = 9.0
 # Noise from which on rounding moves a mean by less than a fortieth of a step.
 _HARMLESS_STEPS = 0.35
-
-
-def rounded_moments(mean: ArrayLike, std: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return mean and variance of normal numbers rounded to whole steps.
-
-    Parameters
-    ----------
-    mean, std
-        Of the normal numbers, in steps, same shape; std above 0.
-
-    Notes
-    -----
-    Sums over all whole numbers within nine standard deviations of the mean.
-    """
-    means, stds = np.broadcast_arrays(np.asarray(mean, dtype=np.float64), np.asarray(std, dtype=np.float64))
-    if np.any(~(stds > 0.0)):
-        raise ValueError(f"std = {stds.min():.3g} steps; allowed is above 0")
-    reach = int(np.ceil(_TAIL_DEVIATIONS * float(stds.max(initial=0.0)))) + 1
-    steps = np.rint(means)[..., None] + np.arange(-reach, reach + 1)
-    upper = (steps + 0.5 - means[..., None]) / stds[..., None]
-    lower = (steps - 0.5 - means[..., None]) / stds[..., None]
-    # Differences of the same tail keep their digits.
-    shares = np.where(lower > 0.0, ndtr(-lower) - ndtr(-upper), ndtr(upper) - ndtr(lower))
-    rounded = np.sum(shares * steps, axis=-1)
-    return rounded, np.sum(shares * (steps - rounded[..., None]) ** 2, axis=-1)
 
 
 def rounding_error_rms(std: ArrayLike) -> FloatArray:
