@@ -9,7 +9,9 @@ from rigctl.commands import archive_runs
 from rigctl.console.terminal import print_json, print_json_list, progress, results
 
 app = typer.Typer(
+    add_completion=False,
     no_args_is_help=True,
+    rich_markup_mode=None,
     help="Index an archive of runs, find runs in it, do a job over all of them, and see how the rig fared.\n\n"
     "Example: rigctl archive index runs",
 )
