@@ -84,4 +84,20 @@ def test_a_job_starts_with_the_modules_that_it_uses(job):
 def test_a_prediction_of_stated_light_solves_no_sky_and_opens_no_picture():
     code, modules = modules_after("predict", "examples/scene-panels.toml")
     later = {*UNUSED, *_SKY, *_DRAWN, "cv2", "rigctl.runs.run_folder", "rigctl.measurement.measurement"}
+    # Of special functions the compiled module alone.
+    later |= {"scipy.special", "numpy.f2py", "numpy.testing"}
     assert (code, sorted(later & modules)) == (0, [])
+
+
+def test_special_functions_are_those_of_scipy_whose_package_can_be_imported_afterwards():
+    program = """
+import sys
+from model import special_functions as ours
+ours.ndtr(1.0), ours.erfcx(1.0)
+print("scipy.special" in sys.modules)
+import scipy.special as theirs, scipy.stats
+names = [name for name, value in vars(ours).items() if isinstance(value, ours.SpecialFunction)]
+print(all(getattr(ours, name)._function is getattr(theirs, name) for name in names), len(names) > 10)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "True"]
