@@ -58,8 +58,14 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 64 << 20
 # stay, and looking through them each 700 takes a twentieth of a start.
 _COLLECT_AFTER = 50_000, 10, 10
 
-# Packages that the installation for acquisition alone does without (pyproject.toml, group `acquisition`).
-_LEFT_OUT = ("astropy", "jinja2", "matplotlib", "reportlab")
+# Modules that the installation for acquisition alone (pyproject.toml, `acquisition`) does without: their packages.
+_LEFT_OUT = {
+    "astropy": "astropy",
+    "jinja2": "jinja2",
+    "matplotlib": "matplotlib",
+    "PIL": "pillow",
+    "reportlab": "reportlab",
+}
 
 # Verb -> (module that holds its `command` or `app`, one line of help). A module is imported when its verb is
 # called, so that `rigctl --help` starts at once.
@@ -297,7 +303,7 @@ def failure_of(error: Exception) -> tuple[int, str]:
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
         return EXIT_USAGE, (
             f"this needs {error.name}, which an installation for acquisition alone leaves out: "
-            f"pip install {' '.join(_LEFT_OUT)}"
+            f"pip install {' '.join(_LEFT_OUT.values())}"
         )
     text = f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}"
     return EXIT_OWN_FAULT, text

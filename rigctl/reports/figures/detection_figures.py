@@ -11,26 +11,31 @@ from rigctl.files.choices import RocKind
 from rigctl.reports.figures.figure_style import (
     MEASURED,
     PREDICTED,
-    finish_picture,
     legend_below,
     legend_beside,
-    picture_axes,
     png,
     subplots,
 )
+from rigctl.reports.figures.picture_drawing import Picture, pictures_png
 
+# What one background pixel in ten exceeds.
+_LEAST_SHOWN = 0.8
 # More names than these fit no legend.
 _MOST_NAMED = 12
 
 
 def statistic_picture(found: RxOnRun, *, background: str) -> bytes:
     """Return the map of the statistic on a log scale, from what one background pixel in ten exceeds."""
-    figure, axes = picture_axes(found.statistic.shape)
-    shown = axes[0].imshow(
-        np.log10(np.maximum(found.statistic, 1e-3)), cmap="cividis", vmin=0.8, interpolation="nearest"
+    values = np.log10(np.maximum(found.statistic, 1e-3))
+    picture = Picture(
+        values=values,
+        low=_LEAST_SHOWN,
+        high=max(float(np.nanmax(values, initial=_LEAST_SHOWN)), _LEAST_SHOWN + 0.1),
+        colours="cividis",
+        title=f"RX against {background}",
+        label="log10 D",
     )
-    finish_picture(figure, axes[0], shown, title=f"RX against {background}", label="log10 D")
-    return png(figure)
+    return pictures_png((picture,))
 
 
 def roc_plot(found: RxOnRun, *, background: str, target: str) -> bytes:

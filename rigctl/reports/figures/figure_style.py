@@ -10,6 +10,7 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
@@ -24,9 +25,6 @@ COLOURS = cycler(color=["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "
 _DPI = 110
 # Twice as fast as the usual 6, and hardly larger.
 _PNG_LEVEL = 3
-_PICTURE_WIDTH_INCH = 5.4
-# Left, right (with the bar), below and above.
-_PICTURE_MARGINS = (0.75, 1.15, 0.55, 0.35)
 _KNOWN, _ROOM = 10.0, 1.3
 # From the axes to a legend below them.
 _NAMES_INCH = 0.55
@@ -94,36 +92,12 @@ def mark_beyond(
         axes.set_xlim(low, high)
 
 
-def picture_axes(shape: tuple[int, int], *, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return a figure and axes for pictures of a shape beside each other, each with room for its bar.
-
-    Places are counted out, in inches, rather than found by a layout engine, which takes longer than the drawing.
-    """
-    left, right, below, above = _PICTURE_MARGINS
-    wide = _PICTURE_WIDTH_INCH - left - right
-    high = min(max(wide * shape[0] / shape[1], 1.2), 8.2)
-    width, height = columns * _PICTURE_WIDTH_INCH, below + high + above
-    figure = Figure(figsize=(width, height))
-    axes = []
-    for k in range(columns):
-        start = k * _PICTURE_WIDTH_INCH + left
-        axes.append(figure.add_axes((start / width, below / height, wide / width, high / height)))
-    return figure, axes
-
-
-def finish_picture(figure: Any, ax: Axes, shown: Any, *, title: str, label: str) -> None:
+def finish_picture(figure: Figure, ax: Axes, shown: ScalarMappable, *, title: str, label: str) -> None:
     """Give a picture its title, its axes in pixels and a bar that tells its values."""
     ax.set_title(title)
     ax.set_xlabel("x [pixel]")
     ax.set_ylabel("y [pixel]")
-    if figure.get_layout_engine() is not None:
-        figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
-        return
-    # As high as the picture, whatever room it leaves.
-    ax.apply_aspect()
-    box = ax.get_position()
-    bar = figure.add_axes((box.x1 + 0.12 / figure.get_figwidth(), box.y0, 0.14 / figure.get_figwidth(), box.height))
-    figure.colorbar(shown, cax=bar, label=label)
+    figure.colorbar(shown, ax=ax, label=label, shrink=0.85)
 
 
 def say_beneath(figure: Figure, lines: Sequence[str]) -> None:
