@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.sensor.curve_model import CurveModel
 from calibration.sensor.dark_signal import mean_sampling_variance
 from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.outlying_points import CurveModel, PointInfluence, point_influence
+from calibration.sensor.outlying_points import PointInfluence, point_influence
 from calibration.sensor.rounding_error import least_noise_dn2, variance_rounding_error_dn2
 
 FloatArray = NDArray[np.float64]

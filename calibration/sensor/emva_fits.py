@@ -70,8 +70,10 @@ def _dark_line(sweep: EmvaSweep, values: FloatArray, darks: Mask) -> tuple[float
     """Return value at no exposure and slope; with two exposures or fewer the value at the shortest, and 0."""
     if not sweep.has_exposures:
         return float(values[darks][0]), 0.0
-    slope, start = np.polyfit(sweep.exposure_s[darks], values[darks], 1)
-    return float(start), float(slope)
+    exposures_s, chosen = sweep.exposure_s[darks], values[darks]
+    from_middle = exposures_s - exposures_s.mean()
+    slope = _slope(from_middle, chosen)
+    return float(chosen.mean() - slope * exposures_s.mean()), slope
 
 
 def _photon_figures(sweep: EmvaSweep, chosen: Mask, found: dict[str, float]) -> dict[str, float]:

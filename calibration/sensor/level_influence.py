@@ -7,9 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.sensor.curve_model import CurveModel
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.light_stability import LightStability, wander_variance_dn2
-from calibration.sensor.outlying_points import CurveModel, PointInfluence, point_influence
+from calibration.sensor.outlying_points import PointInfluence, point_influence
 from calibration.sensor.rounding_error import least_noise_dn2, mean_rounding_error_dn
 from calibration.sensor.transfer_points import TransferPoints
 

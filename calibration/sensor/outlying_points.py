@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from calibration.sensor.curve_model import CurveFit, CurveModel, Mask, cost_of_terms, fit_curve
+
 FloatArray = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # A point more that is taken to be wrong has to explain as much as odds of 1 to 100 against it.
 _ODDS_COST = 2.0 * np.log(100.0)
@@ -20,49 +21,8 @@ _FAR_SIGMA = 6.0
 # A wrong point may be anywhere within its own size.
 _LARGEST_SHARE = 0.25
 _LEAST_FREEDOM = 3
-_SCATTER_STEPS = 30
-_CONVERGED = 1e-3
 # A point that decides the curve more than this has hardly another beside it.
 _LARGEST_LEVERAGE = 1.0 - 1e-6
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CurveModel:
-    """One smooth curve that points may follow.
-
-    Attributes
-    ----------
-    design : (n, p) array
-        Columns of a linear model.
-    scatter_shape : (n,) array
-        Standard deviation of one unit of extra, independent scatter of each point, > 0.
-    first_term_std : float or None
-        What the first term is expected to be at most (one standard deviation about 0); None where it is free.
-    term_sizes : (p,) array or None
-        How large each term may be (one standard deviation about 0), infinite for those that every curve of the set has;
-        None where nothing is known of any.
-    is_usual : bool
-        False for a curve that is believed where it explains more than one wrong point would.
-    is_through_zero : bool
-        True for a curve without an offset.
-    """
-
-    design: FloatArray
-    scatter_shape: FloatArray
-    first_term_std: float | None = None
-    term_sizes: FloatArray | None = None
-    is_usual: bool = True
-    is_through_zero: bool = False
-
-    @property
-    def n_free(self) -> int:
-        """Number of terms of which nothing is expected."""
-        return int(self.design.shape[1]) - (self.first_term_std is not None)
-
-    @property
-    def n_bends(self) -> int:
-        """Number of terms beyond an offset."""
-        return int(self.design.shape[1]) - (not self.is_through_zero)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,35 +133,24 @@ def _speaks_alone(points: PointInfluence, best: PointInfluence) -> bool:
     return bool(abs(points.deviation[points.outlying][0]) > _FAR_SIGMA * own[0]) and without < with_it + _AS_WELL
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Fit:
-    parameters: FloatArray
-    covariance: FloatArray
-    residual: FloatArray
-    leverage: FloatArray
-    variance: FloatArray
-    scatter_variance: float
-
-
 def _eliminate(
     model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, p_false: float
 ) -> PointInfluence:
     n = len(values)
     active = np.ones(n, dtype=bool)
-    chosen, fit = active, _fit(model, values, sampling, active)
+    chosen, fit = active, fit_curve(model, values, sampling, used=active)
     for _ in range(max(1, int(_LARGEST_SHARE * n))):
         freedom = int(active.sum()) - model.n_free - 1
         if freedom < _LEAST_FREEDOM - 1:
             break
-        furthest = _furthest(fit, sampling[active], freedom)
-        if fit.leverage[furthest] >= _LARGEST_LEVERAGE:
+        worst = _furthest(fit, values, sampling, active, freedom)
+        if fit.leverage[worst] >= _LARGEST_LEVERAGE:
             # No other point says anything of any of these.
             break
-        worst = int(np.flatnonzero(active)[furthest])
         active = active.copy()
         active[worst] = False
-        others = _fit(model, values, sampling, active, fit.scatter_variance)
-        off, limit = _distance(model, others, values, sampling, worst, freedom=freedom, p_one=p_false / n)
+        others = fit_curve(model, values, sampling, used=active, start=fit.scatter_variance)
+        off, limit = _distance(others, values, sampling, worst, freedom=freedom, p_one=p_false / n)
         if off > limit:
             chosen = active
         elif fit.scatter_variance == 0.0:
@@ -211,87 +160,35 @@ def _eliminate(
     return _beside_the_others(model, values, sampling, abscissa, chosen)
 
 
-def _furthest(fit: _Fit, sampling: FloatArray, freedom: int) -> int:
+def _furthest(fit: CurveFit, values: FloatArray, sampling: FloatArray, active: Mask, freedom: int) -> int:
     """Return which of the fitted points is furthest off the others in its own standard errors, by the hat matrix."""
-    spread = np.square(fit.residual) / fit.variance
+    square, decides = np.square(values - fit.curve), fit.leverage >= _LARGEST_LEVERAGE
+    spread = square / fit.variance
     open_ = np.maximum(1.0 - fit.leverage, 1.0 - _LARGEST_LEVERAGE)
-    others = np.maximum((spread.sum() - spread / open_) / freedom, 0.0) * fit.variance
-    total = np.maximum(others, sampling)
-    return int(np.argmax(np.where(fit.leverage < _LARGEST_LEVERAGE, spread * fit.variance / (total * open_), -1.0)))
+    others = np.maximum((spread[active].sum() - spread / open_) / freedom, 0.0) * fit.variance
+    distance = np.where(decides, -1.0, square / (np.maximum(others, sampling) * open_))
+    return int(np.argmax(np.where(active, distance, -2.0)))
 
 
 def _distance(
-    model: CurveModel,
-    others: _Fit,
-    values: FloatArray,
-    sampling: FloatArray,
-    point: int,
-    *,
-    freedom: int,
-    p_one: float,
+    others: CurveFit, values: FloatArray, sampling: FloatArray, point: int, *, freedom: int, p_one: float
 ) -> tuple[float, float]:
     """Return how far a point is off the fit through others in its own standard errors, and how far it may be.
 
     The scatter is that of the others alone: where points have unlike errors, that of a wrong one hides it.
     """
-    row = model.design[point]
-    by_scatter = others.scatter_variance * float(model.scatter_shape[point]) ** 2
-    of_curve = max(float(row @ others.covariance @ row), 0.0)
-    own = float(sampling[point])
-    off = abs(float(values[point] - row @ others.parameters)) / float(np.sqrt(own + by_scatter + of_curve))
+    error = float(np.sqrt(others.variance[point] + others.curve_variance[point]))
     by_normal, by_student = -float(ndtri(0.5 * p_one)), -float(stdtrit(freedom, 0.5 * p_one))
-    share = by_scatter / (own + by_scatter)
-    return off, float(np.sqrt(by_normal**2 * (1.0 - share) + by_student**2 * share))
-
-
-def _fit(model: CurveModel, values: FloatArray, sampling: FloatArray, active: Mask, start: float = 0.0) -> _Fit:
-    """Return the weighted fit through the active points, with the scatter that makes chi-squared what it should be."""
-    design, y = model.design[active], values[active]
-    shape_variance, own = np.square(model.scatter_shape[active]), sampling[active]
-    freedom = len(y) - model.n_free
-    scatter = start
-    for _ in range(_SCATTER_STEPS):
-        variance = own + scatter * shape_variance
-        parameters, covariance, residual = _weighted(design, y, variance, model.first_term_std)
-        excess = float(np.sum(np.square(residual) / variance)) - freedom
-        if abs(excess) <= _CONVERGED * freedom or (scatter == 0.0 and excess < 0.0):
-            break
-        # Chi-squared is convex in the scatter: Newton's steps come to the root from below.
-        step = excess / float(np.sum(np.square(residual / variance) * shape_variance))
-        scatter = max(scatter + step, 0.0)
-    leverage = np.einsum("ij,jk,ik->i", design, covariance, design) / variance
-    return _Fit(
-        parameters=parameters,
-        covariance=covariance,
-        residual=residual,
-        leverage=leverage,
-        variance=variance,
-        scatter_variance=scatter,
-    )
-
-
-def _weighted(
-    design: FloatArray, values: FloatArray, variance: FloatArray, first_term_std: float | None
-) -> tuple[FloatArray, ...]:
-    root = 1.0 / np.sqrt(variance)
-    white, white_values = design * root[:, None], values * root
-    if first_term_std is not None:
-        # What is expected of a term is one more point.
-        white = np.vstack([white, np.eye(1, design.shape[1]) / first_term_std])
-        white_values = np.append(white_values, 0.0)
-    orthogonal, triangle = np.linalg.qr(white)
-    inverse = np.linalg.inv(triangle)
-    parameters = inverse @ (orthogonal.T @ white_values)
-    return parameters, inverse @ inverse.T, values - design @ parameters
+    of_sampling = float(sampling[point] / others.variance[point])
+    limit = float(np.sqrt(by_normal**2 * of_sampling + by_student**2 * (1.0 - of_sampling)))
+    return abs(float(values[point] - others.curve[point])) / error, limit
 
 
 def _beside_the_others(
     model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, sound: Mask
 ) -> PointInfluence:
-    fit = _fit(model, values, sampling, sound)
-    variance = sampling + fit.scatter_variance * np.square(model.scatter_shape)
-    residual = values - model.design @ fit.parameters
-    leverage = np.einsum("ij,jk,ik->i", model.design, fit.covariance, model.design) / variance
+    fit = fit_curve(model, values, sampling, used=sound)
+    variance, leverage, residual = fit.variance, fit.leverage, values - fit.curve
     open_ = np.maximum(1.0 - leverage, 1.0 - _LARGEST_LEVERAGE)
     wide = np.square(model.scatter_shape * np.median(np.abs(values) / model.scatter_shape)) + sampling
     of_wrong = np.log(wide) + _ODDS_COST
@@ -306,20 +203,6 @@ def _beside_the_others(
         std_error=np.sqrt(np.where(sound, variance / open_, variance * (1.0 + leverage))),
         scatter=float(np.sqrt(fit.scatter_variance)),
         model=model,
-        cost=float(cost.sum()) + unusual + _cost_of_terms(model, fit.covariance, n_points=len(values)),
+        cost=float(cost.sum()) + unusual + cost_of_terms(model, fit),
         cost_of_each=cost,
     )
-
-
-def _cost_of_terms(model: CurveModel, covariance: FloatArray, *, n_points: int) -> float:
-    """Return Occam's factor of the terms: by how much the points narrow what each may be.
-
-    Where nothing is known of their sizes it is that of the information in n points (Schwarz). It is too small for terms
-    that are expected to be small: one wrong level at an end, which two terms more can reach, would pass for a curve.
-    """
-    if model.term_sizes is None:
-        return model.n_free * float(np.log(n_points))
-    bounded = np.isfinite(model.term_sizes)
-    left = covariance[np.ix_(bounded, bounded)]
-    before = left + np.diag(np.square(model.term_sizes[bounded]))
-    return float(np.linalg.slogdet(before)[1] - np.linalg.slogdet(left)[1])

@@ -62,7 +62,8 @@ class SampleCounter:
         low, high = int(frame.min()), int(frame.max())
         self._min_dn = min(self._min_dn, low)
         self._count_maximum(frame, high)
-        self._zeros += frame.size - int(np.count_nonzero(frame))
+        if low == 0:
+            self._zeros += frame.size - int(np.count_nonzero(frame))
         self._samples += frame.size
         self._used_bits |= int(np.bitwise_or.reduce(frame, axis=None))
         if self._missing_codes is None:

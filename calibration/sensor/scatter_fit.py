@@ -1,12 +1,14 @@
 """Linear least squares with points that may scatter more than their own errors say."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+_STEPS = 100
+_CONVERGED = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,45 +62,63 @@ def fit_with_scatter(
     ----------
     Paule and Mandel, J. Res. NBS 87, 377 (1982), doi:10.6028/jres.087.022.
     """
-    shape_variance = np.diag(np.square(scatter_shape))
+    shape_variance = np.square(scatter_shape)
     dof: int = len(values) - design.shape[1]
-
-    def excess(scatter_variance: float) -> float:
-        chi2 = _solve(design, values, sampling_covariance + scatter_variance * shape_variance)[2]
-        return chi2 - dof
-
-    scatter_variance = 0.0
-    if dof > 0 and excess(0.0) > 0.0:
-        from scipy.optimize import brentq  # wanted where there is scatter only
-
-        scatter_variance = brentq(excess, 0.0, _scatter_bound(excess, sampling_covariance, scatter_shape))
-    parameters, response, _ = _solve(design, values, sampling_covariance + scatter_variance * shape_variance)
-    covariance = response @ (sampling_covariance + scatter_variance * shape_variance) @ response.T
+    scatter_variance, chi2_of_sampling = 0.0, None
+    for _ in range(_STEPS if dof > 0 else 0):
+        chi2, fall = _chi2(
+            design, values, sampling_covariance + np.diag(scatter_variance * shape_variance), shape_variance
+        )
+        chi2_of_sampling = chi2 if chi2_of_sampling is None else chi2_of_sampling
+        before, scatter_variance = scatter_variance, scatter_step(scatter_variance, chi2=chi2, fall=fall, freedom=dof)
+        if abs(scatter_variance - before) <= _CONVERGED * scatter_variance:
+            break
+    covariance = sampling_covariance + np.diag(scatter_variance * shape_variance)
+    response = _response(design, covariance)
     return ScatterFit(
-        parameters=parameters,
-        covariance=covariance,
+        parameters=response @ values,
+        covariance=response @ covariance @ response.T,
         response=response,
         scatter=float(np.sqrt(scatter_variance)),
-        chi2_per_dof=excess(0.0) / dof + 1.0 if dof > 0 else None,
+        chi2_per_dof=None if chi2_of_sampling is None else chi2_of_sampling / dof,
     )
 
 
-def _solve(design: FloatArray, values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return parameters, their derivatives by the values, and chi-squared."""
+def scatter_step(scatter_variance: float, *, chi2: float, fall: float, freedom: int) -> float:
+    """Return the variance of scatter that brings chi-squared closer to its degrees of freedom, 0 where none is needed.
+
+    Parameters
+    ----------
+    scatter_variance : float
+        The variance that chi-squared is of.
+    chi2, fall : float
+        Chi-squared, and by how much it falls with this variance.
+    freedom : int
+        Its degrees of freedom, > 0.
+
+    Notes
+    -----
+    Newton's step for the inverse of chi-squared, which is concave in the variance: steps come to the root from below.
+    """
+    if fall <= 0.0:
+        return scatter_variance
+    return max(scatter_variance + (chi2 / freedom - 1.0) * chi2 / fall, 0.0)
+
+
+def _chi2(
+    design: FloatArray, values: FloatArray, covariance: FloatArray, shape_variance: FloatArray
+) -> tuple[float, float]:
+    """Return chi-squared of the best fit, and by how much it falls with the variance of the scatter."""
     factor = np.linalg.cholesky(covariance)
-    white_design = np.linalg.solve(factor, design)
-    response = np.linalg.pinv(white_design) @ np.linalg.inv(factor)
-    parameters = response @ values
-    residual = np.linalg.solve(factor, values - design @ parameters)
-    return parameters, response, float(residual @ residual)
+    white = np.linalg.solve(factor, np.column_stack([design, values]))
+    basis = np.linalg.qr(white[:, :-1])[0]
+    residual = white[:, -1] - basis @ (basis.T @ white[:, -1])
+    weighted = np.linalg.solve(factor.T, residual)
+    return float(residual @ residual), float(np.square(weighted) @ shape_variance)
 
 
-def _scatter_bound(
-    excess: Callable[[float], float], sampling_covariance: FloatArray, scatter_shape: FloatArray
-) -> float:
-    """Return a variance of scatter at which chi-squared is too small."""
-    scatters = scatter_shape > 0.0
-    bound = float(np.max(np.diag(sampling_covariance)[scatters] / np.square(scatter_shape[scatters])))
-    while excess(bound) > 0.0:
-        bound *= 10.0
-    return bound
+def _response(design: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the derivative of each parameter by each value."""
+    factor = np.linalg.cholesky(covariance)
+    response: FloatArray = np.linalg.pinv(np.linalg.solve(factor, design)) @ np.linalg.inv(factor)
+    return response

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 _SIGNATURE_SIZE = 8
 _CHUNK_FRAME_SIZE = 12  # length, name and checksum
+_ZLIB_HEADER, _ZLIB_CHECKSUM = 2, 4
+_DICTIONARY = 0x20
 _HEADER = struct.Struct(">IIBBBBB")
 # Grey; deflate; adaptive filters; not interlaced.
 _PLAIN = (0, 0, 0, 0)
@@ -42,22 +44,34 @@ def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None
         layout, packed = _parts(data)
     except (struct.error, ValueError):
         return None
-    if layout is None:
+    if layout is None or len(packed) < _ZLIB_HEADER:
         return None
-    size = layout.height * layout.row_bytes
-    unpacker = zlib.decompressobj()
-    try:
-        # One byte more than there should be is asked for, to see that there is none.
-        raw = unpacker.decompress(packed, size + 1)
-    except zlib.error:
-        return None
-    if len(raw) != size or not unpacker.eof or unpacker.unused_data:
+    raw = _inflated(packed, layout.height * layout.row_bytes)
+    if raw is None:
         return None
     rows = np.frombuffer(raw, np.uint8).reshape(layout.height, layout.row_bytes)
     if rows[:, 0].any():
         return None
     samples = rows[:, 1:]
     return np.ascontiguousarray(samples) if layout.sample_bytes == 1 else samples.view(">u2").astype(np.uint16)
+
+
+def _inflated(packed: bytes, size: int) -> bytes | None:
+    """Return what a zlib stream holds, None where that is not so many bytes, or another kind of stream.
+
+    Its checksum over the samples is passed by: those of the chunks are over the same, packed, and were right.
+    """
+    method, flags = packed[0], packed[1]
+    if method & 0x0F != zlib.DEFLATED or flags & _DICTIONARY or (method << 8 | flags) % 31:
+        return None
+    unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        # One byte more than there should be is asked for, to see that there is none.
+        raw = unpacker.decompress(memoryview(packed)[_ZLIB_HEADER:], size + 1)
+    except zlib.error:
+        return None
+    whole = len(raw) == size and unpacker.eof and len(unpacker.unused_data) == _ZLIB_CHECKSUM
+    return raw if whole else None
 
 
 def _parts(data: bytes) -> tuple[_Layout | None, bytes]:
