@@ -117,7 +117,7 @@ def fit_curve(
     for _ in range(_SCATTER_STEPS):
         weight = 1.0 / (own + scatter * shape)
         weighted = basis.T * weight
-        covariance = np.linalg.inv(weighted @ basis + known)
+        covariance: FloatArray = np.linalg.inv(weighted @ basis + known)
         parameters = covariance @ (weighted @ y)
         of_each = np.square(y - basis @ parameters) * weight
         chi2 = float(of_each.sum())

@@ -1,6 +1,8 @@
 """Temporal and spatial variance over the pixels of a level, and how well both are known."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import starmap
 
 import cv2
 import numpy as np
@@ -8,6 +10,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
+
+_BLOCK_PIXELS = 49152
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +49,7 @@ def variance_moments(square_sums: SingleArray, deviations: SingleArray, *, n_fra
         At least 2.
     """
     n = deviations.size
-    sums = _sums(square_sums, np.square(deviations))
+    sums = sum(starmap(_sums, _blocks(square_sums.ravel(), deviations.ravel())), np.zeros(5))
     # The mean of each takes one degree of freedom.
     correction = n / (n - 1)
     # Temporal and spatial variance of a pixel, by its squared differences and its squared deviation from the mean.
@@ -62,6 +66,13 @@ def variance_moments(square_sums: SingleArray, deviations: SingleArray, *, n_fra
         spatial_error_dn4=max(float(errors[1, 1]), 0.0),
         covariance_dn4=float(errors[0, 1]),
     )
+
+
+def _blocks(square_sums: SingleArray, deviations: SingleArray) -> Iterator[tuple[SingleArray, SingleArray]]:
+    """Yield both so few pixels at a time that they stay in the processor's cache, the deviations squared."""
+    for start in range(0, deviations.size, _BLOCK_PIXELS):
+        block = slice(start, start + _BLOCK_PIXELS)
+        yield square_sums[block], np.square(deviations[block])
 
 
 def _sums(temporal: SingleArray, spatial: SingleArray) -> FloatArray:

@@ -85,7 +85,7 @@ def read_emva_descriptor(path: Path) -> EmvaDescriptor:
 
 def _lies_within(file: Path, folder: Path) -> bool:
     try:
-        return file.resolve().is_relative_to(folder.resolve())
+        return file.resolve().is_relative_to(folder)
     except (OSError, RuntimeError, ValueError):  # links in a circle, a name that is too long or no name at all
         return False
 
@@ -103,7 +103,7 @@ class _Reader:
     """Takes the lines one by one and keeps every problem."""
 
     def __init__(self, *, folder: Path) -> None:
-        self._folder = folder
+        self._folder, self._resolved_folder = folder, folder.resolve()
         self._problems: list[str] = []
         self._size: tuple[int, int, int] | None = None
         self._groups: list[_OpenGroup] = []
@@ -182,7 +182,7 @@ class _Reader:
             self._problem(number, f"image {text!r} stands before any b or d line")
             return
         file = self._folder / PurePosixPath(text.replace("\\", "/"))
-        if not _lies_within(file, self._folder):
+        if not _lies_within(file, self._resolved_folder):
             self._problem(number, f"image {text!r} lies outside of the descriptor's folder; a data set has its own")
             return
         if file in self._first_use:
