@@ -116,8 +116,9 @@ def fit_curve(
     scatter = start
     for _ in range(_SCATTER_STEPS):
         weight = 1.0 / (own + scatter * shape)
-        weighted = basis.T * weight
-        covariance: FloatArray = np.linalg.inv(weighted @ basis + known)
+        weighted: FloatArray = basis.T * weight
+        information: FloatArray = weighted @ basis + known
+        covariance = np.linalg.inv(information)
         parameters = covariance @ (weighted @ y)
         of_each = np.square(y - basis @ parameters) * weight
         chi2 = float(of_each.sum())
@@ -133,12 +134,11 @@ def fit_curve(
     )
 
 
-def _known_of_terms(model: CurveModel) -> FloatArray | float:
+def _known_of_terms(model: CurveModel) -> FloatArray:
     """Return what is known of the first term beforehand, as information about the columns of the basis."""
-    if model.first_term_std is None:
-        return 0.0
-    first = model.terms_of_basis[0] / model.first_term_std
-    return np.outer(first, first)
+    first = model.terms_of_basis[0] / (np.inf if model.first_term_std is None else model.first_term_std)
+    known: FloatArray = np.outer(first, first)
+    return known
 
 
 def cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
