@@ -118,7 +118,7 @@ def fit_curve(
         weight = 1.0 / (own + scatter * shape)
         weighted: FloatArray = basis.T * weight
         information: FloatArray = weighted @ basis + known
-        covariance = np.linalg.inv(information)
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         parameters = covariance @ (weighted @ y)
         of_each = np.square(y - basis @ parameters) * weight
         chi2 = float(of_each.sum())
