@@ -1,11 +1,14 @@
 """Pictures of Stokes parameters, DoLP and AoLP from the frames of one cycle, in one pass over the counts.
 
 Frames stand on the first axis, (N, H, W), as they come from a camera. Everything is single precision: 1e-6 of S0, of
-DoLP, and of AoLP times DoLP, against the same formulas in double precision. Rows go through in blocks that stay in the
-processor's cache; memory is the result and some blocks.
+DoLP, and of AoLP times DoLP, against the same formulas in double precision. Pixels go through in blocks that stay in
+the processor's cache; memory is the result, some blocks, and one result that nobody holds any more.
 """
 
+import math
 import os
+import weakref
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -19,10 +22,18 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 Engine = Literal["numpy", "fast"]
 
-# Pixels that go through at once: 130 kB a plane, so that the planes of a block stay in the second-level cache.
-BLOCK_PIXELS = 32_768
+# Pixels that go through at once: 0.9 MB a plane, for the cache that all cores share. In blocks of an eighth the product
+# of matrices takes half as long again, and each call has its fixed time.
+BLOCK_PIXELS = 229_376
+# Deviations make many planes in between: those of a block stay in the second-level cache.
+_DEVIATION_PIXELS = 32_768
 # Below this a thread takes longer to begin than it saves; memory feeds no more than some.
 _PIXELS_A_THREAD, _MOST_THREADS = 1_000_000, 4
+# Infinity as whole number: all that is below, as a number without sign, is finite and not negative.
+_INFINITY_BITS = np.float32(np.inf).view(np.uint32)
+# The memory of the last result that nobody holds any more, and the largest that is kept: maps of 2448 x 2048.
+_SPARE: deque[NDArray[np.uint8]] = deque(maxlen=1)
+_MOST_SPARE_BYTES = 160 << 20
 # The direction pi is the direction 0, and single precision rounds pi itself up.
 _BELOW_HALF = np.nextafter(np.float32(0.5), np.float32(0.0))
 
@@ -78,6 +89,11 @@ def polarization_maps(
     engine
         "numpy", or "fast": compiled by numba, which must be installed. Both keep to the same errors.
 
+    Returns
+    -------
+    The planes, in one piece of memory. Where the last of them is no longer held, it is taken again for the next maps of
+    that size: the system's zeroing of new memory takes as long as all arithmetic.
+
     Raises
     ------
     ValueError
@@ -94,15 +110,24 @@ def polarization_maps(
     sigma = None if deviations is None else _checked("deviations", deviations, frames.shape)
     if sigma is not None and np.any(sigma < 0.0):
         raise ValueError(f"deviations holds {float(np.nanmin(sigma)):g}; allowed is 0 and above")
-    maps = _empty(frames.shape[1:], with_deviations=sigma is not None)
+    planes, valid = _planes(5 if sigma is None else 7, frames.shape[1:])
+    flat = planes.reshape(len(planes), -1)
     if engine == "fast":
-        _by_numba(frames, design, dark, maps)
+        _by_numba(frames, design, dark, flat[:5], valid.reshape(-1))
     else:
-        _by_numpy(frames, design, dark, maps)
+        _by_numpy(frames, design, dark, flat[:5], valid.reshape(-1))
     if sigma is not None:
-        _fill_deviations(maps, design, sigma)
-    _blank(maps)
-    return maps
+        _fill_deviations(flat, design, sigma)
+    if not valid.all():
+        np.copyto(planes[3:], np.float32(np.nan), where=~valid)
+    return PolarizationMaps(
+        stokes=planes[:3],
+        dolp=planes[3],
+        aolp_rad=planes[4],
+        valid=valid,
+        dolp_std=None if sigma is None else planes[5],
+        aolp_std_rad=None if sigma is None else planes[6],
+    )
 
 
 def _require_frames(frames: NDArray[np.uint16] | Float32Array, design: Design) -> None:
@@ -118,23 +143,36 @@ def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray
     if array.dtype != np.float32:
         array = array.astype(np.float64)
     if array.shape in ((), (shape[0],)):
-        return np.broadcast_to(array, (shape[0],))
+        return np.full(shape[0], array)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}; allowed are (), ({shape[0]},) and {shape}")
     return array.reshape(shape[0], -1)
 
 
-def _empty(shape: tuple[int, ...], *, with_deviations: bool) -> PolarizationMaps:
+class _Lent:
+    """Memory of a result, which comes back when its last view is gone."""
+
+    def __init__(self, memory: NDArray[np.uint8]) -> None:
+        self.__array_interface__ = memory.__array_interface__
+        self._memory = memory
+        if memory.nbytes <= _MOST_SPARE_BYTES:
+            weakref.finalize(self, _SPARE.append, memory).atexit = False
+
+
+def _planes(count: int, shape: tuple[int, ...]) -> tuple[Float32Array, NDArray[np.bool_]]:
+    """Return planes of numbers, shape (count, H, W), and one of truth values, with whatever is in them."""
+    pixels = math.prod(shape)
     # One piece of memory: the system hands out large pages for it, which costs a tenth of small ones.
-    planes = np.empty((7 if with_deviations else 5, *shape), dtype=np.float32)
-    return PolarizationMaps(
-        stokes=planes[:3],
-        dolp=planes[3],
-        aolp_rad=planes[4],
-        valid=np.empty(shape, dtype=np.bool_),
-        dolp_std=planes[5] if with_deviations else None,
-        aolp_std_rad=planes[6] if with_deviations else None,
-    )
+    size = (4 * count + 1) * pixels
+    try:
+        memory = _SPARE.pop()
+    except IndexError:
+        memory = np.empty(size, dtype=np.uint8)
+    if memory.nbytes != size:
+        memory = np.empty(size, dtype=np.uint8)
+    lent = np.asarray(_Lent(memory))
+    numbers, truths = lent[: 4 * count * pixels], lent[4 * count * pixels :]
+    return numbers.view(np.float32).reshape(count, *shape), truths.view(np.bool_).reshape(shape)
 
 
 def split_dark(dark: FloatArray | Float32Array) -> tuple[Float32Array, Float32Array]:
@@ -152,35 +190,40 @@ def _by_numpy(
     frames: NDArray[np.uint16] | Float32Array,
     design: Design,
     dark: FloatArray | Float32Array,
-    maps: PolarizationMaps,
+    planes: Float32Array,
+    valid: NDArray[np.bool_],
 ) -> None:
     inverse = design.inverse.astype(np.float32)
-    counts, stokes = frames.reshape(frames.shape[0], -1), maps.stokes.reshape(3, -1)
-    dolp, angle, valid = maps.dolp.reshape(-1), maps.aolp_rad.reshape(-1), maps.valid.reshape(-1)
+    counts = frames.reshape(frames.shape[0], -1)
 
     def fill(first: int, last: int) -> None:
-        signal, spare = np.empty((counts.shape[0], BLOCK_PIXELS), dtype=np.float32), np.empty(BLOCK_PIXELS, np.float32)
+        most = min(BLOCK_PIXELS, last - first)
+        signal, spare = np.empty((counts.shape[0], most), dtype=np.float32), np.empty(most, np.float32)
         for start in range(first, last, BLOCK_PIXELS):
             here = slice(start, min(start + BLOCK_PIXELS, last))
             size = here.stop - here.start
-            part = stokes[:, here]
-            _stokes_of(counts[:, here], dark if dark.ndim == 1 else dark[:, here], inverse, signal[:, :size], part)
-            _polar(part, dolp[here], angle[here], valid[here], spare[:size])
+            level = dark if dark.ndim == 1 else dark[:, here]
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                _stokes_of(counts[:, here], level, inverse, signal[:, :size], planes[:3, here])
+                _polar(planes[:, here], valid[here], spare[:size])
 
-    _in_threads(fill, dolp.size)
+    _in_threads(fill, valid.size)
 
 
 def _in_threads(fill: Callable[[int, int], None], pixels: int) -> None:
-    """Fill all pixels; those of large pictures by a thread for each processor."""
-    threads = min(pixels // _PIXELS_A_THREAD, _MOST_THREADS, os.cpu_count() or 1)
+    """Fill all pixels; those of large pictures by a thread for each processor, this one among them."""
+    wanted = min(pixels // _PIXELS_A_THREAD, _MOST_THREADS)
+    threads = wanted if wanted < 2 else min(wanted, os.cpu_count() or 1)
     if threads < 2:
         fill(0, pixels)
         return
     from concurrent.futures import ThreadPoolExecutor  # large pictures only
 
     edges = np.linspace(0, pixels, threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(fill, edges[:-1], edges[1:]):
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = pool.map(fill, edges[1:-1], edges[2:])
+        fill(edges[0], edges[1])
+        for _ in others:
             pass
 
 
@@ -200,65 +243,61 @@ def _stokes_of(
     if counts.dtype == np.float32 and not whole.any():
         np.matmul(inverse, counts, out=stokes)
     else:
-        np.subtract(counts, whole[:, np.newaxis], out=signal, dtype=np.float32)
+        np.copyto(signal, counts)
+        if whole.any():
+            signal -= whole[:, np.newaxis]
         np.matmul(inverse, signal, out=stokes)
     if np.any(rest):
         stokes -= (inverse @ rest)[:, np.newaxis]
 
 
-def _polar(
-    stokes: Float32Array, dolp: Float32Array, angle: Float32Array, valid: NDArray[np.bool_], spare: Float32Array
-) -> None:
+def _polar(planes: Float32Array, valid: NDArray[np.bool_], spare: Float32Array) -> None:
     """Fill DoLP, AoLP and their validity of a block from its Stokes parameters."""
-    s0, s1, s2 = stokes
-    with np.errstate(divide="ignore", invalid="ignore"):
-        np.multiply(s1, s1, out=dolp)
-        np.multiply(s2, s2, out=spare)
-        dolp += spare
-        np.sqrt(dolp, out=dolp)
-        np.divide(dolp, s0, out=dolp)
-        # Half of the argument of S1 + i S2, in [0, pi), by one arctangent that needs no unwrapping.
-        np.negative(s1, out=spare)
-        np.arctan2(s2, spare, out=angle)
+    s0, s1, s2, dolp, angle = planes
+    np.multiply(s1, s1, out=dolp)
+    np.multiply(s2, s2, out=spare)
+    dolp += spare
+    np.sqrt(dolp, out=dolp)
+    np.divide(dolp, s0, out=dolp)
+    # Half of the argument of S1 + i S2, in [0, pi), by one arctangent that needs no unwrapping.
+    np.negative(s1, out=spare)
+    np.arctan2(s2, spare, out=angle)
     # From -pi on this comes to what is just below pi, and at pi to 0 itself: no pass that limits it.
     np.subtract(np.float32(np.pi), angle, out=angle)
     angle *= _BELOW_HALF
-    # A frame that is missing or infinite leaves no finite DoLP.
-    np.isfinite(dolp, out=valid)
-    valid &= s0 > 0.0
+    # DoLP has the sign of S0, where it is 0 as well, and is not finite where S0 is 0 or a frame missing or infinite.
+    np.less(dolp.view(np.uint32), _INFINITY_BITS, out=valid)
 
 
 def _by_numba(
     frames: NDArray[np.uint16] | Float32Array,
     design: Design,
     dark: FloatArray | Float32Array,
-    maps: PolarizationMaps,
+    planes: Float32Array,
+    valid: NDArray[np.bool_],
 ) -> None:
-    from model.processing.compiled_maps import fill_maps
+    from model.processing.compiled_maps import GROUP, fill_maps
 
     counts = frames.reshape(frames.shape[0], -1)
     if dark.ndim == 2:
         counts, dark = np.subtract(counts, dark, dtype=np.float64).astype(np.float32), np.zeros(counts.shape[0])
-    inverse = design.inverse.astype(np.float32)
+    inverse, together = design.inverse.astype(np.float32), np.ascontiguousarray(counts)
     whole, rest = split_dark(dark)
-    together = np.ascontiguousarray(counts)
-    planes = (*maps.stokes.reshape(3, -1), maps.dolp.reshape(-1), maps.aolp_rad.reshape(-1), maps.valid.reshape(-1))
+    padded = np.zeros((4, len(whole) + -len(whole) % GROUP), dtype=np.float32)
+    padded[:3, : len(whole)], padded[3, : len(whole)] = inverse, whole
 
     def fill(first: int, last: int) -> None:
-        fill_maps(first, last, together, inverse, whole, inverse @ rest, *planes)
+        fill_maps(first, last, together, padded[:3], padded[3], inverse @ rest, planes, valid)
 
-    _in_threads(fill, maps.dolp.size)
+    _in_threads(fill, valid.size)
 
 
-def _fill_deviations(maps: PolarizationMaps, design: Design, sigma: FloatArray | Float32Array) -> None:
-    if maps.dolp_std is None or maps.aolp_std_rad is None:
-        return
+def _fill_deviations(planes: Float32Array, design: Design, sigma: FloatArray | Float32Array) -> None:
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
     products = np.stack([design.inverse[i] * design.inverse[j] for i, j in pairs]).astype(np.float32)
-    stokes, dolp = maps.stokes.reshape(3, -1), maps.dolp.reshape(-1)
-    dolp_std, angle_std = maps.dolp_std.reshape(-1), maps.aolp_std_rad.reshape(-1)
-    for start in range(0, dolp.size, BLOCK_PIXELS):
-        here = slice(start, min(start + BLOCK_PIXELS, dolp.size))
+    stokes, (dolp, _, dolp_std, angle_std) = planes[:3], planes[3:]
+    for start in range(0, dolp.size, _DEVIATION_PIXELS):
+        here = slice(start, min(start + _DEVIATION_PIXELS, dolp.size))
         variances = np.square(sigma if sigma.ndim == 1 else sigma[:, here], dtype=np.float32)
         cov = products @ variances
         dolp_std[here], angle_std[here] = _first_order(stokes[:, here], dolp[here], cov)
@@ -278,11 +317,3 @@ def _first_order(stokes: Float32Array, dolp: Float32Array, cov: Float32Array) ->
         variance = along - 2.0 * dolp * (v01 * cosine + v02 * sine) + dolp**2 * v00
         # A variance that cancels, as of full polarization, is below 0 by its rounding alone.
         return np.sqrt(np.maximum(variance, 0.0)) / stokes[0], np.sqrt(np.maximum(across, 0.0)) / (2.0 * length)
-
-
-def _blank(maps: PolarizationMaps) -> None:
-    if maps.valid.all():
-        return
-    for plane in (maps.dolp, maps.aolp_rad, maps.dolp_std, maps.aolp_std_rad):
-        if plane is not None:
-            np.copyto(plane, np.float32(np.nan), where=~maps.valid)

@@ -47,7 +47,9 @@ def assert_within_single(found, frames: np.ndarray, plan: Design) -> None:
 
 
 @engines
-@pytest.mark.parametrize("angles_deg", [(0, 60, 120), (0, 45, 90, 135), tuple(range(0, 360, 45))])
+@pytest.mark.parametrize(
+    "angles_deg", [(0, 60, 120), (0, 45, 90, 135), tuple(range(0, 180, 20)), tuple(range(0, 360, 45))]
+)
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_maps_keep_to_single_precision_whatever_the_angles(engine: Engine, angles_deg, dtype):
     plan = design(np.deg2rad(angles_deg), 500.0)
@@ -107,6 +109,20 @@ def test_threads_fill_the_same_maps(engine: Engine, monkeypatch: pytest.MonkeyPa
     together = polarization_maps(frames, plan, dark_dn=64.3, engine=engine)
     for name in ("stokes", "dolp", "aolp_rad", "valid"):
         np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
+
+
+def test_memory_is_taken_again_once_no_view_of_it_is_left():
+    plan = design(np.deg2rad([0, 45, 90, 135]))
+    frames = np.random.default_rng(5).integers(100, 4000, (4, 40, 50), dtype=np.uint16)
+    first = polarization_maps(frames, plan)
+    address, row = first.stokes.ctypes.data, first.aolp_rad[3:4, ::2]
+    expected = row.copy()
+    del first
+    second = polarization_maps(frames[::-1], plan)
+    assert np.array_equal(row, expected)
+    assert second.stokes.ctypes.data != address
+    del row
+    assert polarization_maps(frames, plan).stokes.ctypes.data == address
 
 
 @engines
