@@ -13,6 +13,8 @@ _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0
 _USUAL_S = 5e-5
 # Warm cameras for visible light have tens to thousands of electrons a second.
 ABSURD_E_PER_S = 1e5
+# Without cooling less is rare, and more is of hot or infrared sensors [e-/s].
+_COOLED_E_PER_S, _HOT_E_PER_S = 0.1, 5e3
 _SIGMA = 5.0
 _BOUND_SIGMA = 3.0
 # Units by what `--exposure-unit` calls them: seconds in each, and their names.
@@ -112,6 +114,49 @@ def implausible_unit(
             + f"; the dark current is not known until the unit is: {_advice(longest_s, stated)}",
         ),
     )
+
+
+def unusual_dark_current(
+    dark_current_e_per_s: Estimate | None, *, stated: StatedExposures = _ANYWHERE
+) -> tuple[Flag, ...]:
+    """Return a flag if a dark current is one of other cameras than usual, as exposures in another unit make it.
+
+    Parameters
+    ----------
+    dark_current_e_per_s : Estimate or None
+        By the dark mean, as these exposures have it.
+    stated : StatedExposures
+        Where their exposures are from.
+    """
+    if dark_current_e_per_s is None:
+        return ()
+    found, reach = dark_current_e_per_s, _BOUND_SIGMA * dark_current_e_per_s.std_error
+    most, least = max(found.value, 0.0) + reach, found.value - reach
+    if most < _COOLED_E_PER_S and least > -_COOLED_E_PER_S:
+        what = f"below {most:.2g} e-/s, as of cooled sensors, or of cameras that take their own dark signal off"
+        return (_unusual(what, "shorter", _beside(stated, -1)),)
+    if least > _HOT_E_PER_S:
+        return (_unusual(f"above {least:.2g} e-/s, as of hot or infrared sensors", "longer", _beside(stated, 1)),)
+    return ()
+
+
+def _unusual(what: str, true_is: str, advice: str) -> Flag:
+    return Flag(
+        name="unusual_dark_current",
+        message=f"the dark current is {what}: if this camera is none of them, its exposures are {true_is} than stated, "
+        f"by a wrong unit: {advice}",
+    )
+
+
+def _beside(stated: StatedExposures, step: int) -> str:
+    """Return how to state the next larger or smaller unit."""
+    units = list(_UNITS)
+    place = -1 if stated.unit is None else units.index(stated.unit) + step
+    if not stated.has_option or (stated.unit is not None and place not in range(len(units))):
+        return f"correct {stated.where}"
+    if stated.unit is None:
+        return f"look at {stated.where}, or state it with --exposure-unit"
+    return f"if {_UNITS[units[place]][1]} stand in {stated.where}, state the unit with --exposure-unit {units[place]}"
 
 
 def _longest_s(levels: Sequence[LevelStatistics]) -> float | None:

@@ -66,7 +66,7 @@ def _unknown(calibration: NoiseCalibration) -> str:
         found.append(f"{_listed(bounds)} {'is a bound' if len(bounds) == 1 else 'are bounds'}")
     if unknown:
         found.append(f"{_listed(unknown)} {'is' if len(unknown) == 1 else 'are'} not known")
-    return "; ".join(found) or "all numbers are known"
+    return "; ".join(found) or "all best numbers are known"
 
 
 def _listed(words: list[str]) -> str:

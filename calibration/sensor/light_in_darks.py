@@ -22,6 +22,7 @@ _WINDOW, _OUTLIER, _LEAST_PIXELS = 15, 5.0, 1000
 _LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
 _SIGMA, _LEAST_SHARE = 5.0, 1e-4
 _GAIN_SIGMA = 3.0
+_OF_DARK_CURRENT = ("dark_current_not_resolved", "unusual_dark_current")
 _DARK_CURRENT = "dark_current_e_per_s"
 
 
@@ -216,7 +217,10 @@ def _without_dark_current(calibration: NoiseCalibration, flag: Flag, *, bound: E
     names, matrix = calibration.covariance.names, calibration.covariance.matrix
     kept = [index for index, name in enumerate(names) if name != _DARK_CURRENT]
     largest = max(bound.value, 0.0) + _GAIN_SIGMA * bound.std_error
-    flags = tuple(one for one in calibration.flags if one.name != "dark_current_not_resolved")
+    flags = tuple(one for one in calibration.flags if one.name not in _OF_DARK_CURRENT)
+    unusual = next((one.message for one in calibration.flags if one.name == "unusual_dark_current"), None)
+    if unusual is not None:
+        flag = replace(flag, message=f"{flag.message}; without light, {unusual}")
     return replace(
         calibration,
         dark_current_e_per_s=None,

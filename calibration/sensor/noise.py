@@ -13,7 +13,13 @@ from calibration.sensor.ceiling import sample_ceiling_dn
 from calibration.sensor.curve_checks import curve_flags
 from calibration.sensor.dark_signal import DarkMatch, DarkSignal, fit_dark_signal, match_darks
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
-from calibration.sensor.exposure_unit import StatedExposures, implausible_unit, impossible_exposures, is_absurd
+from calibration.sensor.exposure_unit import (
+    StatedExposures,
+    implausible_unit,
+    impossible_exposures,
+    is_absurd,
+    unusual_dark_current,
+)
 from calibration.sensor.frame_statistics import LevelStatistics
 from calibration.sensor.judged_curve import JudgedCurve, judged_curve, sound_darks
 from calibration.sensor.level_checks import level_flags, light_course_flags
@@ -177,6 +183,7 @@ def _numbers(of: _Levels, flags: tuple[Flag, ...]) -> NoiseCalibration:
     flags += parameter_flags(
         dark_current_e_per_s=best.get("dark_current_e_per_s"), quantum_efficiency=merit.quantum_efficiency
     )
+    flags += unusual_dark_current(best.get("dark_current_e_per_s"), stated=of.stated)
     return NoiseCalibration(
         gain_dn_per_e=best["gain_dn_per_e"],
         read_noise_e=best.get("read_noise_e"),

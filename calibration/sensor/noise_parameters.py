@@ -169,11 +169,11 @@ def _unseen(measured: Measured, row: int, name: str) -> Flag | None:
         return None
     bound_dn = np.sqrt(max(variance, 0.0) + _RESOLVED_SIGMA * error)
     size = (
-        f"{bound_dn / measured.signal_dn:.2%}" if name == "prnu" else f"{bound_dn / measured.values[rows.GAIN]:.2g} e-"
+        f"{bound_dn / measured.signal_dn:.2%}" if name == "prnu" else f"{bound_dn / measured.values[rows.GAIN]:.3g} e-"
     )
     return Flag(
         name=f"{name}_not_resolved",
-        message=f"the variance from pixel to pixel is {variance:.3g} +- {error:.3g} DN^2 once temporal noise is taken "
+        message=f"the variance from pixel to pixel is {variance:.3g} +- {error:.2g} DN^2 once temporal noise is taken "
         f"off, not more than {_RESOLVED_SIGMA:.0f} standard errors above 0: the {name.upper()} is below {size}; take "
         f"a stack of 16 frames or more at one level to measure it",
     )

@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.errors import RefusedFramesError
+from calibration.estimate import Estimate
 from calibration.flags import Flag
-from calibration.sensor.exposure_unit import StatedExposures, impossible_exposures
+from calibration.sensor.exposure_unit import StatedExposures, impossible_exposures, unusual_dark_current
 from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
 from calibration.sensor.noise import calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
@@ -53,6 +54,7 @@ NEW = {
     "row_noise",
     "missing_codes",
     "wrong_time_unit",
+    "unusual_dark_current",
     "light_not_constant",
     "response_not_linear",
     "unsteady_lamp",
@@ -254,6 +256,27 @@ def test_a_digital_gain_is_flagged() -> None:
 def test_times_in_a_wrong_unit_are_refused(factor: float) -> None:
     wrong = [replace(level, exposure_s=factor * (level.exposure_s or 0.0)) for level in levels()]
     assert flags(wrong)["wrong_time_unit"].refuses
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "said"),
+    [
+        (0.028, 0.004, "below 0.04 e-/s, as of cooled sensors"),
+        (0.0, 1e-3, "--exposure-unit us"),
+        (2.8e4, 4e3, "above 1.6e+04 e-/s, as of hot or infrared sensors"),
+        (2.8e4, 4e3, "--exposure-unit s"),
+    ],
+)
+def test_a_dark_current_of_few_cameras_may_be_one_of_another_unit(value: float, error: float, said: str) -> None:
+    stated = StatedExposures(where="the column exposure_ms", unit="ms")
+    (flag,) = unusual_dark_current(Estimate(value=value, std_error=error, n=20), stated=stated)
+    assert said in flag.message
+    assert not flag.refuses
+
+
+@pytest.mark.parametrize(("value", "error"), [(28.0, 4.0), (0.05, 0.04), (6e3, 1e3), (-0.2, 1e-3)])
+def test_a_usual_or_uncertain_dark_current_says_nothing_of_units(value: float, error: float) -> None:
+    assert unusual_dark_current(Estimate(value=value, std_error=error, n=20)) == ()
 
 
 def test_exposures_of_nothing_are_refused() -> None:
