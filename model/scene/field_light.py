@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from math import isqrt
 from typing import Literal, get_args
 
 import numpy as np
@@ -162,7 +163,7 @@ def light_over_tiles(
     lights_at: Callable[[tuple[View, ...], Rules | None], tuple[ApertureLight, ...]],
     *,
     view: View,
-    part: FieldPart,
+    part: FieldPart | None,
     per_side: int,
     rule: TileRule = "gauss-legendre",
 ) -> FieldLight:
@@ -182,11 +183,12 @@ def light_over_tiles(
     ----------
     [MK14] eq. (8), (9).
     """
-    found = tiles(part, view, per_side=per_side, rule=rule)
-    last, middle = per_side**2 - 1, (per_side // 2) * (per_side + 1)
-    corners = sorted({0, per_side - 1, middle, last - per_side + 1, last})
+    found = _seen(view, part, per_side=per_side, rule=rule)
+    side = isqrt(len(found))
+    last, middle = side**2 - 1, (side // 2) * (side + 1)
+    corners = sorted({0, side - 1, middle, last - side + 1, last})
     finer = dict(zip(corners, lights_at(tuple(found[k].view for k in corners), None), strict=True))
-    return replace(_over_tiles(lights_at, found, finer[0].rules, np.nan), finer=finer)
+    return replace(_over_tiles(lights_at, found, finer[0].rules, _unknown_spread(part)), finer=finer)
 
 
 def lights_by_rules(
@@ -217,16 +219,13 @@ def lights_by_rules(
     ----------
     [MK14] eq. (8), (9).
     """
-    seen = [
-        (Tile(view=view, weight=1.0),) if part is None else tiles(part, view, per_side=per_side, rule=rule)
-        for view, part in fields
-    ]
+    seen = [_seen(view, part, per_side=per_side, rule=rule) for view, part in fields]
     lights = iter(lights_at(tuple(tile.view for one in seen for tile in one), rules))
     return tuple(
         FieldLight(
             lights=tuple(islice(lights, len(one))),
             weights=tuple(tile.weight for tile in one),
-            spread=0.0 if part is None else np.nan,
+            spread=_unknown_spread(part),
         )
         for one, (_, part) in zip(seen, fields, strict=True)
     )
@@ -238,15 +237,24 @@ def known_rules(several: Sequence[FieldLight]) -> Rules:
     Parameters
     ----------
     several
-        Its light, one or more. That of a point is taken from the finest rules that were tried, so that its error there
-        is the error by these.
+        Its light, one or more, as `light_over_tiles` gives it.
     """
-    used = [one.lights[0].finest if len(one.lights) == 1 else one.lights[0].rules for one in several]
+    used = [one.lights[0].rules for one in several]
     return Rules(
         lobe=max(one.lobe for one in used),
         diffuse=max(one.diffuse for one in used),
         error=max(one.error for one in used),
     )
+
+
+def _seen(view: View, part: FieldPart | None, *, per_side: int, rule: TileRule) -> tuple[Tile, ...]:
+    """Tiles of a part of the field, one of a point."""
+    return (Tile(view=view, weight=1.0),) if part is None else tiles(part, view, per_side=per_side, rule=rule)
+
+
+def _unknown_spread(part: FieldPart | None) -> float:
+    """Spread of light that was not looked at in five directions."""
+    return 0.0 if part is None else np.nan
 
 
 def _over_tiles(

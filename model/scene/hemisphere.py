@@ -14,12 +14,15 @@ FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-4
 # What the far tail of a lobe sees of the ground below the horizon, share of S0: too little for a rule to notice.
 _TAIL = 3e-5
-# Each rule is set beside the one before it.
-_ORDERS = (6, 9, 14, 21, 32, 48, 72)
+# Each rule is set beside the one before it; that between two is tried where the finer one is needed, and may do.
+_ORDERS = (6, 10, 14, 20, 34, 48, 72)
+_BETWEEN = {10: 8, 14: 12, 20: 17, 34: 26, 48: 40, 72: 60}
 # A step that is no more than this share of the one before falls regularly.
 _REGULAR = 0.25
-# What regular steps leave, over the last of them.
-_MARGIN = 1.5
+# What regular steps leave, over the last of them; and irregular ones, over the larger of the last two. Of 976 lobes and
+# diffuse terms under random skies, to tolerances of 0.01 to 1e-4, the sum of this and the difference from the rule that
+# was taken was below a true error that counts in one of 100, then mostly by a third or less.
+_MARGIN, _IRREGULAR = 1.5, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,17 +148,19 @@ def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
         steps.append(np.max(np.abs(values[-1] - values[-2]), axis=-1))
         if np.all(_error(steps) <= tolerance * values[-1][:, 0]):
             break
-    value, error = values[-1], _error(steps)
-    errors = [np.max(np.abs(coarser - value), axis=-1) + error for coarser in values]
-    kept = (k for k, one in enumerate(errors) if np.all(one <= tolerance * value[:, 0]))
-    enough = next(kept, len(values) - 1)
-    return _Refined(
-        value=value,
-        error=error,
-        order=_ORDERS[enough],
-        order_error=errors[enough],
-        finest=_ORDERS[len(values) - 1],
-    )
+    value, error, finest = values[-1], _error(steps), _ORDERS[len(values) - 1]
+
+    def error_of(coarser: FloatArray) -> FloatArray:
+        return np.asarray(np.max(np.abs(coarser - value), axis=-1) + error)
+
+    def does(coarser: FloatArray) -> bool:
+        return bool(np.all(error_of(coarser) <= tolerance * value[:, 0]))
+
+    enough = next((k for k, coarser in enumerate(values) if does(coarser)), len(values) - 1)
+    order, by_order = _ORDERS[enough], values[enough]
+    if order in _BETWEEN and does(between := rule(_BETWEEN[order])):
+        order, by_order = _BETWEEN[order], between
+    return _Refined(value=value, error=error, order=order, order_error=error_of(by_order), finest=finest)
 
 
 def _error(steps: list[FloatArray]) -> FloatArray:
@@ -166,7 +171,7 @@ def _error(steps: list[FloatArray]) -> FloatArray:
     or at the kink of the shadowing.
     """
     before, last = steps[-2:]
-    careful = 3.0 * np.maximum(last, 0.5 * before)
+    careful = _IRREGULAR * np.maximum(last, before)
     if len(steps) > 2:
         regular = (last <= _REGULAR * before) & (before <= _REGULAR * steps[-3])
         careful = np.where(regular, _MARGIN * last, careful)

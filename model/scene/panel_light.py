@@ -15,7 +15,7 @@ from model import geometry
 from model.scene.diffuse_radiance import DiffuseRadiance, Nodes, hemisphere_nodes, nodes_toward
 from model.scene.view import View
 from model.stokes import rotate_frame
-from model.surface.facet_quadrature import facet_nodes
+from model.surface.facet_quadrature import SLOPE_CUT, facet_nodes
 from model.surface.pbrdf import Surface, evaluate
 from model.surface.tilt import LocalGeometry, Tilt, local_geometry
 
@@ -26,6 +26,9 @@ IntArray = NDArray[np.intp]
 _OVERHEAD = 1e-9
 # So many nodes at a time stay in the processor's cache, whoever sees them.
 _BLOCK = 8192
+# Few nodes are better spent where most facets are: slopes are taken up to so many standard deviations, and so many more
+# for each order. With these the rules of order 6 to 12 miss a half to a tenth of what they miss up to seven.
+_LEAST_CUT, _CUT_BY_ORDER = 2.9, 0.15
 # What a panel does with light from its nodes is kept for other suns and heights: of many rules of few nodes, of few
 # rules of many.
 _FEW_NODES, _MANY_NODES = 1024, 4096
@@ -172,7 +175,13 @@ class PanelLight:
 
     def _lobe_rules(self, order: int) -> Iterator[_Rule]:
         slope_rms = self._surface.slope_rms
-        facets = facet_nodes(self._theta_r_rad, slope_rms=slope_rms, shadowing=self._surface.shadowing, order=order)
+        facets = facet_nodes(
+            self._theta_r_rad,
+            slope_rms=slope_rms,
+            shadowing=self._surface.shadowing,
+            order=order,
+            cut=min(_LEAST_CUT + _CUT_BY_ORDER * order, SLOPE_CUT),
+        )
         parts = np.broadcast_arrays(facets.row[:, np.newaxis], facets.x, facets.y, facets.weight)
         camera, x, y, weight = (np.tile(part.ravel(), 2) for part in parts)
         y[y.size // 2 :] *= -1.0

@@ -16,7 +16,7 @@ from model.surface.shadowing import Shadowing
 FloatArray = NDArray[np.float64]
 
 # Slopes beyond this many standard deviations hold 2e-11 of the facets.
-_SLOPE_CUT = 7.0
+SLOPE_CUT = 7.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,9 @@ class FacetNodes:
     weight: FloatArray
 
 
-def facet_nodes(theta_i_rad: FloatArray, *, slope_rms: float, shadowing: Shadowing, order: int) -> FacetNodes:
+def facet_nodes(
+    theta_i_rad: FloatArray, *, slope_rms: float, shadowing: Shadowing, order: int, cut: float = SLOPE_CUT
+) -> FacetNodes:
     """Return nodes over the facets that mirror the sun into the upper hemisphere.
 
     Parameters
@@ -54,6 +56,8 @@ def facet_nodes(theta_i_rad: FloatArray, *, slope_rms: float, shadowing: Shadowi
         Decides which curves the panels follow.
     order
         Nodes of each panel along x; half of it along y.
+    cut
+        Standard deviations beyond which no slopes are taken.
 
     Returns
     -------
@@ -65,9 +69,9 @@ def facet_nodes(theta_i_rad: FloatArray, *, slope_rms: float, shadowing: Shadowi
     Definition; reflected above the horizon is 1 + x^2 + y^2 < 2 (1 + x tan theta), and with the V-cavity the way
     out is the narrower one where 1 + x^2 + y^2 > 4 (1 + x tan theta) / (2 + min(1 + x tan theta, 2)).
     """
-    cut = _SLOPE_CUT * slope_rms
-    x, x_weight = _x_nodes(_x_breaks(theta_i_rad, shadowing, cut), order)
-    breaks = _y_breaks(x, theta_i_rad, shadowing, cut)
+    steepest = cut * slope_rms
+    x, x_weight = _x_nodes(_x_breaks(theta_i_rad, shadowing, steepest), order)
+    breaks = _y_breaks(x, theta_i_rad, shadowing, steepest)
     widths = np.diff(breaks, axis=-1)
     strip_weight = x_weight[..., None] * widths
     kept = np.nonzero(strip_weight > 0.0)

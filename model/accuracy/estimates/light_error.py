@@ -39,9 +39,6 @@ _ZENITHS, _AZIMUTHS = 12, 10
 _ANY_SIGN, _OF_LARGEST = 0.5, np.array([2e-3, 4e-4, 4e-4])
 # Steps of the finer grid beside which it is set, over its own.
 _FINER_GRID = 1.5
-# The error that rules state of themselves is fifty times what they miss in the middle: this share of it, beside the
-# difference from them, was too little for one of 25 of 425 lobes under random skies.
-_OF_FINER_RULES = 0.5
 # A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
 _HARMLESS = 0.001
 # What the references of a sky depend on, whoever looks at it.
@@ -258,7 +255,7 @@ def _of_hemisphere(lines: LinesOfSight, of_grid: float, source: Source) -> Light
     """Difference of the rules used from finer ones, and the error of these, without that of the sky's grid."""
     if "reflected_sky" not in _PARTS[source]:
         return _NOTHING
-    left = [_OF_FINER_RULES * max(finer.error - of_grid * abs(finer.reflected_sky[0]), 0.0) for finer in lines.finer]
+    left = [max(finer.error - of_grid * abs(finer.reflected_sky[0]), 0.0) for finer in lines.finer]
     return _error([_largest_last(lines.missed_by_rules())], apart=np.array(left)[:, np.newaxis] * np.ones(3))
 
 

@@ -103,7 +103,7 @@ def lights_of(illumination: "Illumination", requests: Sequence[LightRequest]) ->
         fields = [each.seen for each in requests]
         return lights_by_rules(lights_at, one.rules, fields=fields, per_side=per_side, rule=rule)
     view, part = one.seen
-    if part is not None and settings.negligible_spread == 0.0:
+    if settings.negligible_spread == 0.0:
         return (light_over_tiles(lights_at, view=view, part=part, per_side=per_side, rule=rule),)
     negligible = settings.negligible_spread
     found = light_over_field(lights_at, view=view, part=part, per_side=per_side, rule=rule, negligible=negligible)

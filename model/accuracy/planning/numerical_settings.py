@@ -77,7 +77,7 @@ _ELEMENT_DEPTH = 0.1
 _WAVELENGTHS = ((1, False), (2, False), (3, False), (3, True), (4, True), (6, True), (8, True), (12, True), (16, True))
 _GRIDS = ((16, 14), (24, 20), (36, 32), (48, 44))
 _TILES = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20)
-_TOLERANCES = (3e-2, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+_TOLERANCES = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5, 1e-6, 1e-7)
 # Orders of scattering, and the statistics, cost so little that they are always finer than what is asked for.
 _OF_ORDERS, _FINER = 0.003, 0.02
 
@@ -142,8 +142,8 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
                 estimate="finer rules in corners and middle",
                 levels=_levels(
                     tuple(f"{t:g}" for t in _TOLERANCES),
-                    (1.2e-2, 5e-3, 1.5e-3, 2e-4, 2e-5, 1.5e-6, 4e-7),
-                    (1.0, 1.2, 1.6, 2.1, 2.9, 6.4, 32.0),
+                    (1.5e-2, 5e-3, 1.5e-3, 5e-4, 1.5e-4, 5e-5, 5e-6, 5e-7, 2e-7),
+                    (1.0, 1.1, 1.3, 1.6, 1.9, 2.3, 3.3, 6.4, 32.0),
                 ),
             ),
             NumericalSetting(
