@@ -35,7 +35,10 @@ _FIRST_AIM, _AIM = 0.6, 0.75
 # would have to be finer it is the coarsest: it costs little beside the one that follows, and tells it what counts.
 _FIRST_COARSEST, _FIRST_FINEST, _OF_LARGE = 1e-2, 7e-4, 0.25
 _ROUNDS = 6
-_OF_SKY = (STREAMS, LAYERS, WAVELENGTHS, SKY_GRID)
+_SOLVED = (STREAMS, LAYERS, WAVELENGTHS)
+_OF_SKY = (*_SOLVED, SKY_GRID)
+# A sky that so many scenes share is solved to this share of the tolerance.
+_MANY, _SHARED_AIM = 10, 0.1
 # Of deeper air the time of a solution grows with the square of the depth, and finer settings take minutes: one round
 # with coarse ones is made, and what it does not keep is said.
 DEEPEST = 12.0
@@ -171,6 +174,31 @@ def predict(
 def _first_aim(tolerance: float) -> float:
     aim = _FIRST_AIM * tolerance
     return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, max(_FIRST_COARSEST, _OF_LARGE * tolerance))
+
+
+def plan_for_many(
+    scene: LitScene, *, tolerance: float, under_sky: int, effects: frozenset[Effect] = ALL
+) -> dict[str, int]:
+    """Return the plan for the first of several scenes, with a sky that will do for many under it.
+
+    Parameters
+    ----------
+    scene, tolerance, effects
+        As `predict` takes them.
+    under_sky
+        Scenes under its sky.
+
+    Notes
+    -----
+    A sky that is made once costs less than one that is made again, finer, for the next of them.
+    """
+    ahead, left_out = forecast(scene, effects, under_sky=under_sky), unused(effects)
+    scales = {name: 0.0 if name in left_out else 1.0 for name in NUMERICAL_SETTINGS}
+    plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)
+    if under_sky >= _MANY:
+        finer = allocate(scene, ahead, scales, _SHARED_AIM * tolerance)
+        plan |= {name: finer[name] for name in _SOLVED}
+    return allocate(scene, ahead, scales, _first_aim(tolerance), start=plan)
 
 
 def plan_beside(

@@ -1,6 +1,7 @@
 """Predictions of neighbouring scenes to a tolerance: plans, rules and error estimates are shared between them."""
 
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum, auto
@@ -12,7 +13,15 @@ from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.neighbours import MARGIN, Judged, finest_plan, keeps, numbers_of, propagated_errors, told_errors
 from model.accuracy.planning.lattice import Cell, Index, lattice
 from model.accuracy.planning.numerical_settings import Plan, settings_at
-from model.accuracy.predict_to_tolerance import ESTIMATES, SMALLEST, SPHERES, AccuratePrediction, plan_beside, predict
+from model.accuracy.predict_to_tolerance import (
+    ESTIMATES,
+    SMALLEST,
+    SPHERES,
+    AccuratePrediction,
+    plan_beside,
+    plan_for_many,
+    predict,
+)
 from model.accuracy.series_effects import SeriesEffects, TakenEffects
 from model.accuracy.series_prediction import SeriesCase, SeriesPrediction, as_judged
 from model.effects.names import ALL, Effect
@@ -106,6 +115,7 @@ class _Series:
         self._scenes = dict(zip(self._places, scenes, strict=True))
         self._shape, self._tolerance, self._effects = shape, tolerance, effects
         self._estimated_only, self._store, self._clock = estimated_only, store, clock
+        self._under_sky = Counter(map(_sky, scenes))
         self._judged: dict[Index, Judged] = {}
         self._found: dict[Index, SeriesCase] = {}
         self._spots: list[bool] = []
@@ -130,8 +140,7 @@ class _Series:
         """Return cases so ordered that those under one sky follow one another, and none is made twice."""
         skies: dict[object, list[Index]] = {}
         for place in places:
-            air = self._scenes[place].air
-            skies.setdefault(None if air is None else air.key, []).append(place)
+            skies.setdefault(_sky(self._scenes[place]), []).append(place)
         return [place for under_one in skies.values() for place in under_one]
 
     def _judge(self, place: Index, plan: Plan | None = None, *, share: float = _OF_TOLERANCE) -> Judged:
@@ -144,7 +153,10 @@ class _Series:
         self._taken[ESTIMATES] += self._clock() - start
         allowed = self._tolerance - effects.spent
         aim, near = max(share * allowed, SMALLEST), self._nearest(place)
-        if plan is None and near is not None:
+        if plan is None and near is None:
+            under_sky = self._under_sky[_sky(scene)]
+            plan = plan_for_many(scene, tolerance=aim, under_sky=under_sky, effects=effects.acting)
+        elif plan is None and near is not None:
             plan = plan_beside(scene, near, tolerance=aim, effects=effects.acting)
         found = predict(
             scene,
@@ -322,6 +334,11 @@ class _Series:
     def _count(self, stage_s: Mapping[str, float]) -> None:
         for stage, seconds in stage_s.items():
             self._taken[stage] += seconds
+
+
+def _sky(scene: LitScene) -> object:
+    """Return what is equal for scenes under one sky."""
+    return None if scene.air is None else scene.air.key
 
 
 def _inside(cell: Cell, place: Index) -> Index:

@@ -19,10 +19,10 @@ _ORDERS = (6, 10, 14, 20, 34, 48, 72)
 _BETWEEN = {10: 8, 14: 12, 20: 17, 34: 26, 48: 40, 72: 60}
 # A step that is no more than this share of the one before falls regularly.
 _REGULAR = 0.25
-# What regular steps leave, over the last of them; and irregular ones, over the larger of the last two. Of 976 lobes and
-# diffuse terms under random skies, to tolerances of 0.01 to 1e-4, the sum of this and the difference from the rule that
-# was taken was below a true error that counts in one of 100, then mostly by a third or less.
-_MARGIN, _IRREGULAR = 1.5, 3.0
+# What regular steps leave, over the last of them; and at the least over the one before, for one may be small by chance.
+_MARGIN, _LEAST_LEFT = 1.5, 0.2
+# What irregular ones leave, over the larger of the last two; and the one before these in such a share.
+_IRREGULAR, _EARLIER = 3.0, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,8 +92,10 @@ def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: f
     """
     if not tolerance > 0.0:
         raise ValueError(f"reflected_diffuse: tolerance = {tolerance!r}, but it must be above 0")
-    lobe = _refined(lambda order: panel.lobe(light, order), tolerance)
-    diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance)
+    # The edge of the ground may lie in what a tilted panel sees: it must be seen to fall regularly once more.
+    regular = 2 if panel.is_level else 3
+    lobe = _refined(lambda order: panel.lobe(light, order), tolerance, regular)
+    diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance, regular)
     stokes = lobe.value + diffuse.value
     s0 = stokes[:, 0]
     of_rules = np.divide(lobe.order_error + diffuse.order_error, s0, out=np.zeros_like(s0), where=s0 > 0.0)
@@ -139,16 +141,19 @@ class _Refined:
     finest: int
 
 
-def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
-    """Rules of growing order until the estimated error of the last one is below the tolerance for every camera."""
+def _refined(rule: Callable[[int], FloatArray], tolerance: float, regular: int) -> _Refined:
+    """Rules of growing order until the estimated error of the last one is below the tolerance for every camera.
+
+    Of so many steps at the least it is said that they fall regularly.
+    """
     values = [rule(_ORDERS[0])]
     steps = [np.full(len(values[0]), np.inf)]
     for order in _ORDERS[1:]:
         values.append(rule(order))
         steps.append(np.max(np.abs(values[-1] - values[-2]), axis=-1))
-        if np.all(_error(steps) <= tolerance * values[-1][:, 0]):
+        if np.all(_error(steps, regular) <= tolerance * values[-1][:, 0]):
             break
-    value, error, finest = values[-1], _error(steps), _ORDERS[len(values) - 1]
+    value, error, finest = values[-1], _error(steps, regular), _ORDERS[len(values) - 1]
 
     def error_of(coarser: FloatArray) -> FloatArray:
         return np.asarray(np.max(np.abs(coarser - value), axis=-1) + error)
@@ -163,16 +168,20 @@ def _refined(rule: Callable[[int], FloatArray], tolerance: float) -> _Refined:
     return _Refined(value=value, error=error, order=order, order_error=error_of(by_order), finest=finest)
 
 
-def _error(steps: list[FloatArray]) -> FloatArray:
-    """Error of the last of a row of rules for each camera, from the steps between them.
+def _error(steps: list[FloatArray], regular: int) -> FloatArray:
+    """Error of the last of a row of rules for each camera, from the steps between them, the first of which is infinite.
 
-    Where the last two steps are each a quarter of the one before or less, what is missing is of the size of the last.
-    Else steps are of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe,
-    or at the kink of the shadowing.
+    Where each step is a quarter of the one before or less, what is missing is of the size of the last. Else steps are
+    of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe, or at the kink
+    of the shadowing.
+
+    Of 640 lobes and 250 diffuse terms under random skies, half of hostile scenes, to tolerances of 0.01 to 1e-4, one of
+    200 was off by more than this says and a tenth of the tolerance: by up to 1.2 times at 0.01, 2.3 times below.
     """
     before, last = steps[-2:]
-    careful = _IRREGULAR * np.maximum(last, before)
-    if len(steps) > 2:
-        regular = (last <= _REGULAR * before) & (before <= _REGULAR * steps[-3])
-        careful = np.where(regular, _MARGIN * last, careful)
+    earlier = _EARLIER * steps[-3] if len(steps) > 3 else 0.0
+    careful = _IRREGULAR * np.maximum(np.maximum(last, before), earlier)
+    if len(steps) > regular:
+        falls = (last <= _REGULAR * before) & (before <= _REGULAR * steps[-3])
+        careful = np.where(falls, np.maximum(_MARGIN * last, _LEAST_LEFT * before), careful)
     return np.asarray(np.where(last == 0.0, 0.0, careful))

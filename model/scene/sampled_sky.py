@@ -1,5 +1,6 @@
 """A computed sky kept on a grid of directions, so that reading it again costs next to nothing."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,10 @@ FloatArray = NDArray[np.float64]
 _PROBED_STEPS = (0.05, 0.5, 1.5, 4.5)
 _PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 0.0, 0.7, 2.5, 9.0])
 _PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
+# Depths of air that are tried, by which a sky brightens toward the horizon.
+_DEPTHS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.14, 0.2, 0.3, 0.45, 0.7, 1.2)
+# Cosine of the zenith angle at the horizon.
+_LEVEL = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,10 +52,12 @@ class SampledSky:
     Attributes
     ----------
     series
-        Coefficients of S0 over the aureole, of S1, and of S2 over sin(phi), by the degrees of Chebyshev polynomials of
-        1 - 4 zenith / pi and of cos(phi), shape (3, Z, A).
+        Coefficients of S0 over the aureole, of S1, and of S2 over sin(phi), all over the brightening, by the degrees of
+        Chebyshev polynomials of 1 - 4 zenith / pi and of cos(phi), shape (3, Z, A).
     aureole
         What S0 was divided by.
+    depth
+        Of the air by which the sky brightens toward the horizon, as `_brightening`; 0 for none.
     relative_error
         Largest difference from the sky at directions between the grid's, over S0 there; down to 2 deg above the
         horizon. Below that it is up to four times as much.
@@ -58,6 +65,7 @@ class SampledSky:
 
     series: FloatArray
     aureole: Aureole
+    depth: float
     relative_error: float
 
     def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
@@ -90,6 +98,7 @@ class SampledSky:
         upward, around = (degrees - 1 for degrees in self.series.shape[1:])
         at_phi = self.series @ chebvander(np.cos(phi.ravel()), around).T
         even: FloatArray = np.einsum("kzr,zr->rk", at_phi, chebvander(1.0 - 4.0 / np.pi * zenith.ravel(), upward).T)
+        even *= _brightening(zenith.ravel(), self.depth)[:, np.newaxis]
         even[:, 0] *= self.aureole(zenith_rad=zenith.ravel(), phi_rad=phi.ravel())
         even[:, 2] *= np.sin(phi.ravel())
         return even.reshape(*zenith.shape, 3)
@@ -116,21 +125,38 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     -----
     Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
     series converge geometrically, as fast as the phase function of the aerosol lets them. A bright aureole is divided
-    out first, as it shows on the ring of the sun's own zenith angle.
+    out first, as it shows on the ring of the sun's own zenith angle, and how thin air brightens toward the horizon:
+    a polynomial would follow neither, and leave ripples over all of the sky that no rule of few nodes integrates.
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
     probes = _probes(sky, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
-    # Without an aureole what is divided out may bend the sky more than the sky itself.
-    found = (_over(aureole, nodes_rad, phi_rad, samples) for aureole in (aureole_of(sky, sun_zenith_rad), NO_AUREOLE))
-    return min((replace(one, relative_error=probes.largest(one)) for one in found), key=lambda one: one.relative_error)
+
+    def best(aureoles: Iterable[Aureole], depths: Iterable[float]) -> SampledSky:
+        found = [_over(aureole, depth, nodes_rad, phi_rad, samples) for aureole in aureoles for depth in depths]
+        every = (replace(one, relative_error=probes.largest(one)) for one in found)
+        return min(every, key=lambda one: one.relative_error)
+
+    # Without an aureole what is divided out may bend the sky more than the sky itself; so may the brightening.
+    aureole = aureole_of(sky, sun_zenith_rad)
+    depth = best((aureole,), (0.0, *_DEPTHS)).depth
+    return best((aureole, NO_AUREOLE), (depth, 0.0))
 
 
-def _over(aureole: Aureole, nodes_rad: FloatArray, phi_rad: FloatArray, samples: FloatArray) -> SampledSky:
-    """Sky of samples, shape (Z, A, 3), whose radiance is divided by an aureole."""
-    smooth = samples.copy()
+def _over(
+    aureole: Aureole, depth: float, nodes_rad: FloatArray, phi_rad: FloatArray, samples: FloatArray
+) -> SampledSky:
+    """Sky of samples, shape (Z, A, 3), whose light is divided by a brightening and its radiance by an aureole."""
+    smooth = samples / _brightening(nodes_rad, depth)[:, np.newaxis, np.newaxis]
     smooth[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
-    return SampledSky(series=_series(smooth), aureole=aureole, relative_error=0.0)
+    return SampledSky(series=_series(smooth), aureole=aureole, depth=depth, relative_error=0.0)
+
+
+def _brightening(zenith_rad: FloatArray, depth: float) -> FloatArray:
+    """Light that an even layer of some depth scatters once, over that at the horizon; 1 throughout for none."""
+    if depth == 0.0:
+        return np.ones(zenith_rad.shape)
+    return np.asarray(-np.expm1(-depth / np.maximum(np.cos(zenith_rad), _LEVEL)))
 
 
 def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
@@ -148,7 +174,7 @@ def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     series = _series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
-    return SampledSky(series=series, aureole=NO_AUREOLE, relative_error=0.0)
+    return SampledSky(series=series, aureole=NO_AUREOLE, depth=0.0, relative_error=0.0)
 
 
 def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:

@@ -24,7 +24,7 @@ _READING = 0.6
 
 
 def expected_s(scene: LitScene, plan: Plan, ahead: Forecast) -> float:
-    """Return the time that a plan is likely to take [s].
+    """Return the time that a plan is likely to take, of a sky that several scenes share a share [s].
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def expected_s(scene: LitScene, plan: Plan, ahead: Forecast) -> float:
     sky = _SOLVED_S * solver + _READ_S * effort[SKY_GRID] * float(solver**_READING)
     seen = [region for region in scene.regions if region.surface is not None]
     lines = sum(_LINES_OF_POINT if region.part is None else effort[TILES] for region in seen)
-    return effort[WAVELENGTHS] * sky + _SEEN_S * lines * effort[HEMISPHERE]
+    return effort[WAVELENGTHS] * sky / ahead.under_sky + _SEEN_S * lines * effort[HEMISPHERE]
 
 
 def allocate(

@@ -45,17 +45,20 @@ class Forecast:
         Setting to the likely relative error of the light at each of its levels, falling.
     efforts
         Setting to by what the time of its stage is multiplied at each of its levels, over the lowest.
+    under_sky
+        Scenes that share the time of one sky.
     """
 
     errors: Mapping[str, tuple[float, ...]]
     efforts: Mapping[str, tuple[float, ...]]
+    under_sky: int = 1
 
     def error(self, plan: Plan, scales: Mapping[str, float]) -> float:
         """Return the sum of the errors that are to be expected, each multiplied by a scale of its setting."""
         return sum(scales[name] * self.errors[name][level] for name, level in plan.items())
 
 
-def forecast(scene: LitScene, effects: frozenset[Effect] = ALL) -> Forecast:
+def forecast(scene: LitScene, effects: frozenset[Effect] = ALL, *, under_sky: int = 1) -> Forecast:
     """Return the likely errors and efforts of all levels of all settings.
 
     Parameters
@@ -64,6 +67,8 @@ def forecast(scene: LitScene, effects: frozenset[Effect] = ALL) -> Forecast:
         To be predicted.
     effects
         That act; without that of the wavelengths nothing is asked of the band.
+    under_sky
+        Scenes that share the time of its sky, such as those of a sweep of the camera.
 
     Notes
     -----
@@ -78,7 +83,7 @@ def forecast(scene: LitScene, effects: frozenset[Effect] = ALL) -> Forecast:
         efforts[WAVELENGTHS] = tuple(max(each) for each in zip(*(effort for _, effort in found), strict=True))
     if _computed(scene):
         errors[STREAMS] = _of_streams(max(_asymmetry(air) for air in _computed(scene)))
-    return Forecast(errors=errors, efforts=efforts)
+    return Forecast(errors=errors, efforts=efforts, under_sky=under_sky)
 
 
 def unused(effects: frozenset[Effect]) -> frozenset[str]:

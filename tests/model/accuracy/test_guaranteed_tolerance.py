@@ -16,7 +16,7 @@ from model.accuracy.planning.numerical_settings import (
 from model.accuracy.predict_to_tolerance import predict
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
-FINER = {STREAMS: 4, LAYERS: 3, WAVELENGTHS: 6, SKY_GRID: 2, HEMISPHERE: 2, TILES: 5}
+FINER = {STREAMS: 4, LAYERS: 3, WAVELENGTHS: 6, SKY_GRID: 2, HEMISPHERE: 4, TILES: 5}
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.01])
