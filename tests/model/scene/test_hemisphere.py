@@ -167,9 +167,9 @@ def test_several_cameras_at_once_see_what_each_sees_alone(tilt_deg):
 
 
 def test_rules_are_refined_until_they_suffice_for_the_worst_camera():
-    light, easy, hard = skylight(), view(0.0, 0.0), view(80.0, 200.0)
+    light, easy, hard = skylight(), view(80.0, 200.0), view(0.0, 0.0)
     alone, other, both = (
-        reflected_diffuse(PanelLight(surface=PAINT, tilt=LEVEL, views=views), light, tolerance=1e-3).rules.lobe
+        reflected_diffuse(PanelLight(surface=PAINT, tilt=LEVEL, views=views), light, tolerance=1e-4).rules.lobe
         for views in ((easy,), (hard,), (easy, hard))
     )
     assert alone < other == both

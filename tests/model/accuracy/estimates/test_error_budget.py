@@ -10,7 +10,7 @@ from tests.model.accuracy.random_scenes import random_scene
 
 # A target before a background that fills 20 by 16 deg of the field; two points.
 WIDE, POINTS = 14, 4
-PLAN = {**dict.fromkeys(NUMERICAL_SETTINGS, 0), HEMISPHERE: 2}
+PLAN = {**dict.fromkeys(NUMERICAL_SETTINGS, 0), HEMISPHERE: 5}
 
 
 def settings(tiles_per_side):
