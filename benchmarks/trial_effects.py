@@ -26,6 +26,7 @@ from model.accuracy.evaluation.chain import evaluate, scenario_of
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Readings
 from model.accuracy.evaluation.settings import Settings
+from model.accuracy.thin_sky import skylight_bound
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect, EffectRule
 from model.effects.planner import EffectPlan, in_words, plan
@@ -90,6 +91,7 @@ def _check(score: Score, scene: LitScene, seed: int, tolerance: float, settings:
             known=lambda effects: scenario_of(scene, settings, effects=effects, store=store).regions,
             rule=rule,
             estimates=None if rule == "safe" else partial(estimate_effects, scene, limit=tolerance),
+            sharper=partial(skylight_bound, scene),
         )
 
     found = planned("safe")

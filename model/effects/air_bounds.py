@@ -77,6 +77,11 @@ class AirBounds:
     ground_albedo: float
     alternative: "AirBounds | None" = None
 
+    @property
+    def is_narrow(self) -> bool:
+        """True of a band in which the air is all but the same."""
+        return len(self.slices) == 1
+
     @cached_property
     def received(self) -> float:
         """Irradiance of the ground by sun and sky [W m-2]."""
@@ -108,7 +113,7 @@ class AirBounds:
             lambda air: max((one.depth - float(one.thick.tau_above(height_m)) for one in air.slices), default=np.inf)
         )
 
-    def sky(self, *, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+    def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
         """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
 
         Parameters
@@ -135,6 +140,26 @@ class AirBounds:
             return found
 
         return each(self) if self.alternative is None else np.maximum(each(self), each(self.alternative))
+
+    def sky_again(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+        """Return upper bounds of the sky's radiance by light that air scattered at least twice [W m-2 sr-1].
+
+        Light of the beam that came off the ground, and was scattered once then, is not in it.
+
+        Parameters
+        ----------
+        zenith_rad, scattering_rad
+            As in `sky`.
+        """
+        if self.alternative is not None:
+            return np.full(np.shape(scattering_rad), np.inf)
+        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
+        found = np.full(np.shape(scattering_rad), 0.0 if self.slices else np.inf)
+        for part in self.slices:
+            beam = part.outside * self.mu * np.exp(-part.depth / self.mu)
+            again = self.rest_of(part, scattering_rad) - 2.0 * _SPREAD_PHASE * self.ground_albedo * beam
+            found = found + _ROOM * again * -np.expm1(-part.depth * slant) / (4.0 * np.pi)
+        return found
 
     def path(self, *, height_m: float, view_zenith_rad: ArrayLike, scattering_rad: ArrayLike) -> float:
         """Return an upper bound of the radiance that air adds between the ground and a camera [W m-2 sr-1].

@@ -49,10 +49,11 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     A factor 1 + e common to a pixel's Stokes vector leaves its DoLP as it is with the rest of its fluctuation over 1 +
     e: a mixture of distributions, whose divergence is at most the mean of theirs, 6 <e^2>, as of a share of 2 rms(e).
 
-    Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (a + b) / (1 - a). The deviation of DoLP
+    Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (b + a P) / (1 - a): of a factor 1 + a of
+    all of the mean only the noise beside it tells, which is 1 + a times as large in proportion. The deviation of DoLP
     changes as its gradient does: by no more than (1.42 b / P + 2 a) / (1 - a - b / P) times the largest deviation of a
-    Stokes parameter over the least, and where polarised light is not clear of its noise by no more than the change over
-    the deviation.
+    Stokes parameter over the least, both without a factor common to each pixel; and where polarised light is not clear
+    of its noise by no more than the change over the deviation, and the noise beside the factor.
 
     References
     ----------
@@ -71,21 +72,20 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     ):
         return _ANYTHING
     shift = (found.s0 + found.polarised) / (1.0 - found.s0)
+    turned = _turned(bounds, found)
     divergence = _divergence(share)
     low, high = deviation_limits(bounds)
     dolp_low = bounds.polarised_low / bounds.s0_high
-    # A deviation changes by half of what its variance does, and by what its gradient does.
-    variance = 2.0 * divergence + divergence**2 + share
-    if not variance < 0.5:
+    spread = _of_variance(divergence, share)
+    if not spread < 0.5:
         return _ANYTHING
-    spread = 0.5 * variance / (1.0 - variance)
-    spread += _of_gradient(bounds, found, shift=shift, low=low, dolp_low=dolp_low)
+    spread += _of_gradient(bounds, found, turned=turned, low=low, dolp_low=dolp_low, tail=tail)
     if not spread < 0.5:
         return _ANYTHING
     snr = _of_mean(found, divergence, high=high, dolp_low=dolp_low, tail=tail)
     return Bound(
         radiance=_of_counts(bounds, found, shift),
-        ratios=shift / (1.0 - tail) + divergence * high,
+        ratios=min(shift / (1.0 - tail) + divergence * high, _of_ratios(found, turned, share, high=high, tail=tail)),
         # An SNR to first order knows no common factor: it grows as the deviation falls.
         deviations=max((spread + snr + found.factor) / (1.0 - spread), (1.0 - found.share) ** -0.5 - 1.0, found.share),
     )
@@ -153,25 +153,50 @@ def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:
     if not np.all(np.isfinite(bounds.cov_high)):
         return least, np.inf
     tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low
-    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bounds.cov_high)[-1])) / bounds.s0_low / (1.0 - tail)
+    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bounds.own_high)[-1])) / bounds.s0_low / (1.0 - tail)
     return least, most
 
 
-def _of_gradient(bounds: RegionBounds, found: Disturbance, *, shift: float, low: float, dolp_low: float) -> float:
+def _turned(bounds: RegionBounds, found: Disturbance) -> float:
+    """Most that DoLP, S1/S0 and S2/S0 change: what is left of a change of the mean beside a factor common to it."""
+    dolp_high = min(bounds.polarised_high / bounds.s0_low, 1.0)
+    return (found.polarised + found.s0 * dolp_high) / (1.0 - found.s0)
+
+
+def _of_ratios(found: Disturbance, turned: float, share: float, *, high: float, tail: float) -> float:
+    """Change of the ratios of the mean, and of the mean of the pixels' DoLP."""
+    # A factor common to the mean is one of the noise beside it.
+    beside = share + (1.0 + found.s0) ** 2 - 1.0
+    return turned / (1.0 - tail) + _divergence(beside) * high if beside < 1.0 else np.inf
+
+
+def _of_variance(divergence: float, share: float) -> float:
+    """Relative change of a deviation, half of what its variance changes by; infinite where that is too much."""
+    variance = 2.0 * divergence + divergence**2 + share
+    return 0.5 * variance / (1.0 - variance) if variance < 0.5 else np.inf
+
+
+def _of_gradient(
+    bounds: RegionBounds, found: Disturbance, *, turned: float, low: float, dolp_low: float, tail: float
+) -> float:
     """Relative change of the deviations of DoLP, S1/S0 and S2/S0 by another mean."""
-    if shift == 0.0:
+    if found.s0 == 0.0 and found.polarised == 0.0:
         return 0.0
     if low == 0.0 or dolp_low == 0.0:
         return np.inf
-    most = np.sqrt(float(np.linalg.eigvalsh(bounds.cov_high)[-1]))
+    # A factor common to a pixel's Stokes vector goes with the mean, and no gradient of a ratio sees it.
+    most = np.sqrt(float(np.linalg.eigvalsh(bounds.own_high)[-1]))
     # The gradient (-P, u) / S, u a unit vector, turns by the change of polarised light over itself; P changes as much.
-    turned = found.polarised / dolp_low
-    if not turned + found.s0 < 1.0:
+    of_direction = found.polarised / dolp_low
+    if not of_direction + found.s0 < 1.0:
         return np.inf
-    of_gradient = (np.sqrt(2.0) * turned + 2.0 * found.s0) / (1.0 - turned - found.s0)
+    of_gradient = (np.sqrt(2.0) * of_direction + 2.0 * found.s0) / (1.0 - of_direction - found.s0)
     by_gradient = most / (low * bounds.s0_high) * of_gradient
-    by_shift = 0.0 if bounds.polarised_low > _CLEAR * most else 1.5 * shift / low
-    return float(max(by_gradient, by_shift))
+    if (1.0 - tail) * bounds.polarised_low > _CLEAR * most:
+        return float(by_gradient)
+    scaled = (1.0 + found.s0) ** 2 - 1.0
+    by_scale = _of_variance(_divergence(scaled), scaled) if scaled < _LARGEST_SHARE else np.inf
+    return float(max(by_gradient, 1.5 * turned / low + by_scale))
 
 
 def _of_mean(found: Disturbance, divergence: float, *, high: float, dolp_low: float, tail: float) -> float:

@@ -16,12 +16,12 @@ def skylight(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturba
     """Return what the sky adds: the largest reflectance times all of its light (`model.effects.sun_light`)."""
     if scene.source not in ("total", "reflected", "reflected_sky") or light.sky == 0.0:
         return NOTHING
-    return _added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
+    return added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
 
 
 def path_radiance(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
     """Return what the air adds between region and camera (`model.effects.air_bounds.path_bound`)."""
-    return _added(scene, region, light.path) if scene.source in ("total", "path") else NOTHING
+    return added(scene, region, light.path) if scene.source in ("total", "path") else NOTHING
 
 
 def adjacency(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
@@ -29,7 +29,7 @@ def adjacency(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturb
 
     The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
     """
-    return _added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else NOTHING
+    return added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else NOTHING
 
 
 def field_of_view(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
@@ -104,7 +104,18 @@ def _relative_variance(air: Air) -> float:
     return variance * float((mean / np.min(inverse[shares > 0.0])) ** 2)
 
 
-def _added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
+def added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
+    """Return what light that is added changes.
+
+    Parameters
+    ----------
+    scene, region
+        A region, and where it is.
+    radiance
+        At most so much [W m-2 sr-1].
+    dolp
+        Share of it that may be polarised.
+    """
     if radiance == 0.0:
         return NOTHING
     if not (region.is_known and np.isfinite(radiance)):

@@ -21,6 +21,8 @@ from model.special_functions import chdtri
 KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]
 # Estimates of effects with these bounds, those that cannot be had left out.
 Estimates = Callable[[Mapping[Effect, Bound]], Mapping[Effect, Estimate]]
+# A sharper bound of an effect than the general one, from the limits of the light; None where there is none.
+SharperBound = Callable[[Mapping[str, SunLight]], Bound | None]
 # A bound below this share of the tolerance needs no estimate.
 _SMALL = 0.5
 
@@ -122,6 +124,7 @@ def plan(
     rule: EffectRule = "safe",
     estimates: Estimates | None = None,
     every_estimate: bool = False,
+    sharper: SharperBound | None = None,
 ) -> EffectPlan:
     """Return which effects a scene calls for.
 
@@ -142,6 +145,8 @@ def plan(
         Estimates effects, first those of `LIGHT`, then the others; None for no estimates.
     every_estimate
         Whether effects are estimated too that their bounds let be left out.
+    sharper
+        Gives a sharper bound of skylight, asked for where the general one is above the tolerance; None for none.
 
     Raises
     ------
@@ -159,7 +164,7 @@ def plan(
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
     choice = _Choice(tolerance=tolerance, forced=forced, rule=rule, estimates=estimates, every_estimate=every_estimate)
     bounds_of, limits = partial(_bounds_beside, scene, forced), light_limits(scene)
-    of_air, spent = choice.decided(bounds_of(limits, _OF_AIR), _Spent())
+    of_air, spent = choice.decided(_sharpened(bounds_of(limits, _OF_AIR), limits, choice, sharper), _Spent())
     of_band, spent = choice.decided(bounds_of(limits, LIGHT - _OF_AIR), spent, unlit=_unlit(bounds_of, limits, of_air))
     of_light = [*of_air, *of_band]
     if known is not None and any(one.surface is not None for one in scene.regions):
@@ -171,6 +176,18 @@ def plan(
     decisions = sorted([*of_light, *others], key=lambda one: one.bound.largest)
     used = {"safe": spent.by_bound, "estimated": spent.by_estimate, "all": Bound()}[rule]
     return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=used, rule=rule)
+
+
+def _sharpened(
+    bounds: dict[Effect, Bound], limits: Mapping[str, SunLight], choice: "_Choice", sharper: SharperBound | None
+) -> dict[Effect, Bound]:
+    """Bounds with that of skylight sharper, where a decision may hang on it; that of detection stays."""
+    general = bounds[Effect.SKYLIGHT]
+    is_asked = general.detection <= choice.tolerance < general.largest and Effect.SKYLIGHT not in choice.forced
+    found = sharper(limits) if sharper is not None and is_asked else None
+    if found is None:
+        return bounds
+    return bounds | {Effect.SKYLIGHT: general.tighter(replace(found, detection=general.detection))}
 
 
 def _bounds_beside(

@@ -1,6 +1,6 @@
 """Bounds of the radiance and the covariance of a region, known before anything is solved."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -39,6 +39,8 @@ class RegionBounds:
         Upper bound of the texture's covariance of the Stokes parameters, shape (3, 3).
     cov_high
         Upper bound of their whole covariance.
+    own_high
+        The same without what is a factor common to a pixel's Stokes vector, which its DoLP does not show.
     cycles
         Over which means are taken.
     crosstalk
@@ -60,6 +62,7 @@ class RegionBounds:
     noise_high: FloatArray
     texture: FloatArray
     cov_high: FloatArray
+    own_high: FloatArray
     cycles: int
     crosstalk: float
 
@@ -138,6 +141,9 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: SunLight) -> Regi
     noise_low, noise_high = (plan.inverse @ np.diag(one) @ plan.inverse.T for one in (variance_low, variance_high))
     s0_high = most * scale * (light.s0_high + light.added)
     texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
+    over_field = _over_field(scene, region, light, s0_high=s0_high, scale=most * scale)
+    turned = noise_high + over_field + _scatter_high(scene, texture, plan.inverse, s0_high)
+    apart = _apart_high(region, light, texture, s0_high=s0_high, scale=scale)
     return RegionBounds(
         region=region,
         s0_low=least * scale * light.s0_low,
@@ -153,9 +159,8 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: SunLight) -> Regi
         noise_low=noise_low,
         noise_high=noise_high,
         texture=texture,
-        cov_high=noise_high
-        + _spatial_high(scene, texture, plan.inverse, high, s0_high)
-        + _over_field(scene, region, light, s0_high=s0_high, scale=most * scale),
+        cov_high=turned + _with_light(scene, texture, plan.inverse, high, s0_high),
+        own_high=turned + _with_light(scene, apart, plan.inverse, np.zeros_like(high), s0_high),
         cycles=readout.cycles,
         crosstalk=np.sqrt(2.0) * 0.5 * abs(session.drift) * plan.condition,
     )
@@ -200,17 +205,36 @@ def _over_field(scene: LitScene, region: LitRegion, light: SunLight, *, s0_high:
     return np.asarray(geometry + s0_high**2 * (light.deviation + np.sqrt(2.0 * var)) ** 2 * np.eye(3))
 
 
-def _spatial_high(
-    scene: LitScene, texture: FloatArray, inverse: FloatArray, high: FloatArray, s0_high: float
-) -> FloatArray:
-    """Upper bound of the covariance from texture, pattern, shifts and scatter of angles."""
+def _apart_high(region: LitRegion, light: SunLight, texture: FloatArray, *, s0_high: float, scale: float) -> FloatArray:
+    """Upper bound of the part of the texture that is no factor common to a pixel's Stokes vector.
+
+    What path and surroundings add has no texture: the factor of the rest is off the whole by no more than they are.
+    """
+    if region.radiance is not None:
+        return np.asarray(scale**2 * region.texture_cov + np.diag(np.square(region.texture_diagonal)) * s0_high**2)
+    if light.texture is not None or not np.isfinite(s0_high):
+        return texture
+    untextured = 2.0 * (region.texture_rms * scale * (light.path + light.adjacency)) ** 2 * np.eye(3)
+    return _texture_high(replace(region, texture_rms=0.0), light, s0_high=s0_high, scale=scale) + untextured
+
+
+def _scatter_high(scene: LitScene, texture: FloatArray, inverse: FloatArray, s0_high: float) -> FloatArray:
+    """Upper bound of the covariance from offsets of pixels, shifts and scatter of angles."""
     noise, session = scene.sensor.noise, scene.imperfections
     if not np.isfinite(s0_high):
         return np.full((3, 3), np.inf)
-    ones = np.ones_like(high)
-    pattern = noise.prnu**2 * np.outer(high, high) + (noise.gain_dn_per_e * noise.dsnu_e) ** 2 * np.outer(ones, ones)
+    frames = inverse.shape[1]
     turned = (2.0 * session.polarizer_angle_std_rad * s0_high) ** 2
     shifted = 0.0 if session.misregistration_pixels == 0.0 else float(np.trace(texture))
-    channels = pattern + (turned + shifted) * np.eye(high.size)
-    drifted = (1.0 + 2.0 * abs(session.drift)) ** 2
-    return np.asarray(drifted * (1.0 + noise.prnu**2) * texture + inverse @ channels @ inverse.T)
+    offsets = (noise.gain_dn_per_e * noise.dsnu_e) ** 2 * np.ones((frames, frames))
+    return np.asarray(inverse @ (offsets + (turned + shifted) * np.eye(frames)) @ inverse.T)
+
+
+def _with_light(
+    scene: LitScene, texture: FloatArray, inverse: FloatArray, high: FloatArray, s0_high: float
+) -> FloatArray:
+    """Upper bound of the covariance from texture and from what pixels differ by in their response."""
+    if not np.isfinite(s0_high):
+        return np.full((3, 3), np.inf)
+    prnu, drifted = scene.sensor.noise.prnu, (1.0 + 2.0 * abs(scene.imperfections.drift)) ** 2
+    return np.asarray(drifted * (1.0 + prnu**2) * texture + inverse @ (prnu**2 * np.outer(high, high)) @ inverse.T)

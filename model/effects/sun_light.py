@@ -1,7 +1,7 @@
 """Light of the direct beam alone from a region to the camera: cheap, and the least that there is."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,26 +11,24 @@ from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.unlit import unlit_solution
 from model.effects.air_bounds import AirBounds
+from model.effects.pbrdf_grid import PbrdfGrid
 from model.scene.aperture_radiance import aperture_lights
 from model.scene.field_of_view import FieldPart, middle, off_axis
 from model.scene.illumination import illuminate
 from model.scene.lit_scene import Air, LitRegion, LitScene
 from model.scene.scenario import RegionLight
 from model.scene.view import View
-from model.surface.pbrdf import Surface, mueller
 
 FloatArray = NDArray[np.float64]
 
-# Steps over the hemisphere in the search of the largest pBRDF, and what it is taken times for what they miss.
-_ZENITHS, _AZIMUTHS, _MISSED = 46, 31, 1.5
+# What the largest pBRDF on a grid is taken times for what its steps miss.
+_MISSED = 1.5
 # Under air as thick as this the sky sends so much that no sharper bound of it helps.
 _THIN = 0.05
 # Under air thinner than this a computed sky is bright at the horizon alone and has few digits there, if any: its grid
 # may be off by more than all of it, and polarised by more than 1. Sharp bounds are of no use there, for all of it is
 # next to nothing.
 _NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
-# Digits of an angle [rad] to which views are one.
-_DIGITS = 2
 # Over a field the beam's light is known at nine directions; between them it may go this much farther.
 _BETWEEN = 2.0
 # How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
@@ -52,6 +50,9 @@ class SunLight:
         Upper limits of what sky, path and surroundings add.
     sky_polarised
         Upper limit of the polarised light that the sky adds.
+    sky_again, sky_again_polarised
+        The same of light that was scattered more than once, and not only by the ground before; infinite where no
+        useful limit is known.
     apart
         Largest difference of the beam's light from its middle, of directions at which it is known.
     spread
@@ -71,6 +72,8 @@ class SunLight:
     polarised_high: float
     sky: float = 0.0
     sky_polarised: float = 0.0
+    sky_again: float = np.inf
+    sky_again_polarised: float = np.inf
     path: float = 0.0
     adjacency: float = 0.0
     apart: float = 0.0
@@ -182,11 +185,13 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
     beams = np.stack([light.reflected_sun for light in lights])
     normal_rad = geometry.angle_between_rad(tilt.normal, _toward(views))
     ground = 2.0 * np.pi * limits.ground_radiance if tilt.tilt_rad > 0.0 else 0.0
-    grid = _PbrdfGrid.of(surface, normal_rad)
-    skies = _MISSED * grid.largest * (limits.sky_actinic + ground)
+    grid = PbrdfGrid.of(surface, normal_rad)
+    skies, rest = _MISSED * grid.largest * (limits.sky_actinic + ground), np.full(2, np.inf)
     if tilt.tilt_rad == 0.0 and limits.depth < _THIN:
-        seen = _reflected_sky(grid, views, limits, air.sun_zenith_rad, scene.sun_azimuth_rad)
-        skies = np.minimum(skies, _MISSED * seen)
+        reflected = partial(
+            grid.reflected, views=views, sun_zenith_rad=air.sun_zenith_rad, sun_azimuth_rad=scene.sun_azimuth_rad
+        )
+        skies, rest = np.minimum(skies, _MISSED * reflected(limits.sky)), _MISSED * reflected(limits.sky_again)
     sky, polarised = skies.tolist()
     if limits.depth < _NEXT_TO_NONE:
         sky = polarised = _FEW_DIGITS * sky
@@ -197,6 +202,8 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
         found,
         sky=sky,
         sky_polarised=min(polarised, sky),
+        sky_again=float(rest[0]) if limits.depth > _NEXT_TO_NONE else np.inf,
+        sky_again_polarised=float(rest[1]),
         path=path,
         adjacency=_adjacency(scene, air, views, limits),
         spread=_BETWEEN * of_beam + of_rest,
@@ -217,84 +224,6 @@ def field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
     )
     others = [(float(x), float(y)) for x in rights for y in ups if (x, y) != (across, upward)]
     return tuple(off_axis(view, right=x, up=y) for x, y in ((across, upward), *others))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _PbrdfGrid:
-    """Reflectance times cos(theta_i) over the sky for some views [sr-1].
-
-    Attributes
-    ----------
-    zenith_rad, azimuth_rad
-        Angles from the normal and from the plane of the view, half of it, rising.
-    values
-        View's angle from the normal to the most that is reflected, and the most that is polarised of it, of light of
-        any polarization, shape (2, zeniths, azimuths).
-    """
-
-    zenith_rad: FloatArray
-    azimuth_rad: FloatArray
-    values: Mapping[float, FloatArray]
-
-    @classmethod
-    def of(cls, surface: Surface, theta_r_rad: FloatArray) -> "_PbrdfGrid":
-        """Return the grid with the mirror directions of views at some angles from the normal, shape (K,) [rad]."""
-        grid, near = np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), surface.slope_rms * np.linspace(-3.0, 3.0, 13)
-        angles = sorted({_rounded(float(angle)) for angle in theta_r_rad})
-        zenith = np.concatenate([grid, *(one + near for one in angles)])
-        zenith = np.unique(np.clip(zenith, 0.0, 0.5 * np.pi - 1e-6))
-        azimuth = np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)])
-        azimuth = np.unique(np.clip(azimuth, 0.0, np.pi))
-        weight = np.cos(zenith)[:, np.newaxis]
-        matrices = {one: mueller(zenith[:, np.newaxis], one, azimuth, surface=surface) for one in angles}
-        values = {one: _most_reflected(each) * weight for one, each in matrices.items()}
-        return cls(zenith_rad=zenith, azimuth_rad=azimuth, values=values)
-
-    @property
-    def largest(self) -> FloatArray:
-        """The largest of all, and of all that is polarised, shape (2,)."""
-        return np.asarray(np.max([np.max(values, axis=(-2, -1)) for values in self.values.values()], axis=0))
-
-
-def _most_reflected(mueller: FloatArray) -> FloatArray:
-    """Most of S0 and of polarised light that matrices make of light of any polarization, shape (2, ...)."""
-    rest = mueller[..., 1:, 1:]
-    squares = np.sum(rest**2, axis=(-2, -1))
-    determinant = rest[..., 0, 0] * rest[..., 1, 1] - rest[..., 0, 1] * rest[..., 1, 0]
-    norm = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * determinant**2, 0.0))))
-    total = mueller[..., 0, 0] + np.hypot(mueller[..., 0, 1], mueller[..., 0, 2])
-    return np.stack([total, np.hypot(mueller[..., 1, 0], mueller[..., 2, 0]) + norm])
-
-
-def _rounded(angle_rad: float) -> float:
-    """Return an angle to digits at which lobes differ by less than what the grid is multiplied by."""
-    return round(angle_rad, _DIGITS)
-
-
-def _reflected_sky(
-    grid: _PbrdfGrid, views: tuple[View, ...], limits: AirBounds, sun_zenith_rad: float, sun_azimuth_rad: float
-) -> FloatArray:
-    """Largest over the views of the sum of the reflectance times the bound of the sky over its directions, (2,)."""
-    zenith, azimuth = grid.zenith_rad[:, np.newaxis], grid.azimuth_rad
-    found = []
-    for angle, off_rad in {(_rounded(one.zenith_rad), round(sun_azimuth_rad - one.azimuth_rad, 2)) for one in views}:
-        both_sides = np.zeros(())
-        for side in (azimuth, -azimuth):
-            toward = np.cos(zenith) * np.cos(sun_zenith_rad) + np.sin(zenith) * np.sin(sun_zenith_rad) * np.cos(
-                side - off_rad
-            )
-            scattering = np.arccos(np.clip(toward, -1.0, 1.0))
-            both_sides = both_sides + limits.sky(
-                zenith_rad=np.broadcast_to(zenith, scattering.shape), scattering_rad=scattering
-            )
-        rows = _sum(grid.values[angle] * both_sides, azimuth)
-        found.append(_sum(rows * np.sin(grid.zenith_rad), grid.zenith_rad))
-    return np.asarray(np.max(found, axis=0))
-
-
-def _sum(values: FloatArray, at: FloatArray) -> FloatArray:
-    """Integral over the last axis by the trapezoidal rule."""
-    return np.asarray(0.5 * np.sum((values[..., 1:] + values[..., :-1]) * np.diff(at), axis=-1))
 
 
 def black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:

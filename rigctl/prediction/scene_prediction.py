@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -202,6 +203,7 @@ class ScenePredictor:
         from model.accuracy.effect_estimates import estimate_effects
         from model.accuracy.planning.forecast import optical_depth
         from model.accuracy.predict_to_tolerance import SMALLEST
+        from model.accuracy.thin_sky import skylight_bound
         from model.effects.planner import LIGHT, plan, plan_of_all
         from rigctl.scene.effect_plan import SHARE
 
@@ -219,7 +221,8 @@ class ScenePredictor:
             # Of one scene in daylight an estimate costs more than what it may leave out: the sky is solved either way.
             pays = of is not None or optical_depth(lit) < _THIN
             estimates = estimated if rule == "estimated" and pays else None
-            return plan(lit, tolerance=share, forced=forced, rule=rule, estimates=estimates)
+            sharper = partial(skylight_bound, lit)
+            return plan(lit, tolerance=share, forced=forced, rule=rule, estimates=estimates, sharper=sharper)
         except ValueError as error:
             raise ConfigError(f"scene {self.scene.name}: {error}") from error
 

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
 from model.accuracy.effect_estimates import estimate_effects
 from model.accuracy.evaluation.chain import scenario_of
+from model.accuracy.thin_sky import skylight_bound
 from model.effects.names import ALL, Effect, EffectRule
 from model.effects.planner import EffectPlan, plan
 from rigctl.errors import ConfigError
@@ -120,6 +122,7 @@ def plan_effects(
             rule=rule,
             estimates=estimated if rule == "estimated" or every_estimate else None,
             every_estimate=every_estimate,
+            sharper=partial(skylight_bound, lit),
         )
     except ValueError as error:
         raise ConfigError(f"scene {scene.name}: {error}") from error

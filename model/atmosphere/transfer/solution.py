@@ -149,12 +149,13 @@ class Solution:
         total = single_scattering(
             self.layers, mu0=self.mu0, tau_above=tau, mu=mu, phi_rad=propagation_rad, upward=upward
         )
-        # Lines of sight that differ in azimuth alone, as on a grid of the sky, share the modes.
-        lines, line_of = np.unique(tau + 1j * mu, return_inverse=True)
-        weights = self._path_weights(lines.real, lines.imag, upward=upward)
-        for block in self.blocks:
-            modes = _mode_radiance(block, weights, lines.imag if upward else -lines.imag)
-            total += _azimuth_sum(block.modes, modes[:, line_of], propagation_rad)
+        if self.blocks:
+            # Lines of sight that differ in azimuth alone, as on a grid of the sky, share the modes.
+            lines, line_of = np.unique(tau + 1j * mu, return_inverse=True)
+            weights = self._path_weights(lines.real, lines.imag, upward=upward)
+            for block in self.blocks:
+                modes = _mode_radiance(block, weights, lines.imag if upward else -lines.imag)
+                total += _azimuth_sum(block.modes, modes[:, line_of], propagation_rad)
         if upward:
             total[:, 0] += self.ground_radiance * np.exp(-slant(self.edges[-1] - tau, mu))
         return total

@@ -1,0 +1,201 @@
+"""Bound of skylight under thin air: what light scattered once changes, as it is, and a bound of the rest.
+
+A bound of all skylight has to take its polarization in the worst direction, and so is many times what is there. Light
+that was scattered once, by the beam or by the beam off the ground, is known without solving anything.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.accuracy.effect_check import change, readings_of
+from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.evaluation.settings import Settings
+from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
+from model.atmosphere.lighting.band_lighting import BandLighting
+from model.atmosphere.lighting.compute_lighting import compute_lighting
+from model.atmosphere.lighting.fidelity import Fidelity
+from model.atmosphere.profile import Column
+from model.atmosphere.transfer.phase import henyey_greenstein
+from model.effects.air_bounds import bound_air
+from model.effects.bound import Bound, Disturbance
+from model.effects.bound_of_change import bound_of
+from model.effects.light_bounds import added
+from model.effects.radiance_bounds import radiance_bounds
+from model.effects.sun_light import SunLight
+from model.quadrature import gauss_legendre
+from model.scene.aperture_radiance import aperture_lights
+from model.scene.diffuse_radiance import DiffuseRadiance
+from model.scene.hemisphere import Rules
+from model.scene.illumination import Illumination
+from model.scene.lit_scene import Air, LitRegion, LitScene
+
+FloatArray = NDArray[np.float64]
+
+# Rules of the integral over the sky, and by how much of their difference, or of all, the finer one may be off.
+_COARSE, _FINE = Rules(lobe=7, diffuse=6), Rules(lobe=10, diffuse=8)
+_OF_DIFFERENCE, _OF_ALL = 2.0, 0.03
+# Of the statistics, whose error is all but the same with and without the sky.
+_STATISTICS = 1e-5
+_NONE = np.zeros(2)
+# Nodes over the ground's hemisphere, of zenith angles and of half a turn; and wavelengths of a band that is not narrow.
+_NODES, _WAVELENGTHS = 8, 4
+
+
+def skylight_bound(scene: LitScene, limits: Mapping[str, SunLight]) -> Bound | None:
+    """Return the most that skylight changes of all but detection; None where only the general bound is known.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    limits
+        Region to the limits of its light, as `model.effects.planner.light_limits` gives them.
+
+    Notes
+    -----
+    With the beam's light B, once scattered light v that the regions reflect, all other light of the sky r, and path and
+    surroundings p, f(B + v + r + p) and f(B + p) differ by no more than f(B + v) and f(B) do, and by what r + p and p
+    may change: these by their bounds, that as it is. Each is relative to numbers that are off by as much.
+
+    References
+    ----------
+    Definition; the triangle inequality.
+    """
+    if not all(_is_known(scene, region, limits[region.name]) for region in scene.regions):
+        return None
+    once, off = _reflected_once(scene)
+    bare = {region.name: _beam_of(region, limits) for region in scene.regions}
+    lit = {name: beam + once.get(name, 0.0) for name, beam in bare.items()}
+    known = change(*(readings_of(evaluate(_with_radiances(scene, one), _settings(scene))) for one in (lit, bare)))
+    rest = Bound()
+    for region in scene.regions:
+        rest = rest.worse(_rest(scene, region, limits[region.name], off.get(region.name, _NONE)))
+    total = known + rest
+    return total.times(1.0 / (1.0 - total.largest)) if total.largest < 0.5 else None
+
+
+def _is_known(scene: LitScene, region: LitRegion, light: SunLight) -> bool:
+    if region.surface is None:
+        return True
+    return (
+        region.part is None
+        and not any(region.texture_diagonal)
+        and scene.source == "total"
+        and scene.air is not None
+        and scene.air.table is None
+        and bool(np.isfinite(light.sky_again + light.sky_again_polarised + light.path + light.adjacency))
+    )
+
+
+def _beam_of(region: LitRegion, limits: Mapping[str, SunLight]) -> FloatArray:
+    # The same as at both edges of the limits: on the axis the beam's light is known.
+    return limits[region.name].beams[0] if region.radiance is None else region.radiance
+
+
+def _with_radiances(scene: LitScene, radiances: Mapping[str, FloatArray]) -> LitScene:
+    regions = tuple(
+        replace(one, surface=None, tilt=None, part=None, radiance=radiances[one.name]) for one in scene.regions
+    )
+    return replace(scene, regions=regions, air=None, pairs=())
+
+
+def _settings(scene: LitScene) -> Settings:
+    lowest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), _STATISTICS, face_m=scene.sensor_height_m)
+    return replace(lowest, dolp_tolerance=_STATISTICS)
+
+
+def _rest(scene: LitScene, region: LitRegion, light: SunLight, off: FloatArray) -> Bound:
+    """Bound of all that is not known: light scattered again, what the rules miss, and path and surroundings twice."""
+    if region.surface is None:
+        return Bound()
+    bounds = radiance_bounds(scene, region, light)
+    beside = light.path + light.adjacency
+    total = light.sky_again + float(off[0]) + beside
+    polarised = min(light.sky_again_polarised + float(off[1]) + beside, total)
+    found: list[Disturbance] = [added(scene, bounds, total, dolp=polarised / total if total > 0.0 else 0.0)]
+    found.append(added(scene, bounds, beside))
+    return bound_of(bounds, found[0]) + bound_of(bounds, found[1])
+
+
+def _reflected_once(scene: LitScene) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Once scattered light that regions of a material reflect, and by how much S0 and what is polarised may be off."""
+    air, view = scene.air, scene.view
+    if air is None or view is None:
+        return {}, {}
+    lighting = _scattered_once(air)
+    sky = DiffuseRadiance(sky=partial(_sky, lighting), sun_azimuth_rad=scene.sun_azimuth_rad)
+    illumination = Illumination(
+        lighting=lighting,
+        diffuse_radiance=sky,
+        sky_irradiance=0.0,
+        sun_zenith_rad=air.sun_zenith_rad,
+        sun_azimuth_rad=scene.sun_azimuth_rad,
+    )
+    found: dict[str, FloatArray] = {}
+    off: dict[str, FloatArray] = {}
+    for one in scene.regions:
+        if one.surface is None or one.tilt is None:
+            continue
+        coarse, fine = (
+            aperture_lights(illumination, surface=one.surface, tilt=one.tilt, views=(view,), rules=rules, path=False)[
+                0
+            ].reflected_sky
+            for rules in (_COARSE, _FINE)
+        )
+        found[one.name] = fine
+        off[one.name] = _OF_DIFFERENCE * _sizes(fine - coarse) + _OF_ALL * _sizes(fine)
+    return found, off
+
+
+def _sizes(stokes: FloatArray) -> FloatArray:
+    """S0 and the polarised part of a light, (2,)."""
+    return np.array([abs(stokes[0]), np.hypot(stokes[1], stokes[2])])
+
+
+def _scattered_once(air: Air) -> BandLighting:
+    if air.state is None:
+        raise ValueError("air without a state has no light that is scattered once")
+    lighting = compute_lighting(
+        air.state,
+        fidelity=Fidelity.SINGLE,
+        band=air.band,
+        mu0=float(np.cos(air.sun_zenith_rad)),
+        albedo=air.ground_albedo,
+        aerosol=air.aerosol,
+        wavelengths=1 if bound_air(air).is_narrow else _WAVELENGTHS,
+    )
+    if not isinstance(lighting, BandLighting):
+        raise TypeError(f"light scattered once is a {type(lighting).__name__}")
+    return lighting
+
+
+def _sky(lighting: BandLighting, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
+    """Return the sky of light that air scattered once, of the beam and of the beam off the ground."""
+    found = lighting.sky(zenith_rad=zenith_rad, phi_rad=phi_rad)
+    mu = np.maximum(np.cos(zenith_rad), 1e-12)
+    nodes, place = np.unique(mu, return_inverse=True)
+    for column, solution, irradiance in zip(lighting.columns, lighting.solutions, lighting.irradiance, strict=True):
+        sent = irradiance * solution.ground_radiance * _from_below(column, nodes)
+        found[..., 0] += sent[place].reshape(np.shape(mu))
+    return found
+
+
+def _from_below(column: Column, mu: FloatArray) -> FloatArray:
+    """Radiance that air scatters down of an even, unpolarised light from below, over that light, shape of mu.
+
+    Of molecules exactly a half of what they would of light from all sides, and unpolarised: their scattering is the
+    same forward and back.
+    """
+    optics = column.lower
+    node, weight = gauss_legendre(_NODES)
+    from_direction = (
+        henyey_greenstein(g=optics.g, mu=-mu[:, np.newaxis], beam_mu=float(one), phi_rad=np.pi * node) @ weight
+        for one in node
+    )
+    of_aerosol = 0.5 * sum(share * one for share, one in zip(weight, from_direction, strict=True))
+    scattered = 0.5 * column.tau_rayleigh + optics.ssa * column.tau_aerosol * of_aerosol
+    return np.asarray(scattered / column.depth * -np.expm1(-column.depth / mu))
