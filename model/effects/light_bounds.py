@@ -4,12 +4,15 @@ import numpy as np
 
 from model.effects.bound import NOTHING, UNKNOWN, Disturbance
 from model.effects.radiance_bounds import RegionBounds
-from model.effects.sun_light import SunLight
+from model.effects.sun_light import SKY_ROOM, SunLight
 from model.scene.falloff import cosine_fourth
+from model.scene.field_of_view import half_diagonal_rad
 from model.scene.lit_scene import Air, LitScene
 
 # Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
 _POWER = 4.2
+# Least bound of skylight in daylight, over the light of the beam.
+_LEAST_SKY = 0.1
 
 
 def skylight(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
@@ -69,7 +72,7 @@ def wavelengths(scene: LitScene, region: RegionBounds, light: SunLight) -> Distu
     if air.table is not None:
         return NOTHING
     slant = 1.0 / np.cos(scene.view.zenith_rad)
-    steepness = _POWER * (1.0 + 2.0 * light.depth * (1.0 / np.cos(air.sun_zenith_rad) + slant))
+    steepness = _steepness(air, light.depth, slant)
     way = _POWER * light.depth_below * slant
     variance = _relative_variance(air)
     scattered = min(region.counts_per_radiance * light.added / region.s0_low, 1.0) if region.is_known else 1.0
@@ -94,6 +97,42 @@ def falloff(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturba
     found = cosine_fourth(part)
     apart = region.to_channels(found.var / found.mean**2 * 2.0 * region.s0_high**2 * np.eye(3))
     return Disturbance(factor=1.0 / found.mean - 1.0, share=found.mean**-4 - 1.0 + region.spatial_share(apart))
+
+
+def may_be_small(scene: LitScene, *, depth: float, tolerance: float) -> bool:
+    """Return whether field or band of a scene in daylight may be found small enough to be left out.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    depth
+        Optical depth of its air, 0.05 or more.
+    tolerance
+        That the sum of what is left out may reach, 0.05 or less.
+
+    Notes
+    -----
+    The bound of skylight is a tenth of the beam's light at the least there: 2.25 depth / mu0^2. With so much of it no
+    bound of skylight is within the tolerance, and this is what the bounds of field and band come to at the least.
+    """
+    air, view = scene.air, scene.view
+    if air is None or view is None:
+        return True
+    slant = 1.0 / np.cos(view.zenith_rad)
+    steepness = _steepness(air, depth, slant)
+    of_band = 0.5 * _relative_variance(air) * steepness * (steepness + 5.0) * _LEAST_SKY
+    fields = [
+        SKY_ROOM * _LEAST_SKY * 2.0 * (1.0 / one.surface.slope_rms + 4.0 * slant) * half_diagonal_rad(one.part)
+        for one in scene.regions
+        if one.surface is not None and one.part is not None
+    ]
+    return of_band <= tolerance or 0.0 < max(fields, default=0.0) <= tolerance
+
+
+def _steepness(air: Air, depth: float, slant: float) -> float:
+    """Most by which light that the air scatters changes per relative wavelength, over itself."""
+    return float(_POWER * (1.0 + 2.0 * depth * (1.0 / np.cos(air.sun_zenith_rad) + slant)))
 
 
 def _relative_variance(air: Air) -> float:

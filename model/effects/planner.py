@@ -125,6 +125,7 @@ def plan(
     estimates: Estimates | None = None,
     every_estimate: bool = False,
     sharper: SharperBound | None = None,
+    asked: frozenset[Effect] = ALL,
 ) -> EffectPlan:
     """Return which effects a scene calls for.
 
@@ -147,6 +148,8 @@ def plan(
         Whether effects are estimated too that their bounds let be left out.
     sharper
         Gives a sharper bound of skylight, asked for where the general one is above the tolerance; None for none.
+    asked
+        Effects that may be left out; no bound is looked for of others, which act.
 
     Raises
     ------
@@ -163,6 +166,9 @@ def plan(
     if not tolerance >= 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
     choice = _Choice(tolerance=tolerance, forced=forced, rule=rule, estimates=estimates, every_estimate=every_estimate)
+    asked |= forced.keys()
+    if not asked:
+        return EffectPlan(decisions=tuple(map(_unasked, Effect)), tolerance=tolerance, rule=rule)
     bounds_of, limits = partial(_bounds_beside, scene, forced), light_limits(scene)
     of_air, spent = choice.decided(_sharpened(bounds_of(limits, _OF_AIR), limits, choice, sharper), _Spent())
     of_band, spent = choice.decided(bounds_of(limits, LIGHT - _OF_AIR), spent, unlit=_unlit(bounds_of, limits, of_air))
@@ -172,10 +178,15 @@ def plan(
         margin = sum((one.bound if rule == "safe" else one.most).radiance for one in left_out)
         light = known(ALL - {one.effect for one in left_out})
         limits = {one.name: known_light(one, margin=margin) for one in light} if np.isfinite(margin) else limits
-    others, spent = choice.decided(bounds_of(limits, ALL - LIGHT), spent)
+    others, spent = choice.decided(bounds_of(limits, asked - LIGHT), spent)
+    others += map(_unasked, ALL - LIGHT - asked)
     decisions = sorted([*of_light, *others], key=lambda one: one.bound.largest)
     used = {"safe": spent.by_bound, "estimated": spent.by_estimate, "all": Bound()}[rule]
     return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=used, rule=rule)
+
+
+def _unasked(effect: Effect) -> Decision:
+    return Decision(effect=effect, acts=True, bound=EVERYTHING, reason="costs less than to look for a bound of it")
 
 
 def _sharpened(

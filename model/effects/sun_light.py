@@ -32,7 +32,7 @@ _NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
 # Over a field the beam's light is known at nine directions; between them it may go this much farther.
 _BETWEEN = 2.0
 # How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
-_ROOM = 5.0
+SKY_ROOM = 5.0
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
 
 
@@ -197,7 +197,7 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
         sky = polarised = _FEW_DIGITS * sky
     path = _path(limits, air, views, scene.sun_azimuth_rad)
     found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
-    of_beam, of_rest = _spread(found, views, sky=_ROOM * sky, path=path, slope_rms=surface.slope_rms)
+    of_beam, of_rest = _spread(found, views, sky=SKY_ROOM * sky, path=path, slope_rms=surface.slope_rms)
     return replace(
         found,
         sky=sky,

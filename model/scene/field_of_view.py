@@ -171,6 +171,11 @@ def middle(part: FieldPart) -> tuple[float, float]:
     return across, upward
 
 
+def half_diagonal_rad(part: FieldPart) -> float:
+    """Return half of the angle between opposite corners of a part, as in a plane [rad]."""
+    return 0.5 * float(np.hypot(part.right_rad - part.left_rad, part.top_rad - part.bottom_rad))
+
+
 def off_axis(view: View, *, right: float, up: float) -> View:
     """Return the view of the ground that a camera sees beside its axis.
 

@@ -204,6 +204,8 @@ class ScenePredictor:
         from model.accuracy.planning.forecast import optical_depth
         from model.accuracy.predict_to_tolerance import SMALLEST
         from model.accuracy.thin_sky import skylight_bound
+        from model.effects.light_bounds import may_be_small
+        from model.effects.names import ALL
         from model.effects.planner import LIGHT, plan, plan_of_all
         from rigctl.scene.effect_plan import SHARE
 
@@ -218,11 +220,20 @@ class ScenePredictor:
             return estimate_effects(lit, of_light, limit=share, store=self._light.lights)
 
         try:
+            depth = optical_depth(lit)
             # Of one scene in daylight an estimate costs more than what it may leave out: the sky is solved either way.
-            pays = of is not None or optical_depth(lit) < _THIN
-            estimates = estimated if rule == "estimated" and pays else None
-            sharper = partial(skylight_bound, lit)
-            return plan(lit, tolerance=share, forced=forced, rule=rule, estimates=estimates, sharper=sharper)
+            # So does a bound, but of a narrow band or field.
+            pays = of is not None or depth < _THIN
+            asked = LIGHT if pays or may_be_small(lit, depth=depth, tolerance=share) else frozenset()
+            return plan(
+                lit,
+                tolerance=share,
+                forced=forced,
+                rule=rule,
+                estimates=estimated if rule == "estimated" and pays else None,
+                sharper=partial(skylight_bound, lit),
+                asked=ALL if lit.air is None else asked,
+            )
         except ValueError as error:
             raise ConfigError(f"scene {self.scene.name}: {error}") from error
 
