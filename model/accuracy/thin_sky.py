@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.effect_check import change, readings_of
-from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.evaluation.chain import evaluate_all
+from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.settings import Settings
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
 from model.atmosphere.lighting.band_lighting import BandLighting
 from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import Fidelity
+from model.atmosphere.lighting.fidelity import STANDARD_SETTINGS, Fidelity
 from model.atmosphere.profile import Column
 from model.atmosphere.transfer.phase import henyey_greenstein
 from model.effects.air_bounds import bound_air
@@ -27,20 +28,20 @@ from model.effects.light_bounds import added
 from model.effects.radiance_bounds import radiance_bounds
 from model.effects.sun_light import SunLight
 from model.quadrature import gauss_legendre
-from model.scene.aperture_radiance import aperture_lights
 from model.scene.diffuse_radiance import DiffuseRadiance
-from model.scene.hemisphere import Rules
-from model.scene.illumination import Illumination
 from model.scene.lit_scene import Air, LitRegion, LitScene
+from model.scene.panel_light import PanelLight
+from model.stokes import rotate_frame
 
 FloatArray = NDArray[np.float64]
 
-# Rules of the integral over the sky, and by how much of their difference, or of all, the finer one may be off.
-_COARSE, _FINE = Rules(lobe=7, diffuse=6), Rules(lobe=10, diffuse=8)
+# Rules of the integral over the sky, and by how much of their difference and of all the finer one may be off.
+_LOBE, _DIFFUSE = (7, 10), 8
 _OF_DIFFERENCE, _OF_ALL = 2.0, 0.03
 # Of the statistics, whose error is all but the same with and without the sky.
 _STATISTICS = 1e-5
 _NONE = np.zeros(2)
+_COARSE_LAYERS = replace(STANDARD_SETTINGS, fine_layers=False)
 # Nodes over the ground's hemisphere, of zenith angles and of half a turn; and wavelengths of a band that is not narrow.
 _NODES, _WAVELENGTHS = 8, 4
 
@@ -70,7 +71,8 @@ def skylight_bound(scene: LitScene, limits: Mapping[str, SunLight]) -> Bound | N
     once, off = _reflected_once(scene)
     bare = {region.name: _beam_of(region, limits) for region in scene.regions}
     lit = {name: beam + once.get(name, 0.0) for name, beam in bare.items()}
-    known = change(*(readings_of(evaluate(_with_radiances(scene, one), _settings(scene))) for one in (lit, bare)))
+    both = [_with_radiances(scene, one) for one in (lit, bare)]
+    known = change(*map(readings_of, evaluate_all(both, _settings(scene), store=LightStore())))
     rest = Bound()
     for region in scene.regions:
         rest = rest.worse(_rest(scene, region, limits[region.name], off.get(region.name, _NONE)))
@@ -128,24 +130,15 @@ def _reflected_once(scene: LitScene) -> tuple[dict[str, FloatArray], dict[str, F
         return {}, {}
     lighting = _scattered_once(air)
     sky = DiffuseRadiance(sky=partial(_sky, lighting), sun_azimuth_rad=scene.sun_azimuth_rad)
-    illumination = Illumination(
-        lighting=lighting,
-        diffuse_radiance=sky,
-        sky_irradiance=0.0,
-        sun_zenith_rad=air.sun_zenith_rad,
-        sun_azimuth_rad=scene.sun_azimuth_rad,
-    )
+    through = lighting.transmittance(height_m=view.height_m, zenith_rad=view.zenith_rad)
     found: dict[str, FloatArray] = {}
     off: dict[str, FloatArray] = {}
     for one in scene.regions:
         if one.surface is None or one.tilt is None:
             continue
-        coarse, fine = (
-            aperture_lights(illumination, surface=one.surface, tilt=one.tilt, views=(view,), rules=rules, path=False)[
-                0
-            ].reflected_sky
-            for rules in (_COARSE, _FINE)
-        )
+        panel = PanelLight(surface=one.surface, tilt=one.tilt, views=(view,))
+        diffuse = panel.diffuse(sky, _DIFFUSE)[0]
+        coarse, fine = (rotate_frame(through * (panel.lobe(sky, order)[0] + diffuse), view.roll_rad) for order in _LOBE)
         found[one.name] = fine
         off[one.name] = _OF_DIFFERENCE * _sizes(fine - coarse) + _OF_ALL * _sizes(fine)
     return found, off
@@ -166,6 +159,7 @@ def _scattered_once(air: Air) -> BandLighting:
         mu0=float(np.cos(air.sun_zenith_rad)),
         albedo=air.ground_albedo,
         aerosol=air.aerosol,
+        settings=_COARSE_LAYERS,
         wavelengths=1 if bound_air(air).is_narrow else _WAVELENGTHS,
     )
     if not isinstance(lighting, BandLighting):

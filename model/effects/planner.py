@@ -254,7 +254,8 @@ def light_limits(scene: LitScene) -> dict[str, SunLight]:
     materials = [one for one in scene.regions if one.surface is not None]
     if not materials or scene.air is None:
         return found
-    lighting, limits = beam_lighting(scene.air), bound_air(scene.air)
+    limits = bound_air(scene.air)
+    lighting = beam_lighting(scene.air, limits)
     return found | {one.name: sun_light(scene, one, lighting, limits) for one in materials}
 
 

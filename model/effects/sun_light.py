@@ -116,8 +116,15 @@ def known_light(light: RegionLight, *, margin: float = 0.0) -> SunLight:
     )
 
 
-def beam_lighting(air: Air) -> Lighting:
+def beam_lighting(air: Air, limits: AirBounds) -> Lighting:
     """Return the light of the beam alone; nothing is solved.
+
+    Parameters
+    ----------
+    air
+        The air.
+    limits
+        Of its light, which tell whether the band is narrow.
 
     Raises
     ------
@@ -135,7 +142,7 @@ def beam_lighting(air: Air) -> Lighting:
         mu0=float(np.cos(air.sun_zenith_rad)),
         albedo=air.ground_albedo,
         aerosol=air.aerosol,
-        wavelengths=4,
+        wavelengths=2 if limits.is_narrow else 4,
         dolp_max=air.dolp_max,
         solver=unlit_solution,
     )
