@@ -194,5 +194,5 @@ def test_the_rule_of_effects_is_of_a_tolerance(capsys):
 def test_in_daylight_nothing_is_estimated_of_one_scene():
     plan = ScenePredictor(load_scene(EXAMPLES / "effects" / "roof-3m.toml"), None).effect_plan(0.01, rule="estimated")
     assert all(one.estimate is None for one in plan.decisions)
-    lamp = ScenePredictor(load_scene(EXAMPLES / "effects" / "lamp.toml"), None).effect_plan(0.004, rule="estimated")
+    lamp = ScenePredictor(load_scene(EXAMPLES / "effects" / "lamp.toml"), None).effect_plan(0.005, rule="estimated")
     assert any(one.estimate is not None for one in lamp.decisions)
