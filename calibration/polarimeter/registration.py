@@ -14,7 +14,8 @@ _Picture = NDArray[np.float32]
 # Smoothing before the gradient [pixel]: less lets noise in, more loses the edges that fix the shift.
 _SMOOTHING_PIXELS = 2.0
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
-_PASSES = 4
+# Shifts that a pass moves by less than this have settled: an eightieth of the error of a step [pixel].
+_PASSES, _SETTLED_PIXELS = 4, 1e-4
 _TILES_ACROSS = 3
 _LEAST_TILE_PIXELS = 48
 # Correlation that slopes of the edges of two pictures have at least, in every direction, where edges fix a shift. That
@@ -100,18 +101,20 @@ def register(pictures: FloatArray, usable: NDArray[np.bool_] | None = None) -> R
             f"with both sides {_TILES_ACROSS * _LEAST_TILE_PIXELS} pixels or more"
         )
     frames = [_filled(picture, usable) for picture in pictures]
-    shifts = np.array([_ecc(_edges(frames[0]), _edges(frame), np.zeros(2)) for frame in frames])
+    edges = [_edges(frame) for frame in frames]
+    shifts = np.array([_ecc(edges[0], moved, np.zeros(2)) for moved in edges])
     for _ in range(_PASSES):
-        mean = _mean_moved_back(frames, shifts)
-        shifts = np.array(
-            [_ecc(_edges(mean), _edges(frame), shift) for frame, shift in zip(frames, shifts, strict=True)]
-        )
+        reference = _edges(_mean_moved_back(frames, shifts))
+        before = shifts - shifts[0]
+        shifts = np.array([_ecc(reference, moved, shift) for moved, shift in zip(edges, shifts, strict=True)])
         shifts -= shifts[0]
+        if np.abs(shifts - before).max() < _SETTLED_PIXELS:
+            break
     _require_edges_in_common(frames, shifts)
-    found = _tile_shifts(mean, frames, shifts)
+    found = _tile_shifts(reference, edges, shifts)
     errors = np.hypot(found.std(axis=1, ddof=1) / _TILES_ACROSS, _STEP_ERROR_PIXELS)
     errors[0] = 0.0
-    residuals = np.array([_edge_residual(mean, frame, own) for frame, own in zip(frames, found, strict=True)])
+    residuals = np.array([_edge_residual(reference, *of_one) for of_one in zip(frames, edges, found, strict=True)])
     return Registration(shift_pixels=shifts, std_error_pixels=errors, edge_residual=residuals)
 
 
@@ -199,13 +202,12 @@ def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
     ]
 
 
-def _tile_shifts(mean: _Picture, frames: list[_Picture], shifts: FloatArray) -> FloatArray:
-    """Return the shifts of ninths of the pictures, shape (N, 9, 2); those of the first are nothing."""
-    reference, tiles = _edges(mean), _tiles(mean.shape)
-    found = np.zeros((len(frames), len(tiles), 2))
-    for index, (frame, shift) in enumerate(zip(frames[1:], shifts[1:], strict=True), start=1):
-        edges = _edges(frame)
-        found[index] = [_ecc(reference[tile], edges[tile], shift) for tile in tiles]
+def _tile_shifts(reference: _Picture, edges: list[_Picture], shifts: FloatArray) -> FloatArray:
+    """Return the shifts of ninths of the edges, shape (N, 9, 2); those of the first are nothing."""
+    tiles = _tiles(reference.shape)
+    found = np.zeros((len(edges), len(tiles), 2))
+    for index, (moved, shift) in enumerate(zip(edges[1:], shifts[1:], strict=True), start=1):
+        found[index] = [_ecc(reference[tile], moved[tile], shift) for tile in tiles]
     return found
 
 
@@ -236,10 +238,9 @@ def edges_left(pictures: FloatArray, shifts: FloatArray, usable: NDArray[np.bool
     return np.array(pairs)
 
 
-def _edge_residual(mean: _Picture, frame: _Picture, found: FloatArray) -> tuple[float, float]:
+def _edge_residual(reference: _Picture, frame: _Picture, plain: _Picture, found: FloatArray) -> tuple[float, float]:
     """Return what is left of the edges before and after, each half of the ninths moved by what the other half says."""
-    reference, tiles = _edges(mean), _tiles(mean.shape)
-    plain, before, after = _edges(frame), 0.0, 0.0
+    tiles, before, after = _tiles(reference.shape), 0.0, 0.0
     for half in (0, 1):
         fitted, held = found[half::2].mean(axis=0), tiles[1 - half :: 2]
         moved = _edges(_warped(frame, fitted))

@@ -259,6 +259,9 @@ def _drift(measurement: Measurement) -> Check:
 
 def _light(measurement: Measurement, cycle: int) -> float:
     usable = ~(measurement.saturated | measurement.missing)
+    if usable.all():
+        return float(measurement.light[cycle])
+    # Which pixels are left out is known only when all frames were read: they are read again.
     return float(signal_of_cycle(measurement, cycle).mean(axis=0)[usable].mean())
 
 

@@ -55,6 +55,8 @@ class Measurement:
         Mean of each angle over the cycles, dark level off [grid.unit].
     saturated, missing : (H, W) arrays of bool
         Pixels that are so in any frame.
+    light : (C,) array
+        Mean of all pixels of all angles, cycle by cycle, dark level off [grid.unit].
     regions : mapping
         Name to what its pixels say.
     unmeasured : mapping
@@ -71,6 +73,7 @@ class Measurement:
     channels: FloatArray
     saturated: NDArray[np.bool_]
     missing: NDArray[np.bool_]
+    light: FloatArray
     regions: dict[str, MeasuredRegion]
     unmeasured: dict[str, str] = field(default_factory=dict)
     corrections: Corrections = NOTHING
@@ -164,6 +167,7 @@ def measure(
         channels=frames.sums / grid.cycles,
         saturated=frames.saturated,
         missing=frames.missing,
+        light=frames.light,
         regions=measured,
         unmeasured=unmeasured,
         corrections=corrections,
@@ -256,13 +260,14 @@ def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
 
 
 class _Frames:
-    """Reads frames one by one; keeps their sum by angle and which pixels were ever saturated or missing."""
+    """Reads frames one by one; keeps their sum by angle, mean by cycle, and which pixels were ever unusable."""
 
     def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
         shape = (grid.height, grid.width)
         self._run, self.interpolation = run, run.session.interpolation
         self.grid, self.dark_level, self.corrections = grid, dark_level, corrections
         self.sums = np.zeros((grid.angles, *shape))
+        self.light = np.zeros(grid.cycles)
         self.saturated = np.zeros(shape, dtype=np.bool_)
         self.missing = np.zeros(shape, dtype=np.bool_)
 
@@ -296,6 +301,7 @@ class _Frames:
         signal = (counts - self.dark_level.level_dn[angle]) * self.grid.to_unit[angle]
         signal = self.corrections.corrected(signal, record, angle)
         self.sums[angle] += signal
+        self.light[cycle] += float(signal.mean()) / self.grid.angles
         return np.asarray(signal)
 
     def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:

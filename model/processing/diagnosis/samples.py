@@ -117,7 +117,8 @@ def block_samples(
     onto_light = plan.system @ plan.inverse
     means = _block_sums(images) * per_pixel
     fitted = np.asarray(np.tensordot(onto_light, means, axes=1))
-    slopes = [_block_sums(np.where(good, slope, 0.0)) * per_pixel for slope in _slopes(pictures, height, width)]
+    # Picture by picture: what is made of one stays in the cache until it is summed.
+    slopes = np.swapaxes([_slope_sums(picture, good) for picture in pictures], 0, 1) * per_pixel
     walks = [np.tensordot(onto_light, slope, axes=1) for slope in slopes]
     turned = np.tensordot(slopes_of_angle @ plan.inverse, means, axes=1)
     gain = 1.0 + faults.throughput[:, None, None]
@@ -131,7 +132,7 @@ def block_samples(
         residual=means - fitted,
         features=features,
         instruments=_instruments(features, pixels),
-        residual_slopes=np.array(slopes) - np.array(walks),
+        residual_slopes=slopes - np.array(walks),
         light=np.asarray(fitted.mean(axis=0)),
         steepness=np.asarray(np.mean(walks[0] ** 2 + walks[1] ** 2, axis=0)),
         pixels=pixels,
@@ -171,11 +172,16 @@ def _responses(
     return square, logarithm / (1.0 + faults.power)
 
 
-def _slopes(pictures: FloatArray, height: int, width: int) -> tuple[FloatArray, FloatArray]:
-    across, down = np.zeros_like(pictures), np.zeros_like(pictures)
-    across[:, :, 1:-1] = 0.5 * (pictures[:, :, 2:] - pictures[:, :, :-2])
-    down[:, 1:-1] = 0.5 * (pictures[:, 2:] - pictures[:, :-2])
-    return across[:, :height, :width], down[:, :height, :width]
+def _slope_sums(picture: FloatArray, good: BoolArray) -> FloatArray:
+    """Return the block sums of a picture's slopes across and down, shape (2, h, w)."""
+    height, width = good.shape
+    sums = []
+    for axis in (1, 0):
+        turned = np.moveaxis(picture, axis, 1)
+        slope = np.zeros_like(picture)
+        np.moveaxis(slope, axis, 1)[:, 1:-1] = 0.5 * (turned[:, 2:] - turned[:, :-2])
+        sums.append(_block_sums(np.where(good, slope[:height, :width], 0.0)))
+    return np.array(sums)
 
 
 def _block_sums(pictures: FloatArray) -> FloatArray:

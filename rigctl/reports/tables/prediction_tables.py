@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from rigctl.console.json_text import Json
 from rigctl.files.choices import SnrKind
 from rigctl.numbers.number_text import NO_NUMBER, NOTHING, size, to_digits
 from rigctl.prediction.performance import STATED_RATES, Performance
-from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
 from rigctl.reports.table import Column, Table
+
+if TYPE_CHECKING:
+    from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
 
 _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
 Statistics = Mapping[str, float]
@@ -113,7 +115,7 @@ def _probability(found: float) -> str:
 
 
 def with_input_errors(
-    predictions: dict[str, RegionPrediction], found: PredictedUncertainty
+    predictions: dict[str, RegionPrediction], found: "PredictedUncertainty"
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return regions as JSON has those of a prediction, with a std_error_inputs beside each number."""
     return {
@@ -126,7 +128,7 @@ def with_input_errors(
     }
 
 
-def input_effects_json(found: PredictedUncertainty) -> dict[str, Json]:
+def input_effects_json(found: "PredictedUncertainty") -> dict[str, Json]:
     """Return which input makes how much of the uncertainty, of the means that a user reads first."""
     effects = {
         region: {quantity: dict(found.ranked(region, quantity)) for quantity in ORDERED if quantity in quantities}
@@ -141,14 +143,14 @@ def input_effects_json(found: PredictedUncertainty) -> dict[str, Json]:
     }
 
 
-def correlation_lines(found: PredictedUncertainty) -> Iterable[str]:
+def correlation_lines(found: "PredictedUncertainty") -> Iterable[str]:
     """Give the inputs whose errors go together, the closest pairs, a line each."""
     for one, other, value in found.correlations[:_PAIRS]:
         if abs(value) >= _WORTH_A_LINE:
             yield f"errors of {one} and {other} go together: correlation {value:+.2f}; the table has each alone"
 
 
-def input_effect_tables(found: PredictedUncertainty) -> Iterable[Table[str]]:
+def input_effect_tables(found: "PredictedUncertainty") -> Iterable[Table[str]]:
     """Return a table for each region: the inputs that move its DoLP most, by one standard uncertainty of each."""
     for region in found.std_errors:
         ranked = found.ranked(region, "dolp")[:_SHOWN]
