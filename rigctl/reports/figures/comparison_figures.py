@@ -17,7 +17,15 @@ from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.series import SeriesPoint, mean_row
 from rigctl.comparison.uncertainty_budget import FAULTS, RegionBudget
 from rigctl.measurement.measurement import Measurement
-from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, legend_beside, legend_of_all, png, subplots
+from rigctl.reports.figures.figure_style import (
+    MEASURED,
+    PREDICTED,
+    legend_beside,
+    legend_of_all,
+    placed_axes,
+    png,
+    subplots,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,12 +58,15 @@ _LOOKS = {
 }
 # A cause below this share of the largest of a panel is not drawn to scale but at the edge.
 _SHOWN_DECADES = 3.0
+# Of a letter, at most.
+_NAME_INCH = 0.1
 
 
 def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
     """Return mean and deviation of the counts by channel, predicted beside measured, as [MK14] Fig. 7."""
     regions = list(dict.fromkeys(row.region for row in rows))
-    figure, axes = subplots(2, len(regions), size=(3.6 * len(regions), 5.6))
+    size = 3.6 * len(regions) + 0.2, 5.6
+    figure, axes = placed_axes(2, len(regions), size=size, margins=(0.85, 0.1, 0.85, 0.3), apart=(0.9, 0.8))
     for column, region in enumerate(regions):
         for line, (statistic, title) in enumerate((("mean", "mean"), ("std", "deviation over pixels, one frame"))):
             ax = axes[line * len(regions) + column]
@@ -71,7 +82,8 @@ def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
 def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction]) -> bytes:
     """Return histograms of s1, s2 and DoLP of each region's pixels with their exact laws, as [MK14] Fig. 8."""
     names = [name for name in predictions if name in measurement.regions]
-    figure, axes = subplots(len(names), 3, size=(11.0, 2.9 * len(names)))
+    size = 11.0, 2.9 * len(names) + 0.35
+    figure, axes = placed_axes(len(names), 3, size=size, margins=(0.7, 0.1, 0.85, 0.3), apart=(0.75, 0.8))
     for line, name in enumerate(names):
         pixels, stokes = measurement.regions[name].stokes_pixels, predictions[name].stokes_dn
         lit = pixels[:, pixels[0] > 0.0]
@@ -161,7 +173,11 @@ def budget_bars(budgets: Sequence[RegionBudget]) -> bytes:
     all_causes = dict.fromkeys(cause for found in budgets for parts in found.parts.values() for cause in parts)
     causes = [cause for cause in all_causes if any(_is_seen(budgets, quantity, cause) for quantity in quantities)]
     height = 0.9 + 0.17 * len(budgets) * (len(causes) + 2)
-    figure, axes = subplots(1, len(quantities), size=(2.6 * len(quantities) + 1.2, max(height, 2.6)))
+    names = _NAME_INCH * max(len(found.region) for found in budgets) + 0.25
+    lines = 0.2 * -(-(len(causes) + 1) // 5)
+    size = 2.6 * len(quantities) + names, max(height, 2.4) + lines + 0.6
+    margins = (names, 0.2, lines + 0.65, 0.1)
+    figure, axes = placed_axes(1, len(quantities), size=size, margins=margins, apart=(0.35, 0.0))
     for ax, quantity in zip(axes, quantities, strict=True):
         _panel(ax, budgets, quantity, causes)
     axes[0].set_yticks(
@@ -196,6 +212,8 @@ def _panel(ax: "Axes", budgets: Sequence[RegionBudget], quantity: str, causes: l
     draw(0, totals, "all", ("black", ""))
     ax.set_xscale("log")
     ax.xaxis.set_minor_locator(NullLocator())
+    # As text: powers are set as formulas, which takes longer than the rest of the panel.
+    ax.xaxis.set_major_formatter(lambda value, _: f"1e{round(np.log10(value))}")
     ax.set_xlim(low, high)
     ax.invert_yaxis()
     ax.set_yticks([])

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from textwrap import fill
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import cv2
 import numpy as np
@@ -42,6 +42,41 @@ def subplots(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Fig
     return figure, axes
 
 
+def placed_axes(
+    rows: int,
+    columns: int,
+    *,
+    size: tuple[float, float],
+    margins: tuple[float, float, float, float],
+    apart: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its axes, row by row, in places that are counted out [inch].
+
+    A layout engine looks for them by measuring all that is written, which takes as long as drawing it.
+
+    Parameters
+    ----------
+    rows, columns : int
+        How many axes.
+    size : tuple of float
+        Width and height of the figure.
+    margins : tuple of float
+        Left of all axes, right, below and above.
+    apart : tuple of float
+        From the axes to those beside and below them.
+    """
+    figure = Figure(figsize=size)
+    left, right, below, above = margins
+    wide = (size[0] - left - right - (columns - 1) * apart[0]) / columns
+    high = (size[1] - below - above - (rows - 1) * apart[1]) / rows
+    axes = []
+    for row, column in np.ndindex(rows, columns):
+        x, y = left + column * (wide + apart[0]), below + (rows - 1 - row) * (high + apart[1])
+        axes.append(figure.add_axes((x / size[0], y / size[1], wide / size[0], high / size[1])))
+        axes[-1].set_prop_cycle(COLOURS)
+    return figure, axes
+
+
 def legend_beside(axes: Axes) -> None:
     """Set a legend to the right of the axes, where it hides no point."""
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
@@ -58,10 +93,9 @@ def legend_of_all(figure: Figure, axes: Axes, *, place: Literal["lower", "upper"
     """Set one legend for all panels below ("lower") or above ("upper") them; none where nothing has a name."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        loc: Literal["outside lower center", "outside upper center"] = (
-            "outside lower center" if place == "lower" else "outside upper center"
-        )
-        figure.legend(handles, labels, loc=loc, ncols=min(len(labels), 5), fontsize=8)
+        # In places that are counted out there is room for it; elsewhere it takes its room.
+        side = f"{place} center" if figure.get_layout_engine() is None else f"outside {place} center"
+        figure.legend(handles, labels, loc=cast("Any", side), ncols=min(len(labels), 5), fontsize=8)
 
 
 def few_log_labels(axis: Axis) -> None:
