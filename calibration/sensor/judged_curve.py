@@ -32,9 +32,6 @@ from calibration.sensor.transfer_points import (
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Between the range of the fit and saturation a response may bend by this more than below.
-_BEND_BEYOND = 0.01
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedCurve:
@@ -144,11 +141,12 @@ def judged_curve(
     of_darks = np.square(match.weights) @ mean_sampling_variance(darks)
     own_dn2 = np.where(points.signal_dn > 0.0, mean_variance_dn2(flats, points.signal_dn, stability), 0.0) + of_darks
     noise, light = noise_influence(points, mask), light_influence(used, points.signal_dn[mask], own_dn2[mask])
-    lit = mask | beyond_range(points, usable, full_signal_dn=full_dn)
+    bend = beyond_range(points, usable, full_signal_dn=full_dn)
+    lit = mask | (bend > 0.0)
     change = gain_change(noise, light[0] if light else None, by_dark=dark_step(darks))
     if change is None:
         if lit.sum() > mask.sum():
-            bright_dn2 = own_dn2 + np.where(mask, 0.0, np.square(_BEND_BEYOND * points.signal_dn))
+            bright_dn2 = own_dn2 + np.square(bend * points.signal_dn)
             all_lit = [flats[index] for index in np.flatnonzero(lit).tolist()]
             light = light_influence(all_lit, points.signal_dn[lit], bright_dn2[lit])
         verdicts = flat_verdicts(flats, judged=mask, lit=lit, noise=noise, light=light)

@@ -16,7 +16,9 @@ FloatArray = NDArray[np.float64]
 
 # Upper end of the fit, as a share of saturation. The standard's is 0.7, for a fit without a bend.
 RANGE_OF_SATURATION = 0.8
-_BELOW_SATURATION = 0.95
+# Between the range of the fit and saturation a response may bend by so much more than below.
+_NEAR_SATURATION = 0.95
+_BEND_BEYOND = (0.01, 0.015)
 # Variance over signal of one level above both neighbours by this much, and by so many errors.
 _SPIKE, _SPIKE_SIGMA = 1.1, 6.0
 # Levels at the bright end that are compared, and by how much of its noise a mean is low where pixels are full.
@@ -148,8 +150,10 @@ def usable_points(points: TransferPoints, *, full_signal_dn: float, light: Float
     return UsablePoints(mask=used, saturation=saturation)
 
 
-def beyond_range(points: TransferPoints, usable: UsablePoints, *, full_signal_dn: float) -> NDArray[np.bool_]:
-    """Return the points that are too bright for the fit and still well below saturation.
+def beyond_range(points: TransferPoints, usable: UsablePoints, *, full_signal_dn: float) -> FloatArray:
+    """Return by how much of itself the mean of each point may bend, that is too bright for the fit and not saturated.
+
+    It is 0 for all others; 1 % of the mean up to 95 % of saturation, 1.5 % there.
 
     Parameters
     ----------
@@ -160,9 +164,10 @@ def beyond_range(points: TransferPoints, usable: UsablePoints, *, full_signal_dn
     full_signal_dn : float
         Signal that reaches the ceiling [DN].
     """
-    end_dn = usable.saturation.signal_dn if usable.saturation else full_signal_dn
-    beyond: NDArray[np.bool_] = ~points.saturated & (points.flat_variance_dn2 > 0.0)
-    return beyond & (points.signal_dn > RANGE_OF_SATURATION * end_dn) & (points.signal_dn < _BELOW_SATURATION * end_dn)
+    share = points.signal_dn / (usable.saturation.signal_dn if usable.saturation else full_signal_dn)
+    beyond = ~points.saturated & (points.flat_variance_dn2 > 0.0) & (share > RANGE_OF_SATURATION) & (share < 1.0)
+    bend: FloatArray = np.where(beyond, np.interp(share, [_NEAR_SATURATION, 1.0], _BEND_BEYOND), 0.0)
+    return bend
 
 
 def _saturation(points: TransferPoints, smooth: NDArray[np.bool_]) -> SaturationLevel | None:

@@ -145,6 +145,19 @@ def test_a_wrong_photon_number_is_left_out_of_the_light_and_not_of_the_gain() ->
     assert abs(abs(deviation) - 0.04) < 0.01
 
 
+@pytest.mark.parametrize("at", [0.88, 0.96])
+def test_a_wrong_light_between_the_range_of_the_fit_and_saturation_is_named(at: float) -> None:
+    sensor = noise_sets.Sensor(seed=SEEDS[0])
+    exposures = noise_sets.sweep(sensor, fractions=(*np.linspace(0.05, 0.8, 10), 0.88, 0.96, 1.05, 1.12))
+    full_e = (sensor.full_dn - sensor.black_dn) / sensor.gain
+    wrong = next(one for one in exposures if np.isclose(one.light_e, at * full_e))
+    wrong.time_s *= 1.08
+    found = calibrated(noise_sets.noise_set(sensor, exposures, wrong=[wrong]))
+    assert [flag.name for flag in named(found)] == ["wrong_light"]
+    assert names_level(named(found)[0], wrong.level().mean_dn)
+    assert found.transfer.saturation is not None
+
+
 # Told though the odds are for the bend, or for a fixed number: this level alone speaks for them.
 @pytest.mark.parametrize(("seed", "factor"), [(105, 1.012), (106, 1.014)])
 def test_what_a_bend_explains_as_well_as_a_wrong_level_is_named_with_both(seed: int, factor: float) -> None:
