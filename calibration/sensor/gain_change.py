@@ -84,7 +84,7 @@ def largest_step(
     n, n_terms = design.shape
     freedom = n - n_terms - 1
     places = range(_LEAST_LEVELS, n - _LEAST_LEVELS + 1) if place is None else range(place, place + 1)
-    if freedom < _LEAST_FREEDOM or not len(places):
+    if freedom < _LEAST_FREEDOM or not len(places) or places[-1] >= n:
         return None
     root = 1.0 / np.sqrt(variance)
     basis = np.linalg.qr(design * root[:, None])[0]
@@ -125,10 +125,17 @@ class GainChange:
     @property
     def is_of_gain(self) -> bool:
         """True where the noise itself shows it, that of flats or that of darks together with the light."""
-        return _is_large(self.by_noise) or (_is_large(self.by_dark) and _is_large(self.by_light))
+        return is_large(self.by_noise) or (is_large(self.by_dark) and is_large(self.by_light))
 
 
-def _is_large(step: Step | None) -> bool:
+def is_large(step: Step | None) -> bool:
+    """Return whether there is a step, and a larger one than a lamp or a bend makes.
+
+    Parameters
+    ----------
+    step : Step or None
+        None where it is not known.
+    """
     return step is not None and step.is_real and abs(step.relative) > _LEAST_STEP
 
 
@@ -153,7 +160,7 @@ def gain_change(
     """
     by_noise = None if noise is None else _step(noise, terms=2)
     by_light = None if light is None else _step(light.points, terms=3)
-    if by_noise is not None and _is_large(by_noise) and not _denied(by_noise, light):
+    if by_noise is not None and is_large(by_noise) and not _denied(by_noise, light):
         return GainChange(by_noise=by_noise, by_light=by_light, by_dark=by_dark, gain_error=abs(by_noise.relative))
     if by_light is None or not by_light.is_real or noise is None:
         return None
@@ -202,10 +209,10 @@ def change_flag(change: GainChange, levels: Sequence[LevelStatistics]) -> Flag:
         "" if noise is None else f"variance over mean changes by {percent_with_error(noise.relative, noise.std_error)}"
     )
     of_light = "" if light is None else f"mean over light by {percent_with_error(light.relative, light.std_error)}"
-    step = noise if _is_large(noise) else light
+    step = noise if is_large(noise) else light
     if change.is_of_gain and step is not None:
         found = [text for text in (of_noise, of_light) if text]
-        if _is_large(change.by_dark) and change.by_dark is not None:
+        if is_large(change.by_dark) and change.by_dark is not None:
             found.append(f"the variance of darks by {change.by_dark.height}")
         return Flag(
             name="gain_changed",

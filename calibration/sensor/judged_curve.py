@@ -10,8 +10,9 @@ from calibration.flags import Flag
 from calibration.sensor.dark_influence import DarkInfluence, dark_influence
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal, mean_sampling_variance
 from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.gain_change import Step, change_flag, gain_change, largest_step
+from calibration.sensor.gain_change import GainChange, Step, change_flag, gain_change, is_large, largest_step
 from calibration.sensor.level_influence import (
+    LightInfluence,
     light_influence,
     mean_variance_dn2,
     noise_influence,
@@ -136,24 +137,11 @@ def judged_curve(
     full_dn = ceiling_dn - float(dark.means_dn.min())
     usable = usable_points(points, full_signal_dn=full_dn, light=stated_light(flats))
     mask = usable.mask
-    used = [flats[index] for index in np.flatnonzero(mask).tolist()]
-    stability = light_stability(used, points.signal_dn[mask])
+    stability = light_stability(_chosen(flats, mask), points.signal_dn[mask])
     of_darks = np.square(match.weights) @ mean_sampling_variance(darks)
     own_dn2 = np.where(points.signal_dn > 0.0, mean_variance_dn2(flats, points.signal_dn, stability), 0.0) + of_darks
-    noise, light = noise_influence(points, mask), light_influence(used, points.signal_dn[mask], own_dn2[mask])
     bend = beyond_range(points, usable, full_signal_dn=full_dn)
-    lit = mask | (bend > 0.0)
-    change = gain_change(noise, light[0] if light else None, by_dark=dark_step(darks))
-    if change is None:
-        if lit.sum() > mask.sum():
-            bright_dn2 = own_dn2 + np.square(bend * points.signal_dn)
-            all_lit = [flats[index] for index in np.flatnonzero(lit).tolist()]
-            light = light_influence(all_lit, points.signal_dn[lit], bright_dn2[lit])
-        verdicts = flat_verdicts(flats, judged=mask, lit=lit, noise=noise, light=light)
-    else:
-        # What is no smooth curve has no levels that stand off it.
-        verdicts = flat_verdicts(flats, judged=mask, lit=mask, noise=None, light=())
-        verdicts = replace(verdicts, wrong_light=mask, flags=(change_flag(change, used),))
+    verdicts, change = _judged(flats, points, own_dn2, bend=bend, mask=mask, by_dark=dark_step(darks))
     transfer = _fit(flats, points, usable, verdicts, own_dn2)
     if change is not None:
         transfer = replace(transfer, relative_gain_error_of_change=change.gain_error)
@@ -163,6 +151,42 @@ def judged_curve(
         stability=stability,
         flags=verdicts.flags,
     )
+
+
+def _judged(
+    flats: Sequence[LevelStatistics],
+    points: TransferPoints,
+    own_dn2: FloatArray,
+    *,
+    bend: FloatArray,
+    mask: Mask,
+    by_dark: Step | None,
+) -> tuple[FlatVerdicts, GainChange | None]:
+    """Return what is wrong with which flat, and a change of gain or lamp, after which no flat is judged by itself."""
+    noise, light, lit = noise_influence(points, mask), _light(flats, points, mask, own_dn2), mask
+    change = gain_change(noise, light[0] if light else None, by_dark=by_dark)
+    if change is None and np.any(bend > 0.0):
+        lit = mask | (bend > 0.0)
+        light = _light(flats, points, lit, own_dn2 + np.square(bend * points.signal_dn))
+        if is_large(by_dark) and light:
+            # Too few levels may be left in the range of the fit behind a change that makes all of them brighter.
+            change = gain_change(noise, light[0], by_dark=by_dark)
+    if change is None:
+        return flat_verdicts(flats, judged=mask, lit=lit, noise=noise, light=light), None
+    # What is no smooth curve has no levels that stand off it.
+    verdicts = flat_verdicts(flats, judged=mask, lit=mask, noise=None, light=())
+    said = change_flag(change, _chosen(flats, lit))
+    return replace(verdicts, wrong_light=mask, flags=(said,)), change
+
+
+def _chosen(flats: Sequence[LevelStatistics], chosen: Mask) -> list[LevelStatistics]:
+    return [flats[index] for index in np.flatnonzero(chosen).tolist()]
+
+
+def _light(
+    flats: Sequence[LevelStatistics], points: TransferPoints, chosen: Mask, own_dn2: FloatArray
+) -> tuple[LightInfluence, ...]:
+    return light_influence(_chosen(flats, chosen), points.signal_dn[chosen], own_dn2[chosen])
 
 
 def _fit(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from calibration.estimate import Bound, Estimate, JointCovariance
 from calibration.flag_order import by_consequence
 from calibration.flags import Flag
+from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2
 from calibration.sensor.fixed_pattern import FixedPattern
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.pattern_checks import pattern_flags
@@ -71,7 +72,9 @@ def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | N
     noise_dn2 = float(np.mean(pattern.dark.temporal_variance_dn2)) / pattern.n_dark_frames
     flat_noise_dn2 = float(np.mean(pattern.flat.temporal_variance_dn2)) / pattern.n_flat_frames
     kept = (np.abs(dark) < _OUTLIER * _robust_std(dark)) & (np.abs(response) < _OUTLIER * _robust_std(response))
-    if np.count_nonzero(kept) < _LEAST_PIXELS:
+    is_rounded = float(np.median(pattern.dark.temporal_variance_dn2)) < QUANTISATION_LIMIT_DN2
+    if is_rounded or np.count_nonzero(kept) < _LEAST_PIXELS:
+        # What rounding hides of a pixel's own offset stays in the flat, and looks like response.
         return None
     d, r = dark[kept].astype(np.float64), response[kept].astype(np.float64)
     of_response = float(r.var()) - _LOCAL_SHARE * (noise_dn2 + flat_noise_dn2) / pattern.signal_dn**2

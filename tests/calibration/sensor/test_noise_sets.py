@@ -158,6 +158,23 @@ def test_a_wrong_light_between_the_range_of_the_fit_and_saturation_is_named(at: 
     assert found.transfer.saturation is not None
 
 
+def test_a_change_of_gain_that_saturates_all_but_one_level_behind_it_is_refused() -> None:
+    # Darks show the step, and the light of levels that are too bright for the fit.
+    sensor = noise_sets.Sensor(seed=SEEDS[0])
+    fractions = np.linspace(0.04, 0.98, 14)
+    exposures = noise_sets.sweep(sensor, fractions=fractions, gain_of=lambda place: 1.3 if place >= 7 else 1.0)
+    with pytest.raises(RefusedFramesError) as refusal:
+        calibrated(noise_sets.noise_set(sensor, exposures))
+    assert [flag.name for flag in refusal.value.flags if flag.refuses] == ["gain_changed"]
+
+
+def test_offsets_of_pixels_that_rounding_hides_in_the_dark_are_no_light() -> None:
+    sensor = noise_sets.Sensor(seed=SEEDS[0], bits=8, gain=0.02, read_e=8.0, black_dn=3.0)
+    found = calibrated(noise_sets.noise_set(sensor, noise_sets.sweep(sensor)))
+    assert "light_in_darks" not in {flag.name for flag in found.flags}
+    assert "quantisation_limited" in {flag.name for flag in found.flags}
+
+
 # Told though the odds are for the bend, or for a fixed number: this level alone speaks for them.
 @pytest.mark.parametrize(("seed", "factor"), [(105, 1.012), (106, 1.014)])
 def test_what_a_bend_explains_as_well_as_a_wrong_level_is_named_with_both(seed: int, factor: float) -> None:
