@@ -1,19 +1,23 @@
 """Time of a noise calibration beside the package emva1288 on the same frames, and memory against frames.
 
-    python -m benchmarks.noise_calibration DESCRIPTOR --peer PYTHON
+    python -m benchmarks.noise_calibration [DESCRIPTOR] [--peer PYTHON]
     python -m benchmarks.noise_calibration --frames 1000
 
-PYTHON is an interpreter of its own with ``numpy<2 scipy<1.14 emva1288==1.0.2``; without it only our time is taken. With
-``--frames`` a whole calibration from so many frames of 5 Mpixel, drawn as they are asked for, says its peak of memory.
+PYTHON is an interpreter of its own with ``numpy<2 scipy<1.14 emva1288==1.0.2``; without it only our time is taken.
+Without a DESCRIPTOR the frames are drawn: 140 of 640 x 480 in PNG files, at 25 exposures, as many as `emva_ccd12` has.
+With ``--frames`` a whole calibration from so many frames of 5 Mpixel, drawn as they are asked for, says its peak of
+memory.
 """
 
 import argparse
 import resource
 import subprocess
+import tempfile
 import time
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +31,9 @@ SHAPE = (2048, 2448)
 BIT_DEPTH = 12
 GAIN_DN_PER_E, READ_NOISE_DN, BLACK_DN = 0.25, 2.5, 60.0
 LEVELS, PAIR = 10, 2
+# Of the set that is drawn: the last exposures saturate, as the standard wants it.
+SET_SHAPE, SET_LEVELS, SET_STACK = (480, 640), 25, 20
+PHOTONS_PER_S, QUANTUM_EFFICIENCY, PRNU, DARK_E_PER_S = 3e6, 0.5, 0.005, 30.0
 
 PEER = """
 import sys, time, logging
@@ -64,6 +71,30 @@ def compare(descriptor: Path, peer: Path | None) -> None:
     if theirs:
         print(f"emva1288, reading and its numbers: best {min(theirs):.2f} s, median {np.median(theirs):.2f} s")
         print(f"ratio of best {min(theirs) / min(ours):.2f}, of medians {np.median(theirs) / np.median(ours):.2f}")
+
+
+def drawn_set(folder: Path) -> Path:
+    """Write a set of frames as the standard's data format has it; return its descriptor."""
+    draws = np.random.default_rng(1288)
+    response = 1.0 + PRNU * draws.standard_normal(SET_SHAPE)
+    lines = ["v 3.0", f"n {BIT_DEPTH} {SET_SHAPE[1]} {SET_SHAPE[0]}"]
+    exposures_s = [0.5e-3 * (place + 1) for place in range(SET_LEVELS)]
+    groups = [(exposure_s, PAIR) for exposure_s in exposures_s] + [(exposures_s[SET_LEVELS // 2] + 1e-6, SET_STACK)]
+    for tag, rate in (("b", PHOTONS_PER_S), ("d", 0.0)):
+        for exposure_s, n in groups:
+            photons = rate * exposure_s
+            lines.append(f"{tag} {1e9 * exposure_s:.0f}" + (f" {photons:.1f}" if tag == "b" else ""))
+            mean_e = response * photons * QUANTUM_EFFICIENCY + DARK_E_PER_S * exposure_s
+            for _ in range(n):
+                counts = (
+                    BLACK_DN + GAIN_DN_PER_E * draws.poisson(mean_e) + READ_NOISE_DN * draws.standard_normal(SET_SHAPE)
+                )
+                name = f"{len(lines):04d}.png"
+                cv2.imwrite(str(folder / name), np.clip(np.rint(counts), 0, 2**BIT_DEPTH - 1).astype(np.uint16))
+                lines.append(f"i {name}")
+    descriptor = folder / "descriptor.txt"
+    descriptor.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return descriptor
 
 
 def frame(seed: int, signal_e: float) -> NDArray[np.uint16]:
@@ -112,8 +143,8 @@ def main() -> None:
     parser.add_argument("--peer", type=Path)
     parser.add_argument("--frames", type=int)
     arguments = parser.parse_args()
-    if arguments.descriptor:
-        compare(arguments.descriptor, arguments.peer)
+    with tempfile.TemporaryDirectory() as folder:
+        compare(arguments.descriptor or drawn_set(Path(folder)), arguments.peer)
     if arguments.frames:
         take(arguments.frames)
 

@@ -30,7 +30,7 @@ PAGE = ROOT / "docs" / "benchmarks.md"
 PEERS = {
     "polanalyser": "polanalyser==3.0.0 numpy matplotlib opencv-contrib-python-headless",
     "emva1288": "emva1288==1.0.2 numpy<2 scipy<1.14",
-    "pbrdf": "pySCATMECH==0.1.10 mitsuba==3.9.1",
+    "pbrdf": "pySCATMECH==0.1.10 mitsuba==3.9.1 numpy",
 }
 
 
@@ -63,7 +63,7 @@ SECTIONS = (
     Section(words=("maps",), peer="polanalyser"),
     Section(words=("growth",), is_markdown=True),
     Section(words=("pbrdf_speed",), peer="pbrdf"),
-    Section(words=("noise_calibration", "--frames", "1000"), peer="emva1288"),
+    Section(words=("noise_calibration", "--frames", "400"), peer="emva1288"),
     Section(words=("gige_sustained",)),
     Section(words=("unpack",)),
     Section(words=("frame_overhead",)),
