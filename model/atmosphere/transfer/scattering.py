@@ -83,8 +83,9 @@ def scattered_source(scattering: Scattering, moments: NDArray[np.float64], grid:
     expansion = element_expansion(scattering.coefficients, moments)
     modes, elements, points, degrees, stokes_count = expansion.shape
     source = expansion.reshape(modes, elements * points, degrees * stokes_count) @ scattering.basis
+    source *= 0.5
     shape = (modes, elements, points, 2, grid.nodes.size, stokes_count)
-    return np.moveaxis(0.5 * source.reshape(shape), 0, 2)
+    return np.moveaxis(source.reshape(shape), 0, 2)
 
 
 def element_expansion(coefficients: NDArray[np.float64], moments: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -102,7 +103,8 @@ def apply_coefficients(coefficients: NDArray[np.float64], expansion: NDArray[np.
     """
     if expansion.shape[-1] == 1:
         return coefficients[..., :1] * expansion
-    product = coefficients[..., :3] * expansion
+    # In one piece numpy's inner loop runs over degrees and components, not over the three components alone.
+    product = np.ascontiguousarray(coefficients[..., :3]) * expansion
     product[..., 0] += coefficients[..., 3] * expansion[..., 1]
     product[..., 1] += coefficients[..., 3] * expansion[..., 0]
     return product

@@ -109,10 +109,17 @@ def carry(transport: Transport, source: NDArray[np.float64], ground: NDArray[np.
     -------
     ndarray, shape (2E + 1, M, 2, N, S)
     """
-    weight = transport.source_weight[..., np.newaxis, :, np.newaxis]
-    down = sum(weight[point] * source[:, point, :, 0] for point in range(3))
-    up = sum(weight[point] * source[:, 2 - point, :, 1] for point in range(3))
-    return _accumulate(transport, np.stack([down, up], axis=3), ground)
+    elements, _, modes, _, nodes, stokes_count = source.shape
+    flat = source.reshape(elements, 3, modes, 2, nodes * stokes_count)
+    weight = _for_each_component(transport.source_weight, stokes_count)[..., np.newaxis, :]
+    steps = np.empty((2, elements, modes, 2, nodes * stokes_count))
+    # Each way by the order in which its light meets the elements, and within one their points.
+    for way, met in ((0, flat[..., 0, :]), (1, flat[::-1, ::-1, :, 1])):
+        along = weight if way == 0 else weight[:, :, ::-1]
+        np.multiply(along[0], met[:, 0], out=steps[..., way, :])
+        steps[..., way, :] += along[1] * met[:, 1]
+        steps[..., way, :] += along[2] * met[:, 2]
+    return _accumulate(transport, steps, ground)
 
 
 def carry_beam(transport: Transport, strength: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -131,22 +138,35 @@ def carry_beam(transport: Transport, strength: NDArray[np.float64], ground: NDAr
     -------
     ndarray, shape (2E + 1, M, 2, N, S)
     """
-    return _accumulate(transport, transport.beam_weight[:, :, np.newaxis, :, :, np.newaxis] * strength, ground)
-
-
-def _accumulate(transport: Transport, added: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiance at all levels from what each element adds at its middle and far face, shape (2, E, M, 2, N, S)."""
-    count = added.shape[1]
-    # The two ways run through the elements in opposite order; both are stepped at once along the light.
+    added = transport.beam_weight[:, :, np.newaxis, :, :, np.newaxis] * strength
     steps = np.stack([added[:, :, :, 0], added[:, ::-1, :, 1]], axis=3)
-    decay = np.stack([transport.decay, transport.decay[:, ::-1]], axis=2)[:, :, np.newaxis, :, :, np.newaxis]
-    faces = np.zeros((count + 1, *added.shape[2:]))
-    faces[0, :, 1] = ground
+    return _accumulate(transport, steps.reshape(*steps.shape[:-2], ground[0].size), ground)
+
+
+def _for_each_component(factors: NDArray[np.float64], stokes_count: int) -> NDArray[np.float64]:
+    """Factors of directions, shape (..., N), for every component of each, shape (..., N S).
+
+    Numpy's inner loop then runs over all of these, not over the few components.
+    """
+    return np.repeat(factors, stokes_count, axis=-1)
+
+
+def _accumulate(transport: Transport, steps: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radiance at all levels from what each element adds at its middle and far face, shape (2, E, M, 2, N S).
+
+    The two ways run through the elements in opposite order: they are in that of the light, and stepped at once.
+    """
+    count, modes = steps.shape[1:3]
+    by_way = np.stack([transport.decay, transport.decay[:, ::-1]], axis=2)
+    decay = _for_each_component(by_way, ground.shape[-1])[:, :, np.newaxis]
+    faces = np.zeros((count + 1, *steps.shape[2:]))
+    faces[0, :, 1] = ground.reshape(modes, steps.shape[-1])
     for step in range(count):
         np.multiply(faces[step], decay[1, step], out=faces[step + 1])
         faces[step + 1] += steps[1, step]
-    middles = faces[:-1] * decay[0] + steps[0]
-    levels = np.empty((2 * count + 1, *added.shape[2:]))
+    middles = faces[:-1] * decay[0]
+    middles += steps[0]
+    levels = np.empty((2 * count + 1, *steps.shape[2:]))
     levels[::2, :, 0], levels[1::2, :, 0] = faces[:, :, 0], middles[:, :, 0]
     levels[::2, :, 1], levels[1::2, :, 1] = faces[::-1, :, 1], middles[::-1, :, 1]
-    return levels
+    return levels.reshape(*levels.shape[:-1], *ground.shape[1:])
