@@ -19,8 +19,7 @@ from rigctl.reports.figures.scene_figures import light_figure
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
 from rigctl.reports.tables import comparison_tables
 from rigctl.reports.tables.annotation_tables import annotation_sections
-from rigctl.reports.tables.calibration_tables import parameter_table
-from rigctl.reports.tables.comparison_tables import fault_table, fitted_table, move_table
+from rigctl.reports.tables.comparison_tables import fault_table, fitted_table, move_table, parameter_table
 from rigctl.reports.tables.effects_tables import taken_table
 from rigctl.reports.tables.light_tables import share_table
 from rigctl.reports.tables.numbers_json import STATISTICS

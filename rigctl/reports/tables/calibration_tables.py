@@ -11,12 +11,8 @@ from calibration.polarimeter.fourier_fit import Harmonic
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
 from calibration.sensor.noise import NoiseCalibration
 from calibration.sensor.not_known import not_known
-from rigctl.calibrations.checked_values import MeasuredOverFrames
-from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
 from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
-from rigctl.files.scene_file import NoiseSection
-from rigctl.numbers.number_text import to_digits
 from rigctl.reports.table import Column, Shown, Table, text_columns
 
 _BEST, _STANDARD = "best", "EMVA 1288"
@@ -50,7 +46,6 @@ _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
     ("PRNU of columns", "%", 100.0, None, "prnu_column"),
     ("PRNU of pixels", "%", 100.0, None, "prnu_pixel"),
 )
-_Known = tuple[str, MeasuredOverFrames[float]]
 _TextRow = tuple[str, ...]
 
 
@@ -109,17 +104,6 @@ def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
 def sheet_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
     """Return the numbers that the standard's summary sheet has."""
     return Table(columns=_SHEET_COLUMNS, rows=tuple(row for row in rows if row.symbol))
-
-
-def parameter_table(noise: NoiseParameters) -> Table[_Known]:
-    """Return the numbers of a noise calibration that a comparison used, with their errors."""
-    columns: tuple[Column[_Known], ...] = (
-        Column(title="noise calibration", text=lambda row: row[0], left=True),
-        Column(title="value", text=lambda row: to_digits(row[1].value, row[1].std_error)),
-        Column(title="its standard error", text=lambda row: f"{row[1].std_error:.2g}"),
-    )
-    rows = tuple((name, found) for name in NoiseSection.model_fields if (found := noise.known.get(name)) is not None)
-    return Table(columns=columns, rows=rows)
 
 
 def calibration_rows(noise: NoiseCalibration) -> list[CalibrationRow]:

@@ -1,4 +1,4 @@
-"""The tables of a comparison beside its rows: regions in short, trends, checks, faults, budget, inputs that explain."""
+"""The tables of a comparison beside its rows: regions in short, trends, checks, faults, budget, inputs, noise."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -6,12 +6,15 @@ from functools import partial
 
 import numpy as np
 
+from rigctl.calibrations.checked_values import MeasuredOverFrames
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.checks import Check
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.input_attribution import FittedInput, InputAttribution, InputMove
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
 from rigctl.comparison.uncertainty_budget import RegionBudget
+from rigctl.files.scene_file import NoiseSection
 from rigctl.measurement.fault_terms import FaultTerm
 from rigctl.measurement.measurement import Measurement
 from rigctl.numbers.number_text import NOTHING, chance, signed, size, to_digits
@@ -23,6 +26,7 @@ _SUMMARY = (("DoLP", "dolp", ""), ("AoLP", "aolp_deg", " [deg]"), ("DoLP SNR", "
 # More names than this say no more than that an input is hardly seen.
 _NAMED = 4
 _SHOWN_MOVES = 12
+_Known = tuple[str, MeasuredOverFrames[float]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,3 +186,14 @@ def _said(term: FaultTerm) -> str:
 
 def _score(term: FaultTerm) -> float | None:
     return None if term.value is None or not term.std_error else term.value / term.std_error
+
+
+def parameter_table(noise: NoiseParameters) -> Table[_Known]:
+    """Return the numbers of a noise calibration that a comparison used, with their errors."""
+    columns: tuple[Column[_Known], ...] = (
+        Column(title="noise calibration", text=lambda row: row[0], left=True),
+        Column(title="value", text=lambda row: to_digits(row[1].value, row[1].std_error)),
+        Column(title="its standard error", text=lambda row: f"{row[1].std_error:.2g}"),
+    )
+    rows = tuple((name, found) for name in NoiseSection.model_fields if (found := noise.known.get(name)) is not None)
+    return Table(columns=columns, rows=rows)
