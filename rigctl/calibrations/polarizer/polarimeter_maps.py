@@ -1,8 +1,9 @@
 """The analyzer over the picture: throughput, diattenuation and axis of each stage angle, block by block."""
 
 import io
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from calibration.polarimeter.analyzer import AnalyzerChannels, analyzer_channels
 from calibration.polarimeter.axis import half_turn
 from calibration.polarimeter.data_reduction import block_means
 from rigctl.calibrations.polarizer.generator_file import GeneratorAngle
-from rigctl.calibrations.polarizer.scan_frames import dark_frames, generator_cells, scene_frames
+from rigctl.calibrations.polarizer.scan_frames import GeneratorCells, dark_frames, generator_cells, scene_frames
 from rigctl.errors import DataError
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
@@ -22,6 +23,8 @@ BoolArray = NDArray[np.bool_]
 
 # Blocks with less than this share of the median light are left out: their numbers would be noise.
 _LEAST_LIGHT = 0.05
+# Scans of more are fitted in bands of rows of blocks.
+_BAND_BYTES = 256_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +94,8 @@ def polarimeter_maps(
     generator_deg : callable
         Generator angle of a frame [deg].
     side_pixels : int
-        Of a block; 1 for each pixel by itself, which takes the memory of all frames.
+        Of a block; 1 for each pixel by itself. Beyond 256 MB the picture is fitted in bands of rows, and each frame is
+        read twice for every band.
     generator_dolp : float
         Degree of linear polarization that the generator makes.
 
@@ -105,22 +109,68 @@ def polarimeter_maps(
     records = scene_frames(run)
     cells = generator_cells(run, records, generator_deg)
     dark = _dark(run, records[0], side_pixels)
-    saturated, means = np.zeros(dark.shape, dtype=np.bool_), []
-    for record in records:
-        counts = run.counts(record)
-        saturated |= block_means(counts >= record.saturation_dn, side_pixels) > 0.0
-        means.append(block_means(counts, side_pixels) - dark)
-    signals = np.array(means)
-    scan = np.array([[signals[list(cell)].mean(axis=0) for cell in row] for row in cells.frames])
-    light = scan.mean(axis=0).min(axis=0)
+    rows = max(1, _BAND_BYTES // (8 * cells.generator_rad.size * cells.stage_rad.size * dark.shape[1]))
+    bands = [slice(first, first + rows) for first in range(0, len(dark), rows)]
+
+    @lru_cache(maxsize=1)
+    def scan_of(place: int) -> tuple[FloatArray, BoolArray]:
+        return _scan(run, records, cells, dark[bands[place]], side_pixels, first_row=bands[place].start)
+
+    seen = [_light(*scan_of(place)) for place in range(len(bands))]
+    light, saturated = (np.concatenate(parts) for parts in zip(*seen, strict=True))
     lit = ~saturated & (light > _LEAST_LIGHT * np.median(light))
     if not lit.any():
         raise DataError(f"{run.path}: no block of the picture has light without being saturated")
-    return PolarimeterMaps(
-        side_pixels=side_pixels,
-        lit=lit,
-        stage_rad=cells.stage_rad,
-        channels=analyzer_channels(cells.generator_rad, scan[..., lit], generator_dolp=generator_dolp),
+    parts = [
+        analyzer_channels(cells.generator_rad, scan_of(place)[0][..., lit[band]], generator_dolp=generator_dolp)
+        for place, band in enumerate(bands)
+        if lit[band].any()
+    ]
+    return PolarimeterMaps(side_pixels=side_pixels, lit=lit, stage_rad=cells.stage_rad, channels=_joined(parts))
+
+
+def _scan(
+    run: Run,
+    records: Sequence[FrameRecord],
+    cells: GeneratorCells,
+    dark: FloatArray,
+    side_pixels: int,
+    *,
+    first_row: int,
+) -> tuple[FloatArray, BoolArray]:
+    """Return counts less dark of a band of rows of blocks, (K, N, rows, w), and what is saturated in any frame."""
+    scan = np.zeros((cells.generator_rad.size, cells.stage_rad.size, *dark.shape))
+    saturated = np.zeros(dark.shape, dtype=np.bool_)
+    rows = slice(first_row * side_pixels, (first_row + len(dark)) * side_pixels)
+    for k, n in np.ndindex(scan.shape[:2]):
+        for place in cells.frames[k][n]:
+            counts = run.counts(records[place])[rows]
+            saturated |= block_means(counts >= records[place].saturation_dn, side_pixels) > 0.0
+            scan[k, n] += block_means(counts, side_pixels) - dark
+        scan[k, n] /= len(cells.frames[k][n])
+    return scan, saturated
+
+
+def _light(scan: FloatArray, saturated: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Return the least light of a band over the stage angles, and what is saturated."""
+    return scan.mean(axis=0).min(axis=0), saturated
+
+
+def _joined(parts: Sequence[AnalyzerChannels]) -> AnalyzerChannels:
+    """Return the channels of all bands."""
+    scans = [part.scan for part in parts]
+    return AnalyzerChannels(
+        throughput=np.concatenate([part.throughput for part in parts], axis=1),
+        throughput_error=np.concatenate([part.throughput_error for part in parts], axis=1),
+        diattenuation=np.concatenate([part.diattenuation for part in parts], axis=1),
+        diattenuation_error=np.concatenate([part.diattenuation_error for part in parts], axis=1),
+        axis_rad=np.concatenate([part.axis_rad for part in parts], axis=1),
+        axis_error_rad=np.concatenate([part.axis_error_rad for part in parts], axis=1),
+        scan=replace(
+            scans[0],
+            terms=np.concatenate([scan.terms for scan in scans], axis=2),
+            variance=np.concatenate([scan.variance for scan in scans], axis=1),
+        ),
     )
 
 

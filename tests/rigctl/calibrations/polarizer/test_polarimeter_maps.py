@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.polarimeter.data_reduction import block_means
+from rigctl.calibrations.polarizer import polarimeter_maps as polarimeter_maps_module
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
 from rigctl.cli import EXIT_USAGE, main
 from rigctl.runs.frame_record import FrameRecord
@@ -95,6 +96,18 @@ def test_dark_and_saturated_blocks_are_left_out_and_marked(maps: PolarimeterMaps
     assert shown.shape == (3, 4, 8)
     assert np.isnan(shown[:, ~maps.lit]).all()
     assert not np.isnan(shown[:, maps.lit]).any()
+
+
+@pytest.mark.parametrize("side", [1, SIDE])
+def test_bands_of_rows_give_the_same_maps(run: Run, side: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = polarimeter_maps(run, generator_deg, side_pixels=side, generator_dolp=DOLP).named()
+    # Three rows of blocks at once: of 32 and of 4 the last band has fewer.
+    monkeypatch.setattr(polarimeter_maps_module, "_BAND_BYTES", 3 * 8 * 3 * len(GENERATOR_DEG) * (SHAPE[1] // side))
+    banded = polarimeter_maps(run, generator_deg, side_pixels=side, generator_dolp=DOLP).named()
+    for name, values in whole.items():
+        # The axis is an angle modulo 180 deg; rounding alone may turn it over.
+        apart = (banded[name] - values + 90.0) % 180.0 - 90.0 if name == "axis_deg" else banded[name] - values
+        np.testing.assert_allclose(apart, np.where(np.isnan(values), np.nan, 0.0), atol=1e-9)
 
 
 def test_the_archive_holds_what_was_found(maps: PolarimeterMaps, tmp_path: Path) -> None:
