@@ -9,6 +9,7 @@ from calibration.flags import Flag
 from calibration.sensor.brighter_fatter import brighter_fatter
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal
 from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.level_influence import is_lamp_sweep
 from calibration.sensor.level_names import level_names
 from calibration.sensor.photon_transfer import BEND_LEVELS, PhotonTransfer
 
@@ -45,7 +46,7 @@ def curve_flags(
     found = (
         _not_photon_noise(transfer),
         _too_few_levels(transfer),
-        _saturation_not_reached(transfer),
+        _saturation_not_reached(flats, transfer),
         _bent(transfer),
         _scattered(transfer),
         _not_linear(transfer),
@@ -103,17 +104,18 @@ def _too_few_levels(transfer: PhotonTransfer) -> Flag | None:
         name="too_few_levels",
         message=f"{n_used} of {len(transfer.used)} flat levels can be used for the gain; with fewer than {BEND_LEVELS} "
         f"neither bend nor scatter of the photon-transfer curve is seen, and a sensor that is not linear has a "
-        f"larger error than stated: take 10 or more exposures between dark and 80 % of saturation",
+        f"larger error than stated: take 10 levels or more between dark and 80 % of saturation",
     )
 
 
-def _saturation_not_reached(transfer: PhotonTransfer) -> Flag | None:
+def _saturation_not_reached(flats: Sequence[LevelStatistics], transfer: PhotonTransfer) -> Flag | None:
     if transfer.saturation is not None:
         return None
+    more = "go on with a brighter lamp" if is_lamp_sweep(flats) else "add longer exposures"
     return Flag(
         name="saturation_not_reached",
         message=f"no rise and fall of the temporal variance is seen up to the brightest level "
-        f"({transfer.points.signal_dn.max():.4g} DN above dark), so saturation is not known: add longer exposures, "
+        f"({transfer.points.signal_dn.max():.4g} DN above dark), so saturation is not known: {more}, "
         f"until most of the picture is saturated",
     )
 

@@ -1,7 +1,7 @@
 """Three lines of a calibration to read first: what to trust, what is a bound or not known, what to do next."""
 
+from calibration.sensor.level_influence import is_lamp_sweep
 from calibration.sensor.noise import NoiseCalibration
-from calibration.sensor.not_known import is_lamp_sweep
 
 _NAMES = {
     "read_noise_e": "read noise",
@@ -76,7 +76,7 @@ def _listed(words: list[str]) -> str:
 def _next(calibration: NoiseCalibration) -> str:
     for flag in calibration.flags:
         if flag.name == "saturation_not_reached":
-            more = "a brighter lamp" if is_lamp_sweep(calibration) else "longer exposures"
+            more = "a brighter lamp" if is_lamp_sweep(calibration.flats) else "longer exposures"
             return f"next: go on with {more} until pixels are full"
         if flag.name in _NEXT:
             return f"next: {_NEXT[flag.name]}"

@@ -110,6 +110,17 @@ def stated_light(flats: Sequence[LevelStatistics]) -> FloatArray | None:
     return next((light for light in known if len(np.unique(light)) > len(light) // 2), None)
 
 
+def is_lamp_sweep(flats: Sequence[LevelStatistics]) -> bool:
+    """Return whether the light of flats was varied by the lamp, at one exposure or at unknown ones.
+
+    Parameters
+    ----------
+    flats : sequence of LevelStatistics
+        In any order.
+    """
+    return len(flats) > 1 and len({flat.exposure_s for flat in flats}) <= max(1, len(flats) // 4)
+
+
 def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability) -> FloatArray:
     """Return the variance of the means of flats by noise of pixels, rounding and wander of the light [DN^2]."""
     temporal = np.array([flat.temporal_variance_dn2 for flat in flats])

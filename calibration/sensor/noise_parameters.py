@@ -188,7 +188,7 @@ def _unseen_read_noise(measured: Measured) -> Flag | None:
     bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[rows.GAIN]
     return Flag(
         name="read_noise_not_resolved",
-        message=f"the dark variance at no exposure is {variance:.3g} +- {error:.3g} DN^2, which is not more than its "
+        message=f"the dark variance at no exposure is {variance:.3g} +- {error:.2g} DN^2, which is not more than its "
         f"error and rounding explain: the read noise is below {bound_e:.3g} e-; take dark frames at exposures so "
         f"short that dark current adds little",
     )
@@ -205,7 +205,7 @@ def _small_dark_current(measured: Measured, longest_s: float | None) -> Flag | N
     bound_e_per_s = (max(slope, 0.0) + _RESOLVED_SIGMA * error) / measured.values[rows.GAIN]
     return Flag(
         name="dark_current_not_resolved",
-        message=f"the dark mean grows by {slope:.3g} +- {error:.3g} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
+        message=f"the dark mean grows by {slope:.3g} +- {error:.2g} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
         f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; {_longer(bound_e_per_s, longest_s)}",
     )
 

@@ -1,5 +1,6 @@
 """Reasons why a number of a calibration is not known, each with the one measurement that would tell."""
 
+from calibration.sensor.level_influence import is_lamp_sweep
 from calibration.sensor.noise import NoiseCalibration
 
 _STACKS = "take a stack of 16 frames or more at half of saturation, and as many dark frames"
@@ -66,21 +67,9 @@ def _brighter(best: NoiseCalibration) -> str:
     """Return how flats become brighter in a sweep of this kind."""
     return (
         "go on with a brighter lamp until pixels are full"
-        if is_lamp_sweep(best)
+        if is_lamp_sweep(best.flats)
         else "go on with longer exposures until pixels are full"
     )
-
-
-def is_lamp_sweep(best: NoiseCalibration) -> bool:
-    """Return whether the light of the flats was varied by the lamp, at one exposure or at unknown ones.
-
-    Parameters
-    ----------
-    best : NoiseCalibration
-        The calibration.
-    """
-    exposures = {flat.exposure_s for flat in best.flats}
-    return len(best.flats) > 1 and len(exposures) <= max(1, len(best.flats) // 4)
 
 
 def _no_efficiency(best: NoiseCalibration) -> str:

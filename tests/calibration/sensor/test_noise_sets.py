@@ -211,6 +211,13 @@ def test_a_fixed_time_that_is_usual_is_told_and_blames_no_level() -> None:
     assert "all exposures are shorter than stated by 0.0028 ms" in told[0]
 
 
+def test_a_lamp_sweep_is_not_told_to_expose_longer() -> None:
+    found = calibrated(noise_sets.good_lamp(SEEDS[0]))
+    (message,) = [flag.message for flag in found.flags if flag.name == "saturation_not_reached"]
+    assert "a brighter lamp" in message
+    assert not any("longer exposures" in text for text in (message, *first_lines(found)))
+
+
 def test_the_worst_is_told_first() -> None:
     found = calibrated(noise_sets.wrong_photons(SEEDS[0]))
     assert found.flags[0].level is not None
