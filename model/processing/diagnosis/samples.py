@@ -165,11 +165,16 @@ def _sums_around(images: FloatArray) -> FloatArray:
 def _responses(
     fitted: FloatArray, faults: FrameFaults, light: float, per_pixel: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
+    square, logarithm = np.swapaxes([_response_sums(picture, faults, light) for picture in fitted], 0, 1) * per_pixel
+    return square, logarithm / (1.0 + faults.power)
+
+
+def _response_sums(fitted: FloatArray, faults: FrameFaults, light: float) -> FloatArray:
+    """Return the block sums of a picture as a parabola and as a power bend it, shape (2, h, w)."""
     relative = fitted / light
     rising = np.maximum(1.0 + 2.0 * faults.curvature * relative, _DARKEST_SHARE)
-    square = _block_sums(fitted * relative / rising) * per_pixel
-    logarithm = _block_sums(fitted * np.log(np.maximum(relative, _DARKEST_SHARE))) * per_pixel
-    return square, logarithm / (1.0 + faults.power)
+    logarithm = np.log(np.maximum(relative, _DARKEST_SHARE))
+    return np.array([_block_sums(fitted * relative / rising), _block_sums(fitted * logarithm)])
 
 
 def _slope_sums(picture: FloatArray, good: BoolArray) -> FloatArray:
