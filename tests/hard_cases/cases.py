@@ -16,6 +16,7 @@ _QUIET = (
     "[effects]\nwithout = ['shot-noise', 'quantisation', 'texture', 'read-noise', 'dark-current', 'non-uniformity']\n"
 )
 _BLACK = "rectangle = { x = 4, y = 4, width = 40, height = 40 }\n"
+_PIXEL = "rectangle = { x = 24, y = 24, width = 1, height = 1 }\n"
 _WHITE = "rectangle = { x = 52, y = 4, width = 40, height = 40 }\n"
 
 
@@ -60,12 +61,13 @@ class _Given:
     background: tuple[float, float, float] = (14.0, 1.9, -0.9)
     sensor: dict[str, object] = field(default_factory=dict)
     more: str = ""
+    black: str = _BLACK
 
     def text(self) -> str:
         s1, s2 = (self.s0 * self.dolp * f(0.42) for f in (cos, sin))
         return (
             f'name = "hard"\n{_changed(_RADIANCE, **self.sensor)}{self.more}'
-            f'[[regions]]\nname = "black"\n{_BLACK}stokes_radiance = [{self.s0}, {s1}, {s2}]\n'
+            f'[[regions]]\nname = "black"\n{self.black}stokes_radiance = [{self.s0}, {s1}, {s2}]\n'
             f"texture_rms = {self.texture_rms}\n"
             f'[[regions]]\nname = "white"\n{_WHITE}stokes_radiance = {list(self.background)}\ntexture_rms = 0.02\n'
         )
@@ -78,6 +80,7 @@ class _Changes(TypedDict, total=False):
     background: tuple[float, float, float]
     sensor: dict[str, object]
     more: str
+    black: str
 
 
 def _given(name: str, *, known: bool = True, condition: float = 1.0, **changes: Unpack[_Changes]) -> HardCase:
@@ -135,6 +138,7 @@ HARD_CASES: tuple[HardCase, ...] = (
     _given("zero noise", texture_rms=0.0, more=_QUIET),
     _given("texture alone: singular covariance", sensor={"read_noise_e": 0.0}, more=_QUIET.replace("'texture', ", "")),
     _given("saturated", s0=4000.0),
+    _given("one pixel", black=_PIXEL),
     _given("background as the target", background=(8.0, 8.0 * 0.4 * cos(0.42), 8.0 * 0.4 * sin(0.42))),
     _given("tails of P_D: background 100 deviations away", background=(800.0, 10.0, 10.0), s0=1.0, texture_rms=1e-4),
     _given("texture of 1", texture_rms=1.0),

@@ -1,8 +1,9 @@
 """The page of hard cases, docs/hard-cases.md: written from the matrix, whole.
 
-Usage: python -m tests.hard_cases.page [--only WORDS] [--out FILE.md]
+Usage: OPENBLAS_NUM_THREADS=1 python -m tests.hard_cases.page [--only WORDS] [--out FILE.md] [--workers 2]
 
-With --only, cases whose names contain the words are computed anew, and the others are kept as the page has them.
+One pass over all cases, by two processes, and each row is written when it is there. With --only, cases whose names
+contain the words are computed anew, and the others are kept as the page has them.
 """
 
 import argparse
@@ -11,9 +12,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
-from tests.hard_cases.cases import HARD_CASES
+from tests.hard_cases.cases import HARD_CASES, HardCase
 from tests.hard_cases.matrix import COLUMNS, Cell, cell
 from tests.hard_cases.references import reference_lines, reference_of
 from tests.hard_cases.round_earth import round_earth_lines
@@ -49,6 +52,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="")
     parser.add_argument("--out", type=Path, default=PAGE)
+    parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()
     kept = rows_of(arguments.out if arguments.out.exists() else PAGE) if arguments.only else {}
     head = [_HEAD, *round_earth_lines()]
@@ -56,7 +60,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as cache:
         os.environ["XDG_CACHE_HOME"] = cache
         lines = []
-        for line in _matrix(kept, arguments.only):
+        for line in _matrix(kept, arguments.only, arguments.workers):
             lines.append(line)
             # After each row, so that a run that is stopped leaves what it had.
             arguments.out.write_text("\n".join([*head, *lines, "", *tables, ""]), encoding="utf-8")
@@ -73,22 +77,30 @@ def rows_of(page: Path) -> dict[str, str]:
     return {name: line for name, line in found.items() if name in names}
 
 
-def _matrix(kept: Mapping[str, str], only: str) -> Iterator[str]:
+def _matrix(kept: Mapping[str, str], only: str, workers: int) -> Iterator[str]:
     yield f"| case | reference | {' | '.join(column.name for column in COLUMNS)} |"
     yield "|---" * (len(COLUMNS) + 2) + "|"
     begun = time.monotonic()
-    for done, case in enumerate(HARD_CASES, start=1):
-        if case.name in kept and only not in case.name:
-            yield kept[case.name]
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            cells = [cell(case, column, Path(folder)) for column in COLUMNS]
-            reference = reference_of(case, Path(folder))
-        seconds = ", ".join(f"{column.name} {one.seconds:.1f}" for column, one in zip(COLUMNS, cells, strict=True))
-        so_far = time.monotonic() - begun
-        sys.stderr.write(f"{done} of {len(HARD_CASES)}, {so_far:.0f} s: {case.name}: {seconds} s\n")
-        sys.stderr.flush()
-        yield f"| {case.name} | {reference} | {' | '.join(_text(one) for one in cells)} |"
+    with ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn")) as pool:
+        rows = {case.name: pool.submit(_row, case) for case in HARD_CASES if case.name not in kept or only in case.name}
+        for done, case in enumerate(HARD_CASES, start=1):
+            if case.name not in rows:
+                yield kept[case.name]
+                continue
+            line, times = rows[case.name].result()
+            so_far = time.monotonic() - begun
+            sys.stderr.write(f"{done} of {len(HARD_CASES)}, {so_far:.0f} s: {case.name}: {times}\n")
+            sys.stderr.flush()
+            yield line
+
+
+def _row(case: HardCase) -> tuple[str, str]:
+    """Return the line of a case, and the time that each of its cells took, in words."""
+    with tempfile.TemporaryDirectory() as folder:
+        cells = [cell(case, column, Path(folder)) for column in COLUMNS]
+        reference = reference_of(case, Path(folder))
+    seconds = ", ".join(f"{column.name} {one.seconds:.1f}" for column, one in zip(COLUMNS, cells, strict=True))
+    return f"| {case.name} | {reference} | {' | '.join(map(_text, cells))} |", f"{seconds} s"
 
 
 def _text(one: Cell) -> str:
