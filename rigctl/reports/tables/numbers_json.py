@@ -11,7 +11,6 @@ from rigctl.comparison.rows import measured_with_ratios
 from rigctl.console.json_text import Json
 from rigctl.measurement.fault_terms import UNSEEN, FaultTerm
 from rigctl.prediction.performance import NO_NOISE, Performance
-from rigctl.reports.tables.annotation_tables import annotations_of
 from rigctl.reports.writers.data_files import finite
 
 if TYPE_CHECKING:
@@ -95,6 +94,8 @@ def measurement_json(measurement: "Measurement", textures: dict[str, "Texture"] 
     }
     if textures is not None:
         content["texture"] = {name: texture_json(texture) for name, texture in textures.items()}
+    from rigctl.reports.tables.annotation_tables import annotations_of
+
     return content | annotations_of(measurement.run, grid.left_out)
 
 
