@@ -85,12 +85,15 @@ def sasktran2_sky() -> None:
     far = AWAY & (np.radians(12) < ZENITH_RAD)  # nearer the zenith its source is interpolated badly, up to 1.6 %
     for kind in AerosolKind:
         layers = one.layers(fine=True, aerosol=kind)
-        ours = timed(layers, aerosol=kind)[3]
+        solve_s, sky_s, _, ours = timed(layers, aerosol=kind)
         start = perf_counter()
         theirs = sky(sasktran2_solution(layers, mu0=cos(radians(SZA_DEG)), albedo=0.1, aerosol=kind))
         seconds = perf_counter() - start
         error = np.abs(theirs - ours) / ours[:, :1]
-        print(f"sasktran2, {kind}: {seconds:.3f} s, difference beyond 12 deg {np.max(error[far], axis=0)}")
+        print(
+            f"sasktran2, {kind}: {seconds:.3f} s, {seconds / (solve_s + sky_s):.0f} times ours on the same 78 layers, "
+            f"difference beyond 12 deg {np.max(error[far], axis=0)}"
+        )
 
 
 def products_of(layers: tuple[Layer, ...], **settings) -> Counter[tuple[int, ...]]:
