@@ -1,12 +1,13 @@
 """Estimated error of the light of each region, setting by setting."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.accuracy.estimates.lines_of_sight import LinesOfSight, lines_of_sight
+from model.accuracy.estimates.lines_of_sight import LinesOfSight, Way, lines_of_sight, ways_to_camera
 from model.accuracy.estimates.refined_reference import Pair, ends_of_band, refined_references
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.light_store import LightStore
@@ -123,19 +124,21 @@ def light_errors(
         lambda: _references(air, plan, result.settings, illumination, store, solved=STREAMS not in idle),
     )
     pairs, skies, grid = of_sky.pairs, of_sky.skies, of_sky.grid
-    for region in scene.regions:
-        if region.surface is None:
-            continue
-        light = result.lights[region.name]
-        lines = lines_of_sight(scene, region, light)
-        for setting, pair in pairs.items():
-            found[setting][region.name] = _between(pair, skies[setting], lines, scene.source)
+    every = {
+        region.name: lines_of_sight(scene, region, result.lights[region.name])
+        for region in scene.regions
+        if region.surface is not None
+    }
+    ways = {setting: _ways(pair, every) for setting, pair in pairs.items()}
+    for name, lines in every.items():
+        for setting in pairs:
+            found[setting][name] = _between(ways[setting][name], skies[setting], lines, scene.source)
         if scene.air.state is not None and WAVELENGTHS not in idle:
-            found[WAVELENGTHS][region.name] = _of_wavelengths(scene.air, result.settings, lines, scene.source)
+            found[WAVELENGTHS][name] = _of_wavelengths(scene.air, result.settings, lines, scene.source)
         if HEMISPHERE in idle:
             continue
-        found[SKY_GRID][region.name] = _of_grid(grid, light, lines, scene.source, tolerance=tolerance)
-        found[HEMISPHERE][region.name] = _of_hemisphere(lines, grid.largest, scene.source)
+        found[SKY_GRID][name] = _of_grid(grid, result.lights[name], lines, scene.source, tolerance=tolerance)
+        found[HEMISPHERE][name] = _of_hemisphere(lines, grid.largest, scene.source)
     return found
 
 
@@ -171,14 +174,24 @@ def _difference(pair: Pair) -> SampledSky:
     return sample_smooth(apart, zeniths=_ZENITHS, azimuths=_AZIMUTHS)
 
 
-def _between(pair: Pair, sky: Sky, lines: LinesOfSight, source: Source) -> LightError:
+def _ways(pair: Pair, every: Mapping[str, LinesOfSight]) -> dict[str, Way]:
+    """Return what two lightings differ by on the way from each region to the camera, of all in one pass."""
+    one, other = (ways_to_camera(tuple(every.values()), lighting) for lighting in (pair.one, pair.other))
+    return {
+        name: Way(
+            path=pair.factor * (finer.path - coarser.path),
+            transmittance=pair.factor * (finer.transmittance / coarser.transmittance - 1.0),
+        )
+        for name, coarser, finer in zip(every, one, other, strict=True)
+    }
+
+
+def _between(way: Way, sky: Sky, lines: LinesOfSight, source: Source) -> LightError:
     """Return what two lightings differ by: in the sky that is reflected, and on the way to the camera."""
-    paths = [lines.path(each) for each in (pair.one, pair.other)]
-    through = [lines.transmittance(each) for each in (pair.one, pair.other)]
     errors = {
         "reflected_sky": lines.reflected(sky),
-        "path": pair.factor * (paths[1] - paths[0]),
-        "reflected": pair.factor * (through[1] / through[0] - 1.0)[:, np.newaxis] * lines.part("reflected"),
+        "path": way.path,
+        "reflected": way.transmittance[:, np.newaxis] * lines.part("reflected"),
     }
     return _error([sum((errors[part] for part in _PARTS[source]), np.zeros((1, 3)))])
 

@@ -1,5 +1,6 @@
 """Lines of sight at which two lightings are set beside each other: their difference as the camera would see it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isqrt
 
@@ -51,36 +52,55 @@ class LinesOfSight:
         """Return what the region sends of a sky to the camera, by the rules that were used, shape (V, 3)."""
         if self.region.surface is None or self.region.tilt is None:
             raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
-        panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, views=self._views)
+        panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, views=self.views)
         radiance = DiffuseRadiance(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
         stokes = reflected_by_rules(panel, radiance, self.lights[0].rules)
         through = np.array([light.transmittance for light in self.lights])
-        return rotate_frame(through[:, np.newaxis] * stokes, self._roll_rad)
-
-    def path(self, lighting: Lighting) -> FloatArray:
-        """Return what the air adds, shape (V, 3)."""
-        found = lighting.path(height_m=self.lights[0].view.height_m, zenith_rad=self._zenith_rad, phi_rad=self._phi_rad)
-        return rotate_frame(found, self._roll_rad)
-
-    def transmittance(self, lighting: Lighting) -> FloatArray:
-        """Return the transmittance of the air, shape (V,)."""
-        return lighting.transmittance(height_m=self.lights[0].view.height_m, zenith_rad=self._zenith_rad)
+        return rotate_frame(through[:, np.newaxis] * stokes, np.array([view.roll_rad for view in self.views]))
 
     @property
-    def _views(self) -> tuple[View, ...]:
+    def views(self) -> tuple[View, ...]:
+        """The camera along each of them."""
         return tuple(light.view for light in self.lights)
 
-    @property
-    def _zenith_rad(self) -> FloatArray:
-        return np.array([view.zenith_rad for view in self._views])
 
-    @property
-    def _phi_rad(self) -> FloatArray:
-        return self.sun_azimuth_rad - np.array([view.azimuth_rad for view in self._views])
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Way:
+    """What the air does along lines of sight.
 
-    @property
-    def _roll_rad(self) -> FloatArray:
-        return np.array([view.roll_rad for view in self._views])
+    Attributes
+    ----------
+    path
+        Adds, shape (V, 3).
+    transmittance
+        Lets through, shape (V,).
+    """
+
+    path: FloatArray
+    transmittance: FloatArray
+
+
+def ways_to_camera(several: Sequence[LinesOfSight], lighting: Lighting) -> list[Way]:
+    """Return what the air does along the lines of sight of several regions, all in one pass.
+
+    Parameters
+    ----------
+    several
+        From one height, under one sun.
+    lighting
+        The air.
+    """
+    if not several:
+        return []
+    views = [view for lines in several for view in lines.views]
+    height_m, zenith = views[0].height_m, np.array([view.zenith_rad for view in views])
+    phi = several[0].sun_azimuth_rad - np.array([view.azimuth_rad for view in views])
+    path = lighting.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi)
+    path = rotate_frame(path, np.array([view.roll_rad for view in views]))
+    through = lighting.transmittance(height_m=height_m, zenith_rad=zenith)
+    ends = np.cumsum([len(lines.lights) for lines in several])[:-1]
+    parts = zip(np.split(path, ends), np.split(through, ends), strict=True)
+    return [Way(path=added, transmittance=kept) for added, kept in parts]
 
 
 def lines_of_sight(scene: LitScene, region: LitRegion, light: FieldLight) -> LinesOfSight:
