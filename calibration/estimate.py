@@ -7,6 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+# Digits behind the point that numbers are written with; what is smaller has an exponent.
+_MOST_DIGITS = 6
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
@@ -69,5 +72,22 @@ def percent_with_error(value: float, std_error: float) -> str:
         Relative; the error > 0 or not finite.
     """
     digits = 1 - math.floor(math.log10(100.0 * std_error)) if 0.0 < std_error < np.inf else 2
-    digits = min(max(digits, 0), 6)
+    digits = min(max(digits, 0), _MOST_DIGITS)
     return f"{value:+.{digits}%} +- {std_error:.{digits}%}"
+
+
+def number_with_error(value: float, std_error: float, *, sign: Literal["", "+"] = "") -> str:
+    """Return a number and its standard error, both to the second digit of the error.
+
+    Parameters
+    ----------
+    value, std_error : float
+        In one unit.
+    sign : {"", "+"}
+        Whether a number above 0 has its sign too.
+    """
+    digits = 1 - math.floor(math.log10(std_error)) if 0.0 < std_error < np.inf else _MOST_DIGITS + 1
+    if digits > _MOST_DIGITS:
+        return f"{value:{sign}.3g} +- {std_error:.2g}"
+    shown = max(digits, 0)
+    return f"{round(value, digits):{sign}.{shown}f} +- {round(std_error, digits):.{shown}f}"

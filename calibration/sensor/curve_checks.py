@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.estimate import percent_with_error
+from calibration.estimate import number_with_error, percent_with_error
 from calibration.flags import Flag
 from calibration.sensor.brighter_fatter import brighter_fatter
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal
@@ -225,7 +225,8 @@ def _dark_current_changed(dark: DarkSignal) -> Flag | None:
     bend, error = float(dark.mean_fit.parameters[2]), float(np.sqrt(dark.mean_fit.covariance[2, 2]))
     return Flag(
         name="dark_current_changed",
-        message=f"the mean of dark frames is no straight line of their exposure ({bend:+.3g} +- {error:.2g} DN/s^2): "
+        message=f"the mean of dark frames is no straight line of their exposure ("
+        f"{number_with_error(bend, error, sign='+')} DN/s^2): "
         f"the sensor warmed up or cooled down while they were taken, or light got in: the dark current is not known, "
         f"black level and read noise are those of a curve: let the camera warm up for half an hour, and take the dark "
         f"frames in mixed order",

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.estimate import number_with_error
 from calibration.sensor.scatter_fit import fit_with_scatter
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +73,8 @@ def doubling_temperature(
     slope, error = float(fit.parameters[1]), float(np.sqrt(fit.covariance[1, 1]))
     if slope <= _RESOLVED_SIGMA * error:
         raise CalibrationError(
-            f"the dark current does not grow with temperature: its logarithm by {slope:.3g} +- {error:.2g} per K; take "
+            f"the dark current does not grow with temperature: its logarithm by "
+            f"{number_with_error(slope, error)} per K; take "
             f"temperatures that are further apart"
         )
     value = float(np.log(2.0)) / slope
@@ -93,6 +95,6 @@ def _require_resolved(temperature_c: FloatArray, dark_current: FloatArray, std_e
     for temperature, current, error in zip(temperature_c, dark_current, std_error, strict=True):
         if current <= _RESOLVED_SIGMA * error:
             raise CalibrationError(
-                f"at {temperature:g} C the dark current is {current:.3g} +- {error:.2g}, not more than "
+                f"at {temperature:g} C the dark current is {number_with_error(current, error)}, not more than "
                 f"{_RESOLVED_SIGMA:g} standard errors above 0: take longer dark exposures, or leave it out"
             )

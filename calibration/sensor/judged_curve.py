@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.estimate import number_with_error
 from calibration.flags import Flag
 from calibration.sensor.dark_influence import DarkInfluence, dark_influence
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, DarkMatch, DarkSignal, mean_sampling_variance
@@ -96,8 +97,11 @@ def _dark_flag(dark: LevelStatistics, found: DarkInfluence) -> Flag:
     return Flag(
         name="wrong_dark",
         level=name,
-        message=f"{name}: its mean is {found.mean_off_dn:+.3g} +- {found.mean_std_error_dn:.2g} DN and its temporal "
-        f"variance {found.variance_off_dn2:+.3g} +- {found.variance_std_error_dn2:.2g} DN^2 off what all other darks "
+        message=f"{name}: its mean is "
+        f"{number_with_error(found.mean_off_dn, found.mean_std_error_dn, sign='+')} DN and its temporal "
+        f"variance "
+        f"{number_with_error(found.variance_off_dn2, found.variance_std_error_dn2, sign='+')} DN^2 "
+        f"off what all other darks "
         f"say of its exposure: {cause}, or its frames are others; it is left out: take it again",
     )
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.estimate import Bound, Estimate, JointCovariance
+from calibration.estimate import Bound, Estimate, JointCovariance, number_with_error
 from calibration.flag_order import by_consequence
 from calibration.flags import Flag
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2
@@ -236,8 +236,9 @@ def _without_dark_current(calibration: NoiseCalibration, flag: Flag, *, bound: E
 def _light_flag(light: Estimate) -> Flag:
     return Flag(
         name="light_in_darks",
-        message=f"dark frames show the pattern that pixels have in the light, as {light.value:.3g} +- "
-        f"{light.std_error:.2g} DN of light would (more than {_SIGMA:.0f} standard errors): light got in, or "
+        message=f"dark frames show the pattern that pixels have in the light, as "
+        f"{number_with_error(light.value, light.std_error)} DN "
+        f"of light would (more than {_SIGMA:.0f} standard errors): light got in, or "
         f"each pixel has a gain of its own; the dark current cannot be told from it: cover the lens, and take the dark "
         f"frames again",
     )
@@ -246,7 +247,8 @@ def _light_flag(light: Estimate) -> Flag:
 def _untestable_flag(current: Estimate) -> Flag:
     return Flag(
         name="dark_current_or_light",
-        message=f"dark frames gain {current.value:.3g} +- {current.std_error:.2g} e-/s, more than cameras usually do "
+        message=f"dark frames gain "
+        f"{number_with_error(current.value, current.std_error)} e-/s, more than cameras usually do "
         f"({USUAL_DARK_E_PER_S:.0f} e-/s), and the fixed pattern is too little known to tell dark current from light: "
         f"cover the lens, and take stacks of 16 flats and 16 darks or more at one exposure",
     )

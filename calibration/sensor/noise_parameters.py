@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.estimate import Bound, Estimate, JointCovariance
+from calibration.estimate import Bound, Estimate, JointCovariance, number_with_error
 from calibration.flags import Flag
 from calibration.sensor import propagation as rows
 from calibration.sensor.dark_signal import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2
@@ -173,7 +173,8 @@ def _unseen(measured: Measured, row: int, name: str) -> Flag | None:
     )
     return Flag(
         name=f"{name}_not_resolved",
-        message=f"the variance from pixel to pixel is {variance:.3g} +- {error:.2g} DN^2 once temporal noise is taken "
+        message=f"the variance from pixel to pixel is "
+        f"{number_with_error(variance, error)} DN^2 once temporal noise is taken "
         f"off, not more than {_RESOLVED_SIGMA:.0f} standard errors above 0: the {name.upper()} is below {size}; take "
         f"a stack of 16 frames or more at one level to measure it",
     )
@@ -188,7 +189,8 @@ def _unseen_read_noise(measured: Measured) -> Flag | None:
     bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[rows.GAIN]
     return Flag(
         name="read_noise_not_resolved",
-        message=f"the dark variance at no exposure is {variance:.3g} +- {error:.2g} DN^2, which is not more than its "
+        message=f"the dark variance at no exposure is "
+        f"{number_with_error(variance, error)} DN^2, which is not more than its "
         f"error and rounding explain: the read noise is below {bound_e:.3g} e-; take dark frames at exposures so "
         f"short that dark current adds little",
     )
@@ -205,7 +207,8 @@ def _small_dark_current(measured: Measured, longest_s: float | None) -> Flag | N
     bound_e_per_s = (max(slope, 0.0) + _RESOLVED_SIGMA * error) / measured.values[rows.GAIN]
     return Flag(
         name="dark_current_not_resolved",
-        message=f"the dark mean grows by {slope:.3g} +- {error:.2g} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
+        message=f"the dark mean grows by "
+        f"{number_with_error(slope, error)} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
         f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; {_longer(bound_e_per_s, longest_s)}",
     )
 

@@ -1,6 +1,6 @@
 """Findings in the parameters themselves: numbers that no sensor has, each by its own name."""
 
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, number_with_error
 from calibration.flags import Flag
 
 _SIGMA = 5.0
@@ -25,7 +25,8 @@ def _negative(found: Estimate | None) -> Flag | None:
         return None
     return Flag(
         name="negative_dark_current",
-        message=f"the dark mean falls with exposure, by {-found.value:.3g} +- {found.std_error:.2g} e-/s: the camera "
+        message=f"the dark mean falls with exposure, by "
+        f"{number_with_error(-found.value, found.std_error)} e-/s: the camera "
         f"takes off more than its dark signal, its black level drifts, or exposures are mixed up; see the dark "
         f"current by variance",
     )
@@ -36,6 +37,7 @@ def _too_efficient(found: Estimate | None) -> Flag | None:
         return None
     return Flag(
         name="quantum_efficiency_above_one",
-        message=f"there are {found.value:.3g} +- {found.std_error:.2g} electrons a photon, of which there can be one "
+        message=f"there are "
+        f"{number_with_error(found.value, found.std_error)} electrons a photon, of which there can be one "
         f"at most: the photons are not those of one pixel and one exposure, or irradiance or pixel area are wrong",
     )
