@@ -40,7 +40,7 @@ def test_one_temperature_is_refused() -> None:
 
 
 def test_a_current_that_is_not_resolved_is_refused() -> None:
-    with pytest.raises(CalibrationError, match=r"at 0 C the dark current is 10 \+- 5"):
+    with pytest.raises(CalibrationError, match=r"at 0 C the dark current is 10\.0 \+- 5\.0"):
         doubling_temperature(TEMPERATURE_C, currents(), np.full(6, 5.0))
 
 
