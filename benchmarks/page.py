@@ -5,7 +5,7 @@ Usage: python -m benchmarks.page [NAMES ...] [--make-peers] (`make bench`: all o
 Every section says its command, the day, the machine, how busy that was and how long it took. What is text outside of
 the marks is written by hand. Programs of others that are set beside ours have environments of their own:
 ``python -m benchmarks.page --make-peers`` makes them in $RIGCTL_PEERS_DIR or ~/.cache/rigctl/peers (1.5 GB); what is
-not there is left out, and its section says so.
+not there is left out, and its section says so. pySCATMECH comes as C++ and takes some minutes to compile.
 """
 
 import argparse
