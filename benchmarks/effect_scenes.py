@@ -63,6 +63,23 @@ def hostile_scene(generator: np.random.Generator) -> LitScene:
     )
 
 
+def thin_scene(generator: np.random.Generator) -> LitScene:
+    """A scene of level materials without an extent under air so thin that once scattered light is most of its sky."""
+    scene = random_materials(generator)
+    air = replace(
+        _air(generator),
+        fidelity=Fidelity.FAST,
+        sun_zenith_rad=np.radians(84.9 * generator.random()),
+        state=AtmosphereState(
+            aerosol_optical_depth=_log(generator, 1e-5, 4e-2),
+            surface_pressure_pa=_log(generator, 10.0, 3e4),
+            ozone_m=0.0,
+        ),
+    )
+    level = Tilt(tilt_rad=0.0, azimuth_rad=0.0)
+    return replace(scene, air=air, regions=tuple(replace(one, part=None, tilt=level) for one in scene.regions))
+
+
 def _hostile_air(generator: np.random.Generator, *, thin: bool) -> Air:
     suns_deg = [0.0, 1e-5, 84.0, 84.99, 85.0 * generator.random()]
     return replace(

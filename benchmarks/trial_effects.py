@@ -1,6 +1,6 @@
 """Every effect that is left out of a random scene changes it by no more than its bound, alone and together.
 
-Usage: nice python -m benchmarks.trial_effects [--scenes 1000] [--first 0] [--hostile]
+Usage: nice python -m benchmarks.trial_effects [--scenes 1000] [--first 0] [--hostile | --thin]
 
 For each scene, every effect that is there and has a bound below 1 (whether the planner left it out or not) is left out
 alone; then all that are not there, and all that the planner leaves out at a random tolerance, together. Each number of
@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene
+from benchmarks.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene, thin_scene
 from model.accuracy.effect_check import change, readings_of
 from model.accuracy.effect_estimates import estimate_effects
 from model.accuracy.evaluation.chain import evaluate, scenario_of
@@ -32,6 +32,7 @@ from model.effects.names import ALL, Effect, EffectRule
 from model.effects.planner import EffectPlan, in_words, plan
 from model.scene.lit_scene import LitScene
 
+_SCENES = {"random": random_scene, "hostile": hostile_scene, "thin": thin_scene}
 _TOLERANCES = (1e-4, 1e-3, 1e-2, 0.1, 0.3)
 
 
@@ -49,11 +50,11 @@ class Score:
     wrong: list[str] = field(default_factory=list)
 
 
-def run_effects(scenes: int, *, first: int = 0, hostile: bool = False) -> bool:
+def run_effects(scenes: int, *, first: int = 0, kind: str = "random") -> bool:
     """Run the trial; return whether every bound held."""
     score, begin = Score(), time.perf_counter()
     for seed in range(first, first + scenes):
-        score_scene(score, seed, hostile=hostile)
+        score_scene(score, seed, kind=kind)
         if (seed - first) % 50 == 49:
             print(f"{seed - first + 1} scenes, {len(score.violations)} bounds violated", flush=True)
     for line in _summary(score, time.perf_counter() - begin):
@@ -61,13 +62,13 @@ def run_effects(scenes: int, *, first: int = 0, hostile: bool = False) -> bool:
     return not score.violations
 
 
-def score_scene(score: Score, seed: int, *, hostile: bool = False) -> None:
+def score_scene(score: Score, seed: int, *, kind: str = "random") -> None:
     """Check the bounds of one scene."""
     generator = np.random.default_rng([seed, 7])
-    scene = hostile_scene(generator) if hostile else random_scene(generator)
+    scene = _SCENES[kind](generator)
     tolerance = float(generator.choice(_TOLERANCES))
     try:
-        _check(score, scene, seed, tolerance, HOSTILE_SETTINGS if hostile else SETTINGS)
+        _check(score, scene, seed, tolerance, SETTINGS if kind == "random" else HOSTILE_SETTINGS)
     except ValueError as error:
         # Such as a field that reaches above the horizon: no scene.
         score.refused += 1
@@ -145,8 +146,10 @@ def main() -> int:
     parser.add_argument("--scenes", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--hostile", action="store_true", help="scenes at the ends of what is allowed, in thin air")
+    parser.add_argument("--thin", action="store_true", help="level materials under thin air, for the bound of skylight")
     arguments = parser.parse_args()
-    return 0 if run_effects(arguments.scenes, first=arguments.first, hostile=arguments.hostile) else 1
+    kind = "hostile" if arguments.hostile else "thin" if arguments.thin else "random"
+    return 0 if run_effects(arguments.scenes, first=arguments.first, kind=kind) else 1
 
 
 if __name__ == "__main__":

@@ -38,6 +38,6 @@ def test_an_snr_of_nothing_but_rounding_is_no_violation():
     # Level panels, sun and camera straight above: S1 and S2 are rounding, and change with the order of sums.
     found = Score()
     for seed in (38, 422):
-        score_scene(found, seed, hostile=True)
+        score_scene(found, seed, kind="hostile")
     assert found.scenes == 2
     assert found.violations == []
