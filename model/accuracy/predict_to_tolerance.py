@@ -12,6 +12,7 @@ from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.budget_allocation import allocate, expected_s
 from model.accuracy.planning.forecast import Forecast, forecast, optical_depth, seen, unused
 from model.accuracy.planning.numerical_settings import (
+    HEMISPHERE,
     LAYERS,
     NUMERICAL_SETTINGS,
     SKY_GRID,
@@ -35,6 +36,8 @@ _FIRST_AIM, _AIM = 0.6, 0.75
 # would have to be finer it is the coarsest: it costs little beside the one that follows, and tells it what counts.
 _FIRST_COARSEST, _FIRST_FINEST, _OF_LARGE = 1e-2, 7e-4, 0.25
 _ROUNDS = 6
+# A scene alone is planned with so many times the likely error of its rules: a second round costs more than finer ones.
+_LIKELY = {HEMISPHERE: 2.0}
 _SOLVED = (STREAMS, LAYERS, WAVELENGTHS)
 _OF_SKY = (*_SOLVED, SKY_GRID)
 # A sky that so many scenes share is solved to this share of the tolerance.
@@ -136,7 +139,7 @@ def predict(
     taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
     ahead = forecast(scene, effects)
     left_out = unused(effects)
-    scales = {name: 0.0 if name in left_out else 1.0 for name in NUMERICAL_SETTINGS}
+    scales = {name: 0.0 if name in left_out else _LIKELY.get(name, 1.0) for name in NUMERICAL_SETTINGS}
     plan = allocate(scene, ahead, scales, _first_aim(tolerance)) if start is None else dict(start)
     most_rounds = _ROUNDS
     if (depth := optical_depth(scene)) > DEEPEST:
