@@ -196,9 +196,10 @@ def plan_for_many(
     A sky that is made once costs less than one that is made again, finer, for the next of them.
     """
     ahead, left_out = forecast(scene, effects, under_sky=under_sky), unused(effects)
-    scales = {name: 0.0 if name in left_out else 1.0 for name in NUMERICAL_SETTINGS}
+    few = under_sky < _MANY
+    scales = {name: 0.0 if name in left_out else _LIKELY.get(name, 1.0) if few else 1.0 for name in NUMERICAL_SETTINGS}
     plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)
-    if under_sky >= _MANY:
+    if not few:
         finer = allocate(scene, ahead, scales, _SHARED_AIM * tolerance)
         plan |= {name: finer[name] for name in _SOLVED}
     return allocate(scene, ahead, scales, _first_aim(tolerance), start=plan)
