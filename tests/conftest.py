@@ -9,6 +9,9 @@ import pytest
 
 _HOME = "RIGCTL_TEST_HOME"
 
+# As the program asks for, before anything imports numpy: on matrices this small, threads wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 def pytest_configure(config: pytest.Config) -> None:
     # The first process makes it; those that pytest-xdist starts, and the programs that tests start, find it.
