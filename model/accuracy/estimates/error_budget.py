@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.estimates.light_error import LightError
-from model.accuracy.estimates.sensitivity import NO_STEPS, Changes, Steps, changes, grown, over_field, steps
+from model.accuracy.estimates.sensitivity import NO_STEPS, Changes, Steps, Texture, changes, grown, over_field, steps
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.lit_scenario import region_light
 from model.accuracy.evaluation.quantities import Reading, readings
@@ -150,7 +150,17 @@ def _tried(
         others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
     if tiles and (finer := on_more_tiles(scene, result, region.name)) is not None:
         others[TILES] = finer
-    return _Tried(errors=there, steps=steps(region, tolerance=tolerance) if there else NO_STEPS, others=others)
+    moved = steps(region, _texture(scene, result, region.name), tolerance=tolerance) if there else NO_STEPS
+    return _Tried(errors=there, steps=moved, others=others)
+
+
+def _texture(scene: LitScene, result: ChainResult, name: str) -> Texture:
+    given = next(region for region in acting(scene, result.effects).regions if region.name == name)
+    source = "reflected" if scene.source == "total" else scene.source
+    reflected = result.lights[name].moments(source, texture_cov=np.zeros((3, 3))).mean
+    if scene.source == "path":
+        return Texture(rms=0.0, diagonal=(0.0, 0.0, 0.0), reflected=reflected)
+    return Texture(rms=given.texture_rms, diagonal=given.texture_diagonal, reflected=reflected)
 
 
 def _differ(errors: Mapping[str, LightError]) -> FloatArray:

@@ -16,8 +16,9 @@ from model.scene.scenario import RegionLight
 FloatArray = NDArray[np.float64]
 Changes = Mapping[Reading, float]
 
-# Of the tolerance, as a share of S0: small beside what bends the curve of a quantity, large beside its rounding.
-_STEP = 0.3
+# Of the tolerance, as a share of S0: small beside what bends the curve of a quantity, large beside its rounding. Of S1
+# and S2 no more than this share of what is polarized, which bends DoLP, and no less than this share of the step of S0.
+_STEP, _OF_POLARIZED, _LEAST_OF_STEP = 0.3, 0.3, 0.1
 _LEAST_STEP = 1e-7
 # Of the largest component of an error what any may have at other places of the field.
 _ELSEWHERE = 0.3
@@ -46,29 +47,59 @@ class Steps:
         return tuple({key: change / size for key, change in each.items()} for each, size in pairs)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Texture:
+    """Texture of a region, which what the surface reflects carries.
+
+    Attributes
+    ----------
+    rms, diagonal
+        As `model.scene.field_light.FieldLight.moments` takes them.
+    reflected
+        Mean Stokes radiance that the surface reflects, shape (3,) [W m-2 sr-1].
+    """
+
+    rms: float
+    diagonal: tuple[float, float, float]
+    reflected: FloatArray
+
+    def change(self, step: FloatArray) -> FloatArray:
+        """Return by how much its covariance changes where the reflected light does by a step, shape (3, 3)."""
+        across = np.outer(self.reflected, step)
+        of_factor = self.rms**2 * (across + across.T + np.outer(step, step))
+        of_s0 = step[0] * (2.0 * self.reflected[0] + step[0])
+        return np.asarray(of_factor + of_s0 * np.diag(np.square(self.diagonal)))
+
+
 NO_STEPS = Steps(sizes=np.zeros(0), lights=())
 
 
-def steps(region: RegionLight, *, tolerance: float) -> Steps:
+def steps(region: RegionLight, texture: Texture, *, tolerance: float) -> Steps:
     """Return steps small beside what bends the curve of a quantity, and large beside its rounding; none in the dark.
 
     Parameters
     ----------
     region
         Light of a region.
+    texture
+        Its texture.
     tolerance
         That is asked for.
 
     References
     ----------
-    Definition: one-sided differences.
+    Definition: one-sided differences, of light that the surface reflects. Toward more polarization, where DoLP bends so
+    that they are rather too large; toward less near a degree of 1, beyond which there is no light.
     """
-    size = max(_STEP * tolerance, _LEAST_STEP) * abs(float(region.stokes_radiance[0]))
+    s0, polarized = abs(float(region.stokes_radiance[0])), float(np.hypot(*region.stokes_radiance[1:]))
+    size = max(_STEP * tolerance, _LEAST_STEP) * s0
     if size == 0.0:
         return NO_STEPS
-    sizes = np.array([_step(region, component, size) for component in range(3)])
-    lights = tuple(_moved(region, component, step) for component, step in enumerate(sizes.tolist()))
-    return Steps(sizes=sizes, lights=lights)
+    smaller = min(size, max(_OF_POLARIZED * polarized, _LEAST_OF_STEP * size))
+    outward = np.where(region.stokes_radiance < 0.0, -1.0, 1.0)
+    sign = 1.0 if polarized + smaller < s0 else -1.0
+    sizes = outward * np.array([size, sign * smaller, sign * smaller])
+    return Steps(sizes=sizes, lights=tuple(_moved(region, texture, step) for step in np.diag(sizes)))
 
 
 def changes(
@@ -120,17 +151,13 @@ def _predicted(result: ChainResult, lights: Sequence[RegionLight]) -> list[Regio
     return [one[light.name] for one, light in zip(found, lights, strict=True)]
 
 
-def _step(region: RegionLight, component: int, size: float) -> float:
-    """Toward less polarization: beyond a degree of 1 there is no light."""
-    return size if component == 0 or region.stokes_radiance[component] < 0.0 else -size
-
-
-def _moved(region: RegionLight, component: int, step: float) -> RegionLight:
-    """Light with one component moved; its texture goes with S0."""
-    stokes = region.stokes_radiance.copy()
-    stokes[component] += step
-    grown = (stokes[0] / region.stokes_radiance[0]) ** 2
-    return replace(region, stokes_radiance=stokes, texture_cov=grown * region.texture_cov)
+def _moved(region: RegionLight, texture: Texture, step: FloatArray) -> RegionLight:
+    """Light of which the surface reflects more by a step, with the texture that this has."""
+    return replace(
+        region,
+        stokes_radiance=region.stokes_radiance + step,
+        texture_cov=region.texture_cov + texture.change(step),
+    )
 
 
 def over_field(region: RegionLight) -> FloatArray:

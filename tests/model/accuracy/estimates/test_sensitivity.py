@@ -4,15 +4,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.sensitivity import changes, grown, steps
+from model.accuracy.estimates.sensitivity import Texture, changes, grown, steps
 from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.quantities import readings, signed_differences
+from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
 from model.prediction.prediction import predict
 from model.prediction.region_performance import pair_detection
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-3
+SMOOTH = Texture(rms=0.0, diagonal=(0.0, 0.0, 0.0), reflected=np.ones(3))
 
 
 @cache
@@ -53,18 +54,42 @@ def test_light_that_nothing_sends_changes_everything_and_others_nothing():
 
 def test_a_region_without_light_has_no_steps():
     region = replace(evaluated()[1].scenario.regions[0], stokes_radiance=np.zeros(3))
-    found = steps(region, tolerance=TOLERANCE)
+    found = steps(region, SMOOTH, tolerance=TOLERANCE)
     assert found.lights == ()
     assert found.per_unit([]) == ({}, {}, {})
 
 
-def test_steps_go_toward_less_polarization():
-    region = evaluated()[1].scenario.regions[0]
-    found = steps(region, tolerance=TOLERANCE)
+@pytest.mark.parametrize("dolp", [0.0, 1e-4, 0.3, 0.9999])
+def test_steps_never_cross_light_without_polarization_nor_a_degree_of_one(dolp):
+    region = replace(evaluated()[1].scenario.regions[0], stokes_radiance=np.array([5.0, -4.0 * dolp, 3.0 * dolp]))
+    found = steps(region, SMOOTH, tolerance=TOLERANCE)
     for component in (1, 2):
-        moved = abs(found.lights[component].stokes_radiance[component])
-        assert moved < abs(region.stokes_radiance[component])
+        moved = found.lights[component].stokes_radiance
+        assert np.hypot(*moved[1:]) < moved[0]
+        assert moved[component] * region.stokes_radiance[component] >= 0.0
     assert found.lights[0].stokes_radiance[0] > region.stokes_radiance[0]
+
+
+def test_what_unpolarized_light_gains_is_not_underestimated():
+    # DoLP of 1e-4 beside a tolerance of 1e-2: a step across 0 would see no change.
+    scene, result = evaluated()
+    region = replace(result.scenario.regions[0], stokes_radiance=np.array([5.0, 5e-4, 0.0]), field_cov=None)
+    base = replace(result, scenario=replace(result.scenario, regions=(region, *result.scenario.regions[1:])))
+    base = replace(base, predictions=predict(base.scenario, tolerance=base.settings.dolp_tolerance))
+    found = steps(region, SMOOTH, tolerance=1e-2)
+    each = found.per_unit(changes(scene, base, {region.name: found.lights})[region.name])
+    assert each[1][Reading(region.name, "dolp", "mean")] == pytest.approx(1.0 / 5.0, rel=1e-6)
+
+
+def test_a_step_takes_its_texture_along():
+    reflected, rms, diagonal = np.array([4.0, 0.3, -0.2]), 0.1, (0.02, 0.01, 0.03)
+
+    def cov(light):
+        return rms**2 * np.outer(light, light) + light[0] ** 2 * np.diag(np.square(diagonal))
+
+    texture = Texture(rms=rms, diagonal=diagonal, reflected=reflected)
+    for step in 0.05 * np.eye(3):
+        np.testing.assert_allclose(texture.change(step), cov(reflected + step) - cov(reflected), atol=1e-15)
 
 
 @pytest.mark.parametrize("seed", range(4))
