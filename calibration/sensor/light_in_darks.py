@@ -39,14 +39,14 @@ class DarkLight:
         Of what pixels differ by in the dark and in their response, over the signal: of the unit of a squared PRNU.
     is_seen : bool
         It is no chance, and not what pixels with unlike gains make of dark current.
-    is_testable : bool
-        Light that makes all of the dark signal would be seen.
+    excludes_light : bool
+        There is no sign of any, and light that makes all of the dark signal would be seen.
     """
 
     light: Estimate
     covariance: Estimate
     is_seen: bool
-    is_testable: bool
+    excludes_light: bool
 
 
 def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | None:
@@ -94,7 +94,7 @@ def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | N
         light=light,
         covariance=Estimate(value=together / pattern.signal_dn, std_error=of_chance / pattern.signal_dn, n=light.n),
         is_seen=is_there and not is_of_gain,
-        is_testable=not (is_there and is_of_gain) and dark_dn > _SIGMA * error_dn,
+        excludes_light=light.value < _GAIN_SIGMA * error_dn and dark_dn - light.value > _SIGMA * error_dn,
     )
 
 
@@ -155,7 +155,7 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     if light is not None and light.is_seen:
         return _with_light(calibration, light.light)
     current = calibration.dark_current_e_per_s
-    if current is None or (light is not None and light.is_testable):
+    if current is None or (light is not None and light.excludes_light):
         return calibration
     if current.value - _SIGMA * current.std_error < USUAL_DARK_E_PER_S:
         return calibration
