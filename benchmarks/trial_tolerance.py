@@ -26,6 +26,7 @@ from model.accuracy.evaluation.settings import Settings
 from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
 from model.atmosphere.lighting.fidelity import SolverSettings
 from model.prediction.prediction import predict as predict_scenario
+from model.prediction.region_performance import detections_of_pairs
 from model.scene.lit_scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
@@ -67,6 +68,8 @@ _VERY_FINE = replace(
     tiles_per_side=16,
 )
 _FINE_DOWN_TO = 0.003
+# Detection that rounding keeps from the finest settings' tolerance is integrated to this one.
+_ROC_TO = 1e-9
 _SMALLEST_TRUE = 1e-12
 
 
@@ -153,12 +156,14 @@ def true_errors(
 def truth(scene: LitScene, found: ChainResult, settings: Settings) -> dict[Reading, Value]:
     """Return the readings of fine settings.
 
-    Whether DoLP has moments depends on the tolerance of its law: those that have none to 1e-11 are taken with the
-    prediction's own, from the light of the fine settings.
+    Whether DoLP has moments depends on the tolerance of its law, and whether detection is found on that of its
+    integral, which rounding may keep from 1e-11: those that have none to that are taken with the prediction's own and
+    with 1e-9, from the light of the fine settings.
     """
     fine = evaluate(scene, replace(settings, solver=replace(settings.solver, face_m=scene.sensor_height_m)))
     looser = predict_scenario(fine.scenario, tolerance=found.settings.dolp_tolerance)
-    return readings(fine.scenario, looser, ()) | readings(fine.scenario, fine.predictions, fine.detections)
+    (detections,) = detections_of_pairs(scene.pairs, (fine.predictions,), scene.p_false_alarm, tolerance=_ROC_TO)
+    return readings(fine.scenario, looser, detections) | readings(fine.scenario, fine.predictions, fine.detections)
 
 
 def scored(found: AccuratePrediction, true: Mapping[Reading, float]) -> dict[str, Any]:

@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.estimates.light_error import LightError
-from model.accuracy.estimates.sensitivity import NO_STEPS, Changes, Steps, Texture, changes, grown, over_field, steps
+from model.accuracy.estimates.sensitivity import (
+    NO_STEPS,
+    Changes,
+    Steps,
+    Texture,
+    changes,
+    dimmed,
+    grown,
+    over_field,
+    steps,
+)
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.lit_scenario import region_light
 from model.accuracy.evaluation.quantities import Reading, readings
@@ -30,6 +40,8 @@ _OF_MORE_TILES = 2.0
 
 # Light of a region whose covariance over the field has grown by what errors differ there.
 _WIDER = "wider"
+# Light that is less by all that its errors may take from S0: what exists by a hair may not exist there.
+_DIMMER = "dimmer"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,7 +116,7 @@ class _Tried:
     steps
         Of each component.
     others
-        The light with its covariance as wide as the errors may make it, and over one more tile along each side.
+        The light with its covariance as wide as the errors may make it, as dim, and over one more tile along each side.
     """
 
     errors: Mapping[str, LightError]
@@ -117,7 +129,10 @@ class _Tried:
         return (*self.steps.lights, *self.others.values())
 
     def changed(self, found: Sequence[Changes]) -> Iterator[tuple[str, Changes]]:
-        """Yield settings and changes: by their errors, by differences of these over the field, by the tiles."""
+        """Yield settings and changes: by their errors, by differences of these over the field, by the tiles.
+
+        Of dimmer light it counts alone what does not exist there.
+        """
         moves = self.steps.per_unit(found[: len(self.steps.lights)])
         changed = dict(zip(self.others, found[len(self.steps.lights) :], strict=True))
         differ = _differ(self.errors)
@@ -127,6 +142,7 @@ class _Tried:
                 yield setting, dict.fromkeys((key for each in moves for key in each), np.inf)
                 continue
             yield setting, _moved(moves, error)
+            yield setting, {key: change for key, change in changed.get(_DIMMER, {}).items() if not np.isfinite(change)}
             if _WIDER in changed and np.any(error.field):
                 share = float(np.mean((error.field / differ)[differ > 0.0]))
                 yield setting, {key: share * abs(change) for key, change in changed[_WIDER].items()}
@@ -148,6 +164,9 @@ def _tried(
     others: dict[str, RegionLight] = {}
     if np.all(np.isfinite(differ)) and np.any(differ):
         others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
+    less, s0 = sum(error.largest for error in there.values()), float(region.stokes_radiance[0])
+    if 0.0 < less < s0:
+        others[_DIMMER] = dimmed(region, less / s0)
     if tiles and (finer := on_more_tiles(scene, result, region.name)) is not None:
         others[TILES] = finer
     moved = steps(region, _texture(scene, result, region.name), tolerance=tolerance) if there else NO_STEPS

@@ -160,6 +160,12 @@ def _moved(region: RegionLight, texture: Texture, step: FloatArray) -> RegionLig
     )
 
 
+def dimmed(region: RegionLight, share: float) -> RegionLight:
+    """Return light that is less by a share, with its texture, and as much polarized."""
+    left = 1.0 - share
+    return replace(region, stokes_radiance=left * region.stokes_radiance, texture_cov=left**2 * region.texture_cov)
+
+
 def over_field(region: RegionLight) -> FloatArray:
     """Return the covariance of a region's light over its part of the field, shape (3, 3)."""
     return np.zeros((3, 3)) if region.field_cov is None else region.field_cov

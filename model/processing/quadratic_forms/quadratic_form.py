@@ -110,7 +110,7 @@ def _require_tolerance(tolerance: float) -> None:
 def _require_converged(error: FloatArray, tolerance: float) -> None:
     if np.any(error > tolerance):
         raise ArithmeticError(
-            f"the contour integral reached a relative error of {np.max(error):.2g} only, asked were {tolerance:g}, "
+            f"the contour integral reached a relative error of {np.max(error):.3g} only, asked were {tolerance:g}, "
             f"at {np.sum(error > tolerance)} of {error.size} points; try a larger tolerance, or leave out weights "
             "that are more than 12 decades below the largest"
         )
