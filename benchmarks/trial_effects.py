@@ -29,7 +29,7 @@ from model.accuracy.evaluation.settings import Settings
 from model.accuracy.thin_sky import skylight_bound
 from model.effects.bound import Bound
 from model.effects.names import ALL, Effect, EffectRule
-from model.effects.planner import EffectPlan, in_words, plan
+from model.effects.planner import EffectPlan, plan
 from model.scene.lit_scene import LitScene
 
 _SCENES = {"random": random_scene, "hostile": hostile_scene, "thin": thin_scene}
@@ -100,7 +100,7 @@ def _check(score: Score, scene: LitScene, seed: int, tolerance: float, settings:
         actual = change(whole, seen(ALL - left_out))
         score.checked[name] += 1
         if not bound.holds(actual):
-            score.violations.append(f"seed {seed}, {name}: bound {in_words(bound)}; is {in_words(actual)}")
+            score.violations.append(f"seed {seed}, {name}: bound {bound.in_words}; is {actual.in_words}")
             print(score.violations[-1], flush=True)
     _check_estimates(score, planned("estimated"), whole, seen, seed)
     score.left_out.update(one.effect.value for one in found.decisions if not one.acts and one.bound.largest > 0.0)
@@ -117,7 +117,7 @@ def _check_estimates(
     actual = change(whole, seen(found.active))
     if actual.largest > found.tolerance:
         score.wrong.append(
-            f"seed {seed}, estimated: {', '.join(by_estimate)}: tolerance {found.tolerance:g}; is {in_words(actual)}"
+            f"seed {seed}, estimated: {', '.join(by_estimate)}: tolerance {found.tolerance:g}; is {actual.in_words}"
         )
         print(score.wrong[-1], flush=True)
 

@@ -22,11 +22,11 @@ from model.atmosphere.lighting.fidelity import STANDARD_SETTINGS, Fidelity
 from model.atmosphere.profile import Column
 from model.atmosphere.transfer.phase import henyey_greenstein
 from model.effects.air_bounds import bound_air
-from model.effects.bound import Bound, Disturbance
+from model.effects.bound import Bound
 from model.effects.bound_of_change import bound_of
 from model.effects.light_bounds import added
+from model.effects.light_limits import LightLimits
 from model.effects.radiance_bounds import radiance_bounds
-from model.effects.sun_light import SunLight
 from model.quadrature import gauss_legendre
 from model.scene.diffuse_radiance import DiffuseRadiance
 from model.scene.lit_scene import Air, LitRegion, LitScene
@@ -46,7 +46,7 @@ _COARSE_LAYERS = replace(STANDARD_SETTINGS, fine_layers=False)
 _NODES, _WAVELENGTHS = 8, 4
 
 
-def skylight_bound(scene: LitScene, limits: Mapping[str, SunLight]) -> Bound | None:
+def skylight_bound(scene: LitScene, limits: Mapping[str, LightLimits]) -> Bound | None:
     """Return the most that skylight changes of all but detection; None where only the general bound is known.
 
     Parameters
@@ -54,7 +54,7 @@ def skylight_bound(scene: LitScene, limits: Mapping[str, SunLight]) -> Bound | N
     scene
         All that the scene is.
     limits
-        Region to the limits of its light, as `model.effects.planner.light_limits` gives them.
+        Region to the limits of its light, as `model.effects.sun_light.light_limits` gives them.
 
     Notes
     -----
@@ -80,7 +80,7 @@ def skylight_bound(scene: LitScene, limits: Mapping[str, SunLight]) -> Bound | N
     return total.times(1.0 / (1.0 - total.largest)) if total.largest < 0.5 else None
 
 
-def _is_known(scene: LitScene, region: LitRegion, light: SunLight) -> bool:
+def _is_known(scene: LitScene, region: LitRegion, light: LightLimits) -> bool:
     if region.surface is None:
         return True
     return (
@@ -93,7 +93,7 @@ def _is_known(scene: LitScene, region: LitRegion, light: SunLight) -> bool:
     )
 
 
-def _beam_of(region: LitRegion, limits: Mapping[str, SunLight]) -> FloatArray:
+def _beam_of(region: LitRegion, limits: Mapping[str, LightLimits]) -> FloatArray:
     # The same as at both edges of the limits: on the axis the beam's light is known.
     return limits[region.name].beams[0] if region.radiance is None else region.radiance
 
@@ -110,7 +110,7 @@ def _settings(scene: LitScene) -> Settings:
     return replace(lowest, dolp_tolerance=_STATISTICS)
 
 
-def _rest(scene: LitScene, region: LitRegion, light: SunLight, off: FloatArray) -> Bound:
+def _rest(scene: LitScene, region: LitRegion, light: LightLimits, off: FloatArray) -> Bound:
     """Bound of all that is not known: light scattered again, what the rules miss, and path and surroundings twice."""
     if region.surface is None:
         return Bound()
@@ -118,9 +118,8 @@ def _rest(scene: LitScene, region: LitRegion, light: SunLight, off: FloatArray) 
     beside = light.path + light.adjacency
     total = light.sky_again + float(off[0]) + beside
     polarised = min(light.sky_again_polarised + float(off[1]) + beside, total)
-    found: list[Disturbance] = [added(scene, bounds, total, dolp=polarised / total if total > 0.0 else 0.0)]
-    found.append(added(scene, bounds, beside))
-    return bound_of(bounds, found[0]) + bound_of(bounds, found[1])
+    of_rest = added(scene, bounds, total, dolp=polarised / total if total > 0.0 else 0.0)
+    return bound_of(bounds, of_rest) + bound_of(bounds, added(scene, bounds, beside))
 
 
 def _reflected_once(scene: LitScene) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:

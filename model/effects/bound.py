@@ -1,6 +1,6 @@
 """Bounds of the change of a prediction where an effect is left out."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
@@ -30,6 +30,18 @@ class Bound:
     def largest(self) -> float:
         """The largest of the four."""
         return max(self.radiance, self.ratios, self.deviations, self.detection)
+
+    @property
+    def in_words(self) -> str:
+        """What changes by how much, as text."""
+        if all(np.isinf(value) for value in astuple(self)):
+            return "any amount"
+        parts = [
+            f"{one.name} {'any amount' if np.isinf(value) else format(value, '.1e')}"
+            for one, value in zip(fields(self), astuple(self), strict=True)
+            if value > 0.0
+        ]
+        return ", ".join(parts) or "nothing"
 
     def __add__(self, other: "Bound") -> "Bound":
         """Return the sums, which bound what two effects change together."""

@@ -7,13 +7,15 @@ from types import MappingProxyType
 import numpy as np
 
 from model.effects import light_bounds, noise_bounds, session_bounds
-from model.effects.bound import Disturbance
-from model.effects.names import Effect
-from model.effects.radiance_bounds import RegionBounds
-from model.effects.sun_light import SunLight
+from model.effects.bound import Bound, Disturbance
+from model.effects.bound_of_change import bound_of, detection_bound
+from model.effects.light_limits import LightLimits
+from model.effects.names import ALL, Effect
+from model.effects.radiance_bounds import RegionBounds, radiance_bounds
 from model.scene.lit_scene import LightParts, LitRegion, LitScene
 from model.sensor.imperfections import Imperfections
 from model.sensor.sensor import Sensor, SensorNoise
+from model.special_functions import chdtri
 
 _RECORD = "model.effects.acting"
 _STORE = "model.accuracy.evaluation.light_store"
@@ -45,7 +47,7 @@ class EffectModel:
     place: str = _RECORD
     cost: str = _LITTLE
     of_light: bool = False
-    bound: Callable[[LitScene, RegionBounds, SunLight], Disturbance]
+    bound: Callable[[LitScene, RegionBounds, LightLimits], Disturbance]
     removed: Callable[[LitScene], LitScene]
 
 
@@ -176,3 +178,39 @@ EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
         ),
     }
 )
+
+
+def effect_bounds(
+    scene: LitScene, limits: Mapping[str, LightLimits], effects: frozenset[Effect] = ALL
+) -> dict[Effect, Bound]:
+    """Return for each effect how much leaving it out can change.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    limits
+        Region to the limits of its light, as `model.effects.sun_light.light_limits` gives them.
+    effects
+        Which.
+    """
+    regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
+    found: dict[Effect, Bound] = {}
+    for effect in (one for one in Effect if one in effects):
+        bound = EFFECT_MODELS[effect].bound
+        changes = {name: bound(scene, region, limits[name]) for name, region in regions.items()}
+        found[effect] = _worst(scene, regions, changes)
+    return found
+
+
+def _worst(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[str, Disturbance]) -> Bound:
+    """Worst bound of all regions, and of detection between them."""
+    worst = Bound()
+    for name, region in regions.items():
+        worst = worst.worse(bound_of(region, found[name]))
+    # The area under the curve is a mean over thresholds: that of its mean distance is covered too.
+    eta = max(3.0, float(chdtri(3, min(scene.p_false_alarm)))) if scene.p_false_alarm else 3.0
+    for target, background in scene.pairs:
+        detection = detection_bound(regions[target], found[target], regions[background], found[background], eta=eta)
+        worst = worst.worse(Bound(detection=detection))
+    return worst

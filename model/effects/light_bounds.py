@@ -3,8 +3,9 @@
 import numpy as np
 
 from model.effects.bound import NOTHING, UNKNOWN, Disturbance
+from model.effects.light_limits import LightLimits
 from model.effects.radiance_bounds import RegionBounds
-from model.effects.sun_light import SKY_ROOM, SunLight
+from model.effects.sun_light import SKY_ROOM
 from model.scene.falloff import cosine_fourth
 from model.scene.field_of_view import half_diagonal_rad
 from model.scene.lit_scene import Air, LitScene
@@ -15,19 +16,19 @@ _POWER = 4.2
 _LEAST_SKY = 0.1
 
 
-def skylight(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
+def skylight(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return what the sky adds: the largest reflectance times all of its light (`model.effects.sun_light`)."""
     if scene.source not in ("total", "reflected", "reflected_sky") or light.sky == 0.0:
         return NOTHING
     return added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
 
 
-def path_radiance(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
+def path_radiance(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return what the air adds between region and camera (`model.effects.air_bounds.path_bound`)."""
     return added(scene, region, light.path) if scene.source in ("total", "path") else NOTHING
 
 
-def adjacency(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
+def adjacency(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
 
     The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
@@ -35,15 +36,14 @@ def adjacency(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturb
     return added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else NOTHING
 
 
-def field_of_view(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
+def field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
 
     Notes
     -----
     The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
-    mean square is at most the largest difference of these. The
-    reflected sky changes by at most 2 (1 / m + 4 / mu) of itself per radian, m being the rms slope, the path by
-    2 / mu + 10.
+    mean square is at most the largest difference of these. The reflected sky changes by at most 2 (1 / m + 4 / mu) of
+    itself per radian, m being the rms slope, the path by 2 / mu + 10.
     """
     if light.spread == 0.0:
         return NOTHING
@@ -54,7 +54,7 @@ def field_of_view(scene: LitScene, region: RegionBounds, light: SunLight) -> Dis
     return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + region.spatial_share(spread))
 
 
-def wavelengths(scene: LitScene, region: RegionBounds, light: SunLight) -> Disturbance:
+def wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
 
     Notes
@@ -81,7 +81,7 @@ def wavelengths(scene: LitScene, region: RegionBounds, light: SunLight) -> Distu
     return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
 
 
-def falloff(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def falloff(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return mean and variance of cos^4 over the region's part of the field: both are closed integrals.
 
     Notes

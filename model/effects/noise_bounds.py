@@ -3,8 +3,8 @@
 import numpy as np
 
 from model.effects.bound import NOTHING, Disturbance
+from model.effects.light_limits import LightLimits
 from model.effects.radiance_bounds import RegionBounds
-from model.effects.sun_light import SunLight
 from model.scene.lit_scene import LitScene
 from model.sensor.pixel_noise import saturation_probability
 
@@ -13,7 +13,7 @@ from model.sensor.pixel_noise import saturation_probability
 _OF_FACTOR, _LARGEST_FACTOR = 2.3, 0.05
 
 
-def dark_current(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def dark_current(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return the share of dark electrons' shot noise: their mean is taken off, and they add to nothing else."""
     noise = scene.sensor.noise
     dark_dn = noise.gain_dn_per_e * noise.dark_current_e_per_s * scene.sensor.exposure_s
@@ -21,20 +21,20 @@ def dark_current(scene: LitScene, region: RegionBounds, _light: SunLight) -> Dis
     return _temporal(region, np.full_like(region.signal_low, variance))
 
 
-def read_noise(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def read_noise(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return the share of the read noise."""
     noise = scene.sensor.noise
     variance = (noise.noise_factor * noise.gain_dn_per_e * noise.read_noise_e) ** 2
     return _temporal(region, np.full_like(region.signal_low, variance))
 
 
-def quantisation(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def quantisation(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return the share of 1/12 DN^2."""
     noise = scene.sensor.noise
     return _temporal(region, np.full_like(region.signal_low, noise.noise_factor**2 / 12.0))
 
 
-def shot_noise(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def shot_noise(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return the share of the shot noise of light, which grows with the light: that at its upper limit.
 
     A covariance of the texture that does not depend on the light is counted beside it.
@@ -44,7 +44,7 @@ def shot_noise(scene: LitScene, region: RegionBounds, _light: SunLight) -> Distu
     return Disturbance(share=region.temporal_share(variance, bright=True)) if np.any(variance) else NOTHING
 
 
-def texture(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def texture(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return the share of the texture at the upper limit of the light, over the noise of a mean over the cycles."""
     if not np.any(region.texture):
         return NOTHING
@@ -61,7 +61,7 @@ def texture(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturba
     return Disturbance(share=share, share_of_dolp=min(rest + _OF_FACTOR * one.texture_rms, share))
 
 
-def nonuniformity(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def nonuniformity(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return the share of PRNU and DSNU at the upper limit of the light, in the noise of a mean over the cycles."""
     noise = scene.sensor.noise
     if noise.prnu == 0.0 and noise.dsnu_e == 0.0:
@@ -76,7 +76,7 @@ def nonuniformity(scene: LitScene, region: RegionBounds, _light: SunLight) -> Di
     return Disturbance(share=share, share_of_dolp=min(region.spatial_share(rest) + _OF_FACTOR * noise.prnu, share))
 
 
-def saturation(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def saturation(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return the chance that a pixel is clipped: of so many pixels the linear model says nothing.
 
     No number of a prediction depends on it; it decides whether a warning is given.

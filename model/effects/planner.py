@@ -1,28 +1,25 @@
 """Plan of the effects that a scene calls for: the others are left out within a tolerance, each with its reason."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from model.effects.air_bounds import bound_air
-from model.effects.bound import EVERYTHING, Bound, Disturbance, Estimate
-from model.effects.bound_of_change import bound_of, detection_bound
-from model.effects.effect_models import EFFECT_MODELS
+from model.effects.bound import EVERYTHING, Bound, Estimate
+from model.effects.effect_models import EFFECT_MODELS, effect_bounds
+from model.effects.light_limits import LightLimits, known_light
 from model.effects.names import ALL, Effect, EffectRule
-from model.effects.radiance_bounds import RegionBounds, radiance_bounds
-from model.effects.sun_light import SunLight, beam_lighting, known_light, sun_light
-from model.scene.lit_scene import LitRegion, LitScene
+from model.effects.sun_light import light_limits
+from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
-from model.special_functions import chdtri
 
 # Light of the regions where only these effects act.
 KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]
 # Estimates of effects with these bounds, those that cannot be had left out.
 Estimates = Callable[[Mapping[Effect, Bound]], Mapping[Effect, Estimate]]
 # A sharper bound of an effect than the general one, from the limits of the light; None where there is none.
-SharperBound = Callable[[Mapping[str, SunLight]], Bound | None]
+SharperBound = Callable[[Mapping[str, LightLimits]], Bound | None]
 # A bound below this share of the tolerance needs no estimate.
 _SMALL = 0.5
 
@@ -103,12 +100,12 @@ class EffectPlan:
         """Remarks for every result: what a user left out and may matter, and what was left out by an estimate."""
         return (
             *(
-                f"{one.effect} is left out by request, though it may change numbers by {in_words(one.bound)}"
+                f"{one.effect} is left out by request, though it may change numbers by {one.bound.in_words}"
                 for one in self.decisions
                 if one.forced and not one.acts and one.bound.largest > 0.0
             ),
             *(
-                f"{one.effect} is left out by an estimate: it changes numbers by {in_words(one.most)}; not guaranteed"
+                f"{one.effect} is left out by an estimate: it changes numbers by {one.most.in_words}; not guaranteed"
                 for one in self.decisions
                 if not one.forced and not one.acts and one.acts_by_bound
             ),
@@ -179,10 +176,9 @@ def plan(
         light = known(ALL - {one.effect for one in left_out})
         limits = {one.name: known_light(one, margin=margin) for one in light} if np.isfinite(margin) else limits
     others, spent = choice.decided(bounds_of(limits, asked - LIGHT), spent)
-    others += map(_unasked, ALL - LIGHT - asked)
+    others += map(_unasked, (one for one in Effect if one not in asked | LIGHT))
     decisions = sorted([*of_light, *others], key=lambda one: one.bound.largest)
-    used = {"safe": spent.by_bound, "estimated": spent.by_estimate, "all": Bound()}[rule]
-    return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=used, rule=rule)
+    return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=spent.by(rule), rule=rule)
 
 
 def _unasked(effect: Effect) -> Decision:
@@ -190,7 +186,7 @@ def _unasked(effect: Effect) -> Decision:
 
 
 def _sharpened(
-    bounds: dict[Effect, Bound], limits: Mapping[str, SunLight], choice: "_Choice", sharper: SharperBound | None
+    bounds: dict[Effect, Bound], limits: Mapping[str, LightLimits], choice: "_Choice", sharper: SharperBound | None
 ) -> dict[Effect, Bound]:
     """Bounds with that of skylight sharper, where a decision may hang on it; that of detection stays."""
     general = bounds[Effect.SKYLIGHT]
@@ -202,7 +198,7 @@ def _sharpened(
 
 
 def _bounds_beside(
-    scene: LitScene, forced: Mapping[Effect, bool], limits: Mapping[str, SunLight], effects: frozenset[Effect]
+    scene: LitScene, forced: Mapping[Effect, bool], limits: Mapping[str, LightLimits], effects: frozenset[Effect]
 ) -> dict[Effect, Bound]:
     """Bounds of effects beside what is left over: noise that is left out by request hides nothing of other noise."""
     off = frozenset(effect for effect, is_on in forced.items() if not is_on) - LIGHT
@@ -220,64 +216,16 @@ def plan_of_all(forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float 
     return EffectPlan(decisions=tuple(found), tolerance=tolerance, rule="all")
 
 
-def effect_bounds(
-    scene: LitScene, limits: Mapping[str, SunLight], effects: frozenset[Effect] = ALL
-) -> dict[Effect, Bound]:
-    """Return for each effect how much leaving it out can change.
-
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    limits
-        Region to the limits of its light, as `light_limits` gives them.
-    effects
-        Which.
-    """
-    regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
-    return {
-        effect: _bound(scene, regions, _disturbances(effect, scene, regions, limits))
-        for effect in Effect
-        if effect in effects
-    }
-
-
-def light_limits(scene: LitScene) -> dict[str, SunLight]:
-    """Return the limits of each region's light, without solving anything.
-
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    """
-    found = {one.name: known_light(_as_given(one)) for one in scene.regions if one.radiance is not None}
-    materials = [one for one in scene.regions if one.surface is not None]
-    if not materials or scene.air is None:
-        return found
-    limits = bound_air(scene.air)
-    lighting = beam_lighting(scene.air, limits)
-    return found | {one.name: sun_light(scene, one, lighting, limits) for one in materials}
-
-
-def in_words(bound: Bound) -> str:
-    """Return a bound as text."""
-    if all(np.isinf(value) for value in astuple(bound)):
-        return "any amount"
-    names = ("radiance", "ratios", "deviations", "detection")
-    parts = [
-        f"{name} {'any amount' if np.isinf(value) else format(value, '.1e')}"
-        for name, value in zip(names, astuple(bound), strict=True)
-        if value > 0.0
-    ]
-    return ", ".join(parts) or "nothing"
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Spent:
     """Sum of what may change by what is left out, by either rule."""
 
     by_bound: Bound = field(default_factory=Bound)
     by_estimate: Bound = field(default_factory=Bound)
+
+    def by(self, rule: EffectRule) -> Bound:
+        """Return the sum by one rule."""
+        return {"safe": self.by_bound, "estimated": self.by_estimate, "all": Bound()}[rule]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,19 +236,31 @@ class _Unlit:
     by_estimate: Mapping[Effect, Bound] = field(default_factory=dict)
 
 
+_LIT = _Unlit()
+
+
 def _unlit(
-    bounds_of: Callable[[Mapping[str, SunLight], frozenset[Effect]], dict[Effect, Bound]],
-    limits: Mapping[str, SunLight],
+    bounds_of: Callable[[Mapping[str, LightLimits], frozenset[Effect]], dict[Effect, Bound]],
+    limits: Mapping[str, LightLimits],
     of_air: Sequence[Decision],
 ) -> _Unlit:
     by_bound, by_estimate = (
         not any(getattr(one, rule) or one.forced for one in of_air) for rule in ("acts_by_bound", "acts_by_estimate")
     )
     if not (by_bound or by_estimate):
-        return _Unlit()
+        return _LIT
     dark = {name: replace(one, sky=0.0, sky_polarised=0.0, path=0.0) for name, one in limits.items()}
     found = bounds_of(dark, frozenset({Effect.WAVELENGTHS}))
     return _Unlit(by_bound=found if by_bound else {}, by_estimate=found if by_estimate else {})
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LeftOut:
+    """Effects that a rule leaves out, the sums that each reached or would have, and the sum of what is left out."""
+
+    effects: frozenset[Effect]
+    sums: Mapping[Effect, float]
+    spent: Bound
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -314,19 +274,13 @@ class _Choice:
     every_estimate: bool = False
 
     def decided(
-        self, bounds: Mapping[Effect, Bound], spent: _Spent, *, unlit: "_Unlit | None" = None
+        self, bounds: Mapping[Effect, Bound], spent: _Spent, *, unlit: _Unlit = _LIT
     ) -> tuple[list[Decision], _Spent]:
         """Return decisions by both rules, and what they spend."""
-        beside = _Unlit() if unlit is None else unlit
-        by_bound = self._left_out({**bounds, **beside.by_bound}, spent.by_bound)
-        there = frozenset(one for one in bounds if bounds[one].largest > 0.0)
-        undecided = there - by_bound.effects - self.forced.keys()
-        found: Mapping[Effect, Estimate] = {}
-        if self.estimates is not None and (undecided or self.every_estimate):
-            least = 0.0 if self.every_estimate else _SMALL * self.tolerance
-            found = self.estimates({one: bounds[one] for one in there if bounds[one].largest > least})
+        by_bound = self._left_out({**bounds, **unlit.by_bound}, spent.by_bound)
+        found = self._estimated(bounds, by_bound.effects)
         most = {one: bound.tighter(found[one].most) if one in found else bound for one, bound in bounds.items()}
-        by_estimate = self._left_out({**most, **beside.by_estimate}, spent.by_estimate)
+        by_estimate = self._left_out({**most, **unlit.by_estimate}, spent.by_estimate)
         used = by_estimate if self.rule == "estimated" else by_bound
         decisions = [
             Decision(
@@ -343,7 +297,15 @@ class _Choice:
         ]
         return decisions, _Spent(by_bound=by_bound.spent, by_estimate=by_estimate.spent)
 
-    def _left_out(self, most: Mapping[Effect, Bound], spent: Bound) -> "_LeftOut":
+    def _estimated(self, bounds: Mapping[Effect, Bound], left_out: frozenset[Effect]) -> Mapping[Effect, Estimate]:
+        """Return estimates, where any are wanted: of effects that their bounds let act, and of others beside them."""
+        undecided = {one for one, bound in bounds.items() if bound.largest > 0.0} - left_out - self.forced.keys()
+        if self.estimates is None or not (undecided or self.every_estimate):
+            return {}
+        least = 0.0 if self.every_estimate else _SMALL * self.tolerance
+        return self.estimates({one: bound for one, bound in bounds.items() if bound.largest > least})
+
+    def _left_out(self, most: Mapping[Effect, Bound], spent: Bound) -> _LeftOut:
         effects, sums = set(), {}
         for effect in sorted(most.keys() - self.forced.keys(), key=lambda one: (most[one].largest, one)):
             total = spent + most[effect]
@@ -353,7 +315,7 @@ class _Choice:
                 spent = total
         return _LeftOut(effects=frozenset(effects), sums=sums, spent=spent)
 
-    def _reason(self, effect: Effect, used: "_LeftOut") -> str:
+    def _reason(self, effect: Effect, used: _LeftOut) -> str:
         if effect in self.forced:
             return "switched on by request" if self.forced[effect] else "left out by request"
         if self.rule == "all":
@@ -364,41 +326,3 @@ class _Choice:
         if np.isinf(total):
             return "no useful bound"
         return f"sum {total:.1e} {'<=' if effect in used.effects else '>'} {self.tolerance:.1e}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class _LeftOut:
-    """Effects that a rule leaves out, the sums that each reached or would have, and the sum of what is left out."""
-
-    effects: frozenset[Effect]
-    sums: Mapping[Effect, float]
-    spent: Bound
-
-
-def _as_given(region: LitRegion) -> RegionLight:
-    radiance = np.zeros(3) if region.radiance is None else region.radiance
-    return RegionLight(
-        name=region.name,
-        stokes_radiance=radiance,
-        texture_rms=region.texture_rms,
-        texture_cov=region.texture_cov,
-    )
-
-
-def _disturbances(
-    effect: Effect, scene: LitScene, regions: Mapping[str, RegionBounds], lights: Mapping[str, SunLight]
-) -> dict[str, Disturbance]:
-    bound = EFFECT_MODELS[effect].bound
-    return {name: bound(scene, region, lights[name]) for name, region in regions.items()}
-
-
-def _bound(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[str, Disturbance]) -> Bound:
-    worst = Bound()
-    for name, region in regions.items():
-        worst = worst.worse(bound_of(region, found[name]))
-    # The area under the curve is a mean over thresholds: that of its mean distance is covered too.
-    eta = max(3.0, float(chdtri(3, min(scene.p_false_alarm)))) if scene.p_false_alarm else 3.0
-    for target, background in scene.pairs:
-        detection = detection_bound(regions[target], found[target], regions[background], found[background], eta=eta)
-        worst = worst.worse(Bound(detection=detection))
-    return worst

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.sun_light import SunLight
+from model.effects.light_limits import LightLimits
 from model.processing.reconstruction import design
 from model.scene.falloff import cosine_fourth
 from model.scene.lit_scene import LitRegion, LitScene
@@ -108,11 +108,13 @@ class RegionBounds:
 
 # One plan asks for the bounds of effects in several groups: records are known by their identity.
 @lru_cache(maxsize=32)
-def radiance_bounds(scene: LitScene, region: LitRegion, light: SunLight) -> RegionBounds:
+def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> RegionBounds:
     """Return the limits of a region.
 
     Parameters
     ----------
+    scene
+        All that the scene is.
     region
         One of its regions.
     light
@@ -126,30 +128,24 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: SunLight) -> Regi
     """
     sensor, readout, session = scene.sensor, scene.readout, scene.imperfections
     scale = sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * sensor.tau_parallel
-    rows = analyzer_row(readout.angles_rad, 1.0, sensor.tau_perpendicular / sensor.tau_parallel)
-    least, most = 1.0 - 0.5 * abs(session.drift), 1.0 + 0.5 * abs(session.drift)
-    if session.off_axis_falloff and region.part is not None:
-        least *= cosine_fourth(region.part).mean
-    weakened = rows * np.array([1.0, session.kept_polarization, session.kept_polarization])
-    beams = np.concatenate([light.beams @ rows.T, light.beams @ weakened.T])
-    low = least * scale * np.maximum(beams.min(axis=0), 0.0)
-    high = most * scale * (beams.max(axis=0) + light.added)
+    least, most = (scale * factor for factor in _factors(scene, region))
+    low, high = _signals(scene, light, least, most)
     plan = design(readout.angles_rad, readout.extinction_ratio)
     variance_low, variance_high = (
         temporal_variance_dn2(one, noise=sensor.noise, exposure_s=sensor.exposure_s) for one in (low, high)
     )
     noise_low, noise_high = (plan.inverse @ np.diag(one) @ plan.inverse.T for one in (variance_low, variance_high))
-    s0_high = most * scale * (light.s0_high + light.added)
+    s0_high = most * (light.s0_high + light.added)
     texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
-    over_field = _over_field(scene, region, light, s0_high=s0_high, scale=most * scale)
+    over_field = _over_field(scene, region, light, s0_high=s0_high, scale=most)
     turned = noise_high + over_field + _scatter_high(scene, texture, plan.inverse, s0_high)
     apart = _apart_high(region, light, texture, s0_high=s0_high, scale=scale)
     return RegionBounds(
         region=region,
-        s0_low=least * scale * light.s0_low,
+        s0_low=least * light.s0_low,
         s0_high=s0_high,
-        polarised_low=least * scale * session.kept_polarization * max(light.polarised_low - light.added, 0.0),
-        polarised_high=min(most * scale * (light.polarised_high + light.added), s0_high),
+        polarised_low=least * session.kept_polarization * max(light.polarised_low - light.added, 0.0),
+        polarised_high=min(most * (light.polarised_high + light.added), s0_high),
         signal_low=low,
         signal_high=high,
         variance_low=variance_low,
@@ -166,8 +162,36 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: SunLight) -> Regi
     )
 
 
+def _factors(scene: LitScene, region: LitRegion) -> tuple[float, float]:
+    """Least and largest share of the light on the axis that arrives, with drift and falloff."""
+    session = scene.imperfections
+    least, most = 1.0 - 0.5 * abs(session.drift), 1.0 + 0.5 * abs(session.drift)
+    if session.off_axis_falloff and region.part is not None:
+        least *= cosine_fourth(region.part).mean
+    return least, most
+
+
+def _signals(scene: LitScene, light: LightLimits, least: float, most: float) -> tuple[FloatArray, FloatArray]:
+    """Least and largest mean of each channel, (N,) each, of so many counts per radiance."""
+    sensor, kept = scene.sensor, scene.imperfections.kept_polarization
+    rows = analyzer_row(scene.readout.angles_rad, 1.0, sensor.tau_perpendicular / sensor.tau_parallel)
+    weakened = rows * np.array([1.0, kept, kept])
+    beams = np.concatenate([light.beams @ rows.T, light.beams @ weakened.T])
+    return least * np.maximum(beams.min(axis=0), 0.0), most * (beams.max(axis=0) + light.added)
+
+
 def share_of(part: FloatArray, whole: FloatArray) -> float:
-    """Return the largest ratio of two quadratic forms along any direction; infinite where the whole has none of it."""
+    """Return the largest ratio of two quadratic forms along any direction; infinite where the whole has none of it.
+
+    Parameters
+    ----------
+    part, whole
+        Symmetric matrices of one shape (N, N) and unit, of no negative eigenvalue.
+
+    References
+    ----------
+    Definition; the largest eigenvalue of L^-1 P L^-T, L being the Cholesky factor of the whole.
+    """
     if not np.any(part):
         return 0.0
     if not np.all(np.isfinite(part)) or not np.all(np.isfinite(whole)):
@@ -180,7 +204,7 @@ def share_of(part: FloatArray, whole: FloatArray) -> float:
     return float(max(np.linalg.eigvalsh(relative)[-1], 0.0))
 
 
-def _texture_high(region: LitRegion, light: SunLight, *, s0_high: float, scale: float) -> FloatArray:
+def _texture_high(region: LitRegion, light: LightLimits, *, s0_high: float, scale: float) -> FloatArray:
     """Upper bound of the texture's covariance, as it is known or as the light allows.
 
     A factor common to a vector R has the covariance t^2 R R', at most t^2 |R|^2 <= 2 t^2 S0^2 along any direction.
@@ -195,7 +219,7 @@ def _texture_high(region: LitRegion, light: SunLight, *, s0_high: float, scale: 
     return np.asarray(common + own + scale**2 * region.texture_cov)
 
 
-def _over_field(scene: LitScene, region: LitRegion, light: SunLight, *, s0_high: float, scale: float) -> FloatArray:
+def _over_field(scene: LitScene, region: LitRegion, light: LightLimits, *, s0_high: float, scale: float) -> FloatArray:
     """Upper bound of the covariance over the field of view, by geometry and by the lens."""
     if not np.isfinite(s0_high * light.deviation):
         return np.full((3, 3), np.inf)
@@ -205,7 +229,9 @@ def _over_field(scene: LitScene, region: LitRegion, light: SunLight, *, s0_high:
     return np.asarray(geometry + s0_high**2 * (light.deviation + np.sqrt(2.0 * var)) ** 2 * np.eye(3))
 
 
-def _apart_high(region: LitRegion, light: SunLight, texture: FloatArray, *, s0_high: float, scale: float) -> FloatArray:
+def _apart_high(
+    region: LitRegion, light: LightLimits, texture: FloatArray, *, s0_high: float, scale: float
+) -> FloatArray:
     """Upper bound of the part of the texture that is no factor common to a pixel's Stokes vector.
 
     What path and surroundings add has no texture: the factor of the rest is off the whole by no more than they are.

@@ -3,12 +3,12 @@
 import numpy as np
 
 from model.effects.bound import NOTHING, UNKNOWN, Disturbance
+from model.effects.light_limits import LightLimits
 from model.effects.radiance_bounds import RegionBounds, share_of
-from model.effects.sun_light import SunLight
 from model.scene.lit_scene import LitScene
 
 
-def leakage(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def leakage(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what a finite extinction ratio 1/e changes, being calibrated: counts and noise, no Stokes parameter.
 
     Notes
@@ -39,7 +39,7 @@ def leakage(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturba
     return Disturbance(counts=2.0 * e, s0=mixed, polarised=mixed, share=share)
 
 
-def polarizer_angle(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def polarizer_angle(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what angles that scatter by s change: exp(-2 s^2) of (S1, S2), and a variance of each channel.
 
     Notes
@@ -72,7 +72,7 @@ def polarizer_angle(scene: LitScene, region: RegionBounds, _light: SunLight) -> 
     )
 
 
-def misregistration(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def misregistration(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what shifts of the picture take from the correlation of texture between frames.
 
     Notes
@@ -90,7 +90,7 @@ def misregistration(scene: LitScene, region: RegionBounds, _light: SunLight) -> 
     return Disturbance(share=gained * (1.0 + scene.sensor.noise.prnu**2) + (1.0 - kept))
 
 
-def drift(scene: LitScene, region: RegionBounds, _light: SunLight) -> Disturbance:
+def drift(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what light that drifts does to the Stokes parameters: W diag(f - 1) applied to the largest counts.
 
     Notes

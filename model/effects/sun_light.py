@@ -1,7 +1,6 @@
-"""Light of the direct beam alone from a region to the camera: cheap, and the least that there is."""
+"""Limits of the light of each region before anything is solved: that of the beam, and at most what air scatters."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,8 @@ from model import geometry
 from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.unlit import unlit_solution
-from model.effects.air_bounds import AirBounds
+from model.effects.air_bounds import AirBounds, bound_air
+from model.effects.light_limits import LightLimits, known_light
 from model.effects.pbrdf_grid import PbrdfGrid
 from model.scene.aperture_radiance import aperture_lights
 from model.scene.field_of_view import FieldPart, middle, off_axis
@@ -18,6 +18,8 @@ from model.scene.illumination import illuminate
 from model.scene.lit_scene import Air, LitRegion, LitScene
 from model.scene.scenario import RegionLight
 from model.scene.view import View
+from model.surface.pbrdf import Surface
+from model.surface.tilt import Tilt
 
 FloatArray = NDArray[np.float64]
 
@@ -36,83 +38,30 @@ SKY_ROOM = 5.0
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SunLight:
-    """Limits of a region's radiance [W m-2 sr-1].
-
-    Attributes
-    ----------
-    beams
-        Stokes radiance from the beam at directions of the field, shape (K, 3); of a given radiance that itself.
-    s0_low, s0_high, polarised_low, polarised_high
-        Of these.
-    sky, path, adjacency
-        Upper limits of what sky, path and surroundings add.
-    sky_polarised
-        Upper limit of the polarised light that the sky adds.
-    sky_again, sky_again_polarised
-        The same of light that was scattered more than once, and not only by the ground before; infinite where no
-        useful limit is known.
-    apart
-        Largest difference of the beam's light from its middle, of directions at which it is known.
-    spread
-        Upper limit of the difference between a direction of the field and its middle, over S0.
-    deviation
-        Upper limit of the root of the mean square of that difference.
-    depth, depth_below
-        Largest optical depth in the band, of all air and of that below the camera.
-    texture, field_cov
-        Covariance of the texture and over the field, shape (3, 3), where they are known [(W m-2 sr-1)^2].
-    """
-
-    beams: FloatArray
-    s0_low: float
-    s0_high: float
-    polarised_low: float
-    polarised_high: float
-    sky: float = 0.0
-    sky_polarised: float = 0.0
-    sky_again: float = np.inf
-    sky_again_polarised: float = np.inf
-    path: float = 0.0
-    adjacency: float = 0.0
-    apart: float = 0.0
-    spread: float = 0.0
-    deviation: float = 0.0
-    depth: float = np.inf
-    depth_below: float = np.inf
-    texture: FloatArray | None = None
-    field_cov: FloatArray | None = None
-
-    @property
-    def added(self) -> float:
-        """Upper limit of all that comes beside the beam."""
-        return self.sky + self.path + self.adjacency
-
-
-def known_light(light: RegionLight, *, margin: float = 0.0) -> SunLight:
-    """Return the limits of a region whose light is known.
+def light_limits(scene: LitScene) -> dict[str, LightLimits]:
+    """Return the limits of each region's light, without solving anything.
 
     Parameters
     ----------
-    light
-        Of the region.
-    margin
-        By which its radiance may be off, as a share: what was left out of it, 0 or more.
+    scene
+        All that the scene is.
     """
-    stokes = np.asarray(light.stokes_radiance, dtype=np.float64)
-    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
-    apart = margin * s0
-    off = np.array([2.0 * apart, 0.0, 0.0])
-    texture = light.texture_rms**2 * np.outer(stokes, stokes) + light.texture_cov
-    return SunLight(
-        beams=np.stack([stokes - off, stokes + off]),
-        s0_low=s0 - apart,
-        s0_high=s0 + apart,
-        polarised_low=max(polarised - apart, 0.0),
-        polarised_high=polarised + apart,
-        texture=(1.0 + margin) ** 2 * texture,
-        field_cov=light.field_cov,
+    found = {one.name: known_light(_as_given(one)) for one in scene.regions if one.radiance is not None}
+    materials = [one for one in scene.regions if one.surface is not None]
+    if not materials or scene.air is None:
+        return found
+    limits = bound_air(scene.air)
+    lighting = beam_lighting(scene.air, limits)
+    return found | {one.name: sun_light(scene, one, lighting, limits) for one in materials}
+
+
+def _as_given(region: LitRegion) -> RegionLight:
+    radiance = np.zeros(3) if region.radiance is None else region.radiance
+    return RegionLight(
+        name=region.name,
+        stokes_radiance=radiance,
+        texture_rms=region.texture_rms,
+        texture_cov=region.texture_cov,
     )
 
 
@@ -148,7 +97,7 @@ def beam_lighting(air: Air, limits: AirBounds) -> Lighting:
     )
 
 
-def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: AirBounds) -> SunLight:
+def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: AirBounds) -> LightLimits:
     """Return the limits of a region's radiance before sky and path are known.
 
     Parameters
@@ -177,50 +126,54 @@ def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: Ai
     ----------
     [MK14] eq. (2), (3).
     """
-    air, view, surface, tilt = scene.air, scene.view, region.surface, region.tilt
-    if air is None or view is None or surface is None or tilt is None:
-        raise ValueError(f"region {region.name}: needs air, view, surface and tilt")
-    illumination = illuminate(
-        lighting,
-        sun_zenith_rad=air.sun_zenith_rad,
-        sun_azimuth_rad=scene.sun_azimuth_rad,
-        ground_albedo=air.ground_albedo,
-        sky=black_sky,
-    )
-    views = field_views(view, region.part)
-    lights = aperture_lights(illumination, surface=surface, tilt=tilt, views=views, skylight=False, path=False)
-    beams = np.stack([light.reflected_sun for light in lights])
-    normal_rad = geometry.angle_between_rad(tilt.normal, _toward(views))
-    ground = 2.0 * np.pi * limits.ground_radiance if tilt.tilt_rad > 0.0 else 0.0
-    grid = PbrdfGrid.of(surface, normal_rad)
-    skies, rest = _MISSED * grid.largest * (limits.sky_actinic + ground), np.full(2, np.inf)
-    if tilt.tilt_rad == 0.0 and limits.depth < _THIN:
-        reflected = partial(
-            grid.reflected, views=views, sun_zenith_rad=air.sun_zenith_rad, sun_azimuth_rad=scene.sun_azimuth_rad
-        )
-        skies, rest = np.minimum(skies, _MISSED * reflected(limits.sky)), _MISSED * reflected(limits.sky_again)
-    sky, polarised = skies.tolist()
-    if limits.depth < _NEXT_TO_NONE:
-        sky = polarised = _FEW_DIGITS * sky
-    path = _path(limits, air, views, scene.sun_azimuth_rad)
-    found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
-    of_beam, of_rest = _spread(found, views, sky=SKY_ROOM * sky, path=path, slope_rms=surface.slope_rms)
+    panel = _panel(scene, region)
+    found = _beams_between(_beams(panel, lighting), is_counted=scene.source in _WITH_BEAM)
+    found = _with_sky(found, panel, limits)
+    path = _path(panel, limits)
+    of_beam, of_rest = _spread(found, panel, path=path)
     return replace(
         found,
-        sky=sky,
-        sky_polarised=min(polarised, sky),
-        sky_again=float(rest[0]) if limits.depth > _NEXT_TO_NONE else np.inf,
-        sky_again_polarised=float(rest[1]),
         path=path,
-        adjacency=_adjacency(scene, air, views, limits),
+        adjacency=_adjacency(scene, panel, limits),
         spread=_BETWEEN * of_beam + of_rest,
         deviation=of_beam + of_rest,
         depth=limits.depth,
-        depth_below=limits.depth_below(view.height_m),
+        depth_below=limits.depth_below(panel.views[0].height_m),
     )
 
 
-def field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Panel:
+    """A region of a material under its air, and views over its part of the field, the middle first."""
+
+    surface: Surface
+    tilt: Tilt
+    views: tuple[View, ...]
+    air: Air
+    sun_azimuth_rad: float
+
+    @property
+    def toward(self) -> FloatArray:
+        """Directions toward the camera, (K, 3)."""
+        return np.stack(
+            [geometry.direction(zenith_rad=one.zenith_rad, azimuth_rad=one.azimuth_rad) for one in self.views]
+        )
+
+    @property
+    def slant(self) -> float:
+        """Longest way through air over that upward."""
+        return 1.0 / min(float(np.cos(view.zenith_rad)) for view in self.views)
+
+
+def _panel(scene: LitScene, region: LitRegion) -> _Panel:
+    air, view, surface, tilt = scene.air, scene.view, region.surface, region.tilt
+    if air is None or view is None or surface is None or tilt is None:
+        raise ValueError(f"region {region.name}: needs air, view, surface and tilt")
+    views = _field_views(view, region.part)
+    return _Panel(surface=surface, tilt=tilt, views=views, air=air, sun_azimuth_rad=scene.sun_azimuth_rad)
+
+
+def _field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
     """Return the axis or, over a part of the field, its middle, the middles of its edges, and its corners."""
     if part is None:
         return (view,)
@@ -233,23 +186,60 @@ def field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
     return tuple(off_axis(view, right=x, up=y) for x, y in ((across, upward), *others))
 
 
-def black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
+def _beams(panel: _Panel, lighting: Lighting) -> FloatArray:
+    """Stokes radiance that the beam sends to each view of a panel, (K, 3)."""
+    illumination = illuminate(
+        lighting,
+        sun_zenith_rad=panel.air.sun_zenith_rad,
+        sun_azimuth_rad=panel.sun_azimuth_rad,
+        ground_albedo=panel.air.ground_albedo,
+        sky=_black_sky,
+    )
+    lights = aperture_lights(
+        illumination, surface=panel.surface, tilt=panel.tilt, views=panel.views, skylight=False, path=False
+    )
+    return np.stack([light.reflected_sun for light in lights])
+
+
+def _black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
     """Return no light from any direction."""
     shape = np.broadcast_shapes(np.shape(np.asarray(zenith_rad)), np.shape(np.asarray(phi_rad)))
     return np.zeros((*shape, 3))
 
 
-def _beams_between(beams: FloatArray, *, is_counted: bool) -> SunLight:
+def _with_sky(found: LightLimits, panel: _Panel, limits: AirBounds) -> LightLimits:
+    """Limits with those of what the sky adds."""
+    is_level = panel.tilt.tilt_rad == 0.0
+    ground = 0.0 if is_level else 2.0 * np.pi * limits.ground_radiance
+    grid = PbrdfGrid.of(panel.surface, geometry.angle_between_rad(panel.tilt.normal, panel.toward))
+    skies, again = _MISSED * grid.largest * (limits.sky_actinic + ground), np.full(2, np.inf)
+    if is_level and limits.depth < _THIN:
+        sun = {"sun_zenith_rad": panel.air.sun_zenith_rad, "sun_azimuth_rad": panel.sun_azimuth_rad}
+        skies = np.minimum(skies, _MISSED * grid.reflected(limits.sky, panel.views, **sun))
+        again = _MISSED * grid.reflected(limits.sky_again, panel.views, **sun)
+    sky, polarised = skies.tolist()
+    if limits.depth < _NEXT_TO_NONE:
+        sky = polarised = _FEW_DIGITS * sky
+    return replace(
+        found,
+        sky=sky,
+        sky_polarised=min(polarised, sky),
+        sky_again=float(again[0]) if limits.depth > _NEXT_TO_NONE else np.inf,
+        sky_again_polarised=float(again[1]),
+    )
+
+
+def _beams_between(beams: FloatArray, *, is_counted: bool) -> LightLimits:
     """Limits of the beam's light between directions at which it is known; none where it does not count."""
     if not is_counted:
-        return SunLight(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
+        return LightLimits(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
     known = float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
     apart = (_BETWEEN - 1.0) * known
     polarised = np.hypot(beams[:, 1], beams[:, 2])
     # A channel gets at most half of S0 and of the polarised light, 0.71 of the length of a change.
     reach = np.array([2.0 * apart, 0.0, 0.0])
     edges = np.concatenate([beams + reach, beams - reach])
-    return SunLight(
+    return LightLimits(
         beams=edges,
         s0_low=max(float(beams[:, 0].min()) - apart, 0.0),
         s0_high=float(beams[:, 0].max()) + apart,
@@ -259,44 +249,36 @@ def _beams_between(beams: FloatArray, *, is_counted: bool) -> SunLight:
     )
 
 
-def _spread(
-    light: SunLight, views: tuple[View, ...], *, sky: float, path: float, slope_rms: float
-) -> tuple[float, float]:
+def _spread(light: LightLimits, panel: _Panel, *, path: float) -> tuple[float, float]:
     """Largest difference over the field from its middle, over S0: of the beam where it is known, and of the rest.
 
     The reflected sky changes with the view as fast as the lobe is narrow; it is at most all of the light.
     """
-    if len(views) == 1:
+    if len(panel.views) == 1:
         return 0.0, 0.0
     if light.s0_low <= 0.0:
         return np.inf, 0.0
-    toward = _toward(views)
+    toward, slant = panel.toward, panel.slant
     angle = float(np.max(geometry.angle_between_rad(toward[0], toward[1:])))
-    slant = 1.0 / min(float(np.cos(view.zenith_rad)) for view in views)
     of_beam = light.apart / light.s0_low
-    of_sky = angle * 2.0 * (1.0 / slope_rms + 4.0 * slant) * min(1.0, sky / light.s0_low)
+    of_sky = angle * 2.0 * (1.0 / panel.surface.slope_rms + 4.0 * slant) * min(1.0, SKY_ROOM * light.sky / light.s0_low)
     of_path = angle * (2.0 * slant + 10.0) * min(1.0, path / light.s0_low)
     return of_beam, of_sky + of_path
 
 
-def _path(limits: AirBounds, air: Air, views: tuple[View, ...], sun_azimuth_rad: float) -> float:
-    sun = geometry.direction(zenith_rad=air.sun_zenith_rad, azimuth_rad=sun_azimuth_rad)
+def _path(panel: _Panel, limits: AirBounds) -> float:
+    sun = geometry.direction(zenith_rad=panel.air.sun_zenith_rad, azimuth_rad=panel.sun_azimuth_rad)
     return limits.path(
-        height_m=views[0].height_m,
-        view_zenith_rad=np.array([view.zenith_rad for view in views]),
-        scattering_rad=geometry.angle_between_rad(-sun, _toward(views)),
+        height_m=panel.views[0].height_m,
+        view_zenith_rad=np.array([view.zenith_rad for view in panel.views]),
+        scattering_rad=geometry.angle_between_rad(-sun, panel.toward),
     )
 
 
-def _adjacency(scene: LitScene, air: Air, views: tuple[View, ...], limits: AirBounds) -> float:
+def _adjacency(scene: LitScene, panel: _Panel, limits: AirBounds) -> float:
     """Most that the surroundings add: T^b - T of their light beyond that of the mean ground (`AirBounds.mixed_in`)."""
-    around = scene.imperfections.surround_albedo
-    if around is None or around == air.ground_albedo:
+    around, ground = scene.imperfections.surround_albedo, panel.air.ground_albedo
+    if around is None or around == ground:
         return 0.0
-    slant = 1.0 / min(float(np.cos(view.zenith_rad)) for view in views)
-    mixed = limits.mixed_in(height_m=views[0].height_m, slant=slant)
-    return abs(around - air.ground_albedo) / np.pi * limits.received * mixed if mixed > 0.0 else 0.0
-
-
-def _toward(views: tuple[View, ...]) -> FloatArray:
-    return np.stack([geometry.direction(zenith_rad=one.zenith_rad, azimuth_rad=one.azimuth_rad) for one in views])
+    mixed = limits.mixed_in(height_m=panel.views[0].height_m, slant=panel.slant)
+    return abs(around - ground) / np.pi * limits.received * mixed if mixed > 0.0 else 0.0

@@ -11,8 +11,9 @@ from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.thin_sky import skylight_bound
 from model.effects.bound import Bound
+from model.effects.effect_models import effect_bounds
 from model.effects.names import ALL, Effect
-from model.effects.planner import effect_bounds, light_limits
+from model.effects.sun_light import light_limits
 from model.scene.lit_scene import LitScene
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor

@@ -74,6 +74,14 @@ def test_noise_that_is_left_out_by_request_hides_nothing_of_other_noise():
     assert Effect.SHOT_NOISE in plan(scene, tolerance=0.01, forced={Effect.QUANTISATION: False}).active
 
 
+def test_effects_that_nobody_asks_about_act_in_the_order_of_their_names():
+    found = plan(radiance_scene(), tolerance=0.01, asked=frozenset({Effect.TEXTURE}))
+    unasked = [one.effect for one in found.decisions if "costs less" in one.reason]
+    assert Effect.TEXTURE not in unasked
+    assert unasked == [effect for effect in Effect if effect in unasked]
+    assert len(unasked) > 5
+
+
 def test_light_is_asked_for_with_what_acts_of_it():
     asked = []
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.effect_scenes import SETTINGS, random_materials
 from model.accuracy.evaluation.chain import evaluate
-from model.effects.planner import light_limits
+from model.effects.sun_light import light_limits
 from model.sensor.imperfections import Imperfections
 
 # The limits take four wavelengths; what the polynomial through as many misses of a band is the same on both sides.
