@@ -1,5 +1,8 @@
 """What the application itself refuses. One table in ``rigctl.cli`` maps each to its exit code."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class ConfigError(Exception):
     """A command line or a file that people write is wrong; the text names every problem of it."""
@@ -11,3 +14,12 @@ class DataError(Exception):
 
 class RunFolderError(DataError):
     """A run folder, or a frame in it, is not what it must be."""
+
+
+@contextmanager
+def as_config_error(where: str) -> Iterator[None]:
+    """Have what the model refuses said as what is wrong in a file that people write, such as ``scene roof``."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}") from error

@@ -14,7 +14,7 @@ from model.prediction.prediction import Quantities, RegionPrediction
 from model.prediction.quantity_table import SHARES, angle_of, counts_name, is_counts
 from rigctl.comparison.rows import Row, error_of_both
 from rigctl.comparison.run_prediction import RunPredictor
-from rigctl.errors import ConfigError
+from rigctl.errors import as_config_error
 from rigctl.prediction.propagated_inputs import NumberKey
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.effect_plan import plan_effects
@@ -184,7 +184,7 @@ def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> Numeri
     acting = acting_effects(scene)
     left_out = frozenset() if rule == "all" else ((acting & LIGHT & there) - planned.plan.active)
     spent = planned.plan.spent.largest if left_out else 0.0
-    try:
+    with as_config_error(f"scene {scene.name}"):
         found = predict(
             lit_scene(scene, sensor=sensor_of(scene, run.exposure_s), readout=run.readout),
             tolerance=max(tolerance - spent, SMALLEST),
@@ -192,6 +192,4 @@ def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> Numeri
             estimated_only=True,
             store=run.light.lights,
         )
-    except ValueError as error:
-        raise ConfigError(f"scene {scene.name}: {error}") from error
     return NumericalAccuracy(tolerance=tolerance, found=found, effects=planned.plan, left_out=left_out)

@@ -6,7 +6,7 @@ from pathlib import Path
 from model.accuracy.planning.forecast import optical_depth
 from model.accuracy.predict_to_tolerance import DEEPEST
 from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.accuracy_curves import Curves, accuracy_curves, steps
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, TradeoffRequest, acquisition_tradeoff
@@ -56,10 +56,8 @@ def trade_accuracy(
             f"scene {predictor.scene.name}: its optical depth is {depth:.3g}, allowed for a trade-off is {DEEPEST:g}: "
             "the reference for deeper air takes minutes. rigctl predict --tolerance says what coarse settings keep"
         )
-    try:
+    with as_config_error(f"scene {predictor.scene.name}"):
         curves = _curves(predictor, tolerances, also, progress)
-    except ValueError as error:
-        raise ConfigError(f"scene {predictor.scene.name}: {error}") from error
     if out is not None:
         write_accuracy_tradeoff(curves, out)
     return curves

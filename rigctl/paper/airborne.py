@@ -15,7 +15,7 @@ from model.prediction.prediction import RegionPrediction, predict
 from model.prediction.region_performance import PairDetection, pair_detection
 from model.processing.detection_draws import rx_draws
 from model.scene.scenario import RegionLight, Scenario
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.choices import SnrForm
 from rigctl.files.scene_file import SceneFile
 from rigctl.paper.numbers import Kind, Number
@@ -209,15 +209,13 @@ class Airborne:
         pairs = () if len(names) == 1 else ((TARGET, BACKGROUND),)
         kept = {region.name: region for region in lit.regions}
         lit = replace(lit, regions=tuple(kept[name] for name in names), source=source, pairs=pairs)
-        try:
+        with as_config_error(f"scene {scene.name}"):
             if self.as_paper or self._tolerance is None:
                 settings = settings_of(scene)
                 settings = _paper_settings(settings) if self.as_paper else settings
                 quick = evaluate(lit, settings, store=self.light.lights)
                 return Evaluated(scenario=quick.scenario, predictions=quick.predictions, errors={})
             found = predict_to(lit, tolerance=self._tolerance, store=self.light.lights)
-        except ValueError as error:
-            raise ConfigError(f"scene {scene.name}: {error}") from error
         result = found.result
         return Evaluated(scenario=result.scenario, predictions=result.predictions, errors=found.budget.total)
 

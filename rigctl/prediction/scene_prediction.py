@@ -3,13 +3,12 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from model.prediction.prediction import RegionPrediction, predict
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, as_config_error
 from rigctl.scene.effect_choice import acting_effects, forced_effects
 from rigctl.scene.model_records import camera_view
 from rigctl.scene.model_scene import build_scenario, lit_scene, readout_of, sensor_of
@@ -23,17 +22,13 @@ if TYPE_CHECKING:
     from model.accuracy.evaluation.chain import Clock
     from model.accuracy.predict_to_tolerance import AccuratePrediction
     from model.accuracy.series_prediction import SeriesPrediction
-    from model.effects.bound import Bound, Estimate
-    from model.effects.names import Effect, EffectRule
+    from model.effects.names import EffectRule
     from model.effects.planner import EffectPlan
     from model.scene.field_light import FieldLight, Source
     from model.scene.lit_scene import LitScene
     from rigctl.calibrations.noise.noise_file import NoiseParameters
     from rigctl.files.scene_file import SceneFile
     from rigctl.scene.scene_record import Scene
-
-# Optical depth below which the sky may be left out.
-_THIN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,7 +139,7 @@ class ScenePredictor:
         ConfigError
             A number is outside its range.
         """
-        try:
+        with as_config_error(f"scene {scene.name}"):
             scenario = build_scenario(
                 scene, readout=self._readout, exposure_s=scene.exposure_s, light=self._light, source=self._source
             )
@@ -154,8 +149,6 @@ class ScenePredictor:
             from model.prediction.rig_errors import predict_with_errors
 
             return predict_with_errors(scenario, errors)
-        except ValueError as error:
-            raise ConfigError(f"scene {scene.name}: {error}") from error
 
     def lit_scene(self, scene: "Scene | None" = None) -> "LitScene":
         """Return all that the scene is, as one record of the model.
@@ -171,10 +164,8 @@ class ScenePredictor:
             A number is outside its range.
         """
         of = self.scene if scene is None else scene
-        try:
+        with as_config_error(f"scene {of.name}"):
             sensor = sensor_of(of, of.exposure_s)
-        except ValueError as error:
-            raise ConfigError(f"scene {of.name}: {error}") from error
         return lit_scene(of, sensor=sensor, readout=self._readout, source=self._source)
 
     def effect_plan(
@@ -200,42 +191,17 @@ class ScenePredictor:
             The tolerance, or a number, is outside its range.
         """
         # What holds errors to a tolerance takes a quarter of a second to import, and most predictions state none.
-        from model.accuracy.effect_estimates import estimate_effects
-        from model.accuracy.planning.forecast import optical_depth
-        from model.accuracy.predict_to_tolerance import SMALLEST
-        from model.accuracy.thin_sky import skylight_bound
-        from model.effects.light_bounds import may_be_small
-        from model.effects.names import ALL
-        from model.effects.planner import LIGHT, plan, plan_of_all
-        from rigctl.scene.effect_plan import SHARE
+        from rigctl.scene.effect_plan import plan_for_prediction
 
-        # The least tolerance has nothing to share.
-        share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
-        lit, forced = self.lit_scene() if of is None else of, forced_effects(self.scene)
-        if rule == "all":
-            return plan_of_all(forced, tolerance=share)
-
-        def estimated(bounds: Mapping["Effect", "Bound"]) -> dict["Effect", "Estimate"]:
-            of_light = {effect: bound for effect, bound in bounds.items() if effect in LIGHT}
-            return estimate_effects(lit, of_light, limit=share, store=self._light.lights)
-
-        try:
-            depth = optical_depth(lit)
-            # Of one scene in daylight an estimate costs more than what it may leave out: the sky is solved either way.
-            # So does a bound, but of a narrow band or field.
-            pays = of is not None or depth < _THIN
-            asked = LIGHT if pays or may_be_small(lit, depth=depth, tolerance=share) else frozenset()
-            return plan(
-                lit,
-                tolerance=share,
-                forced=forced,
+        with as_config_error(f"scene {self.scene.name}"):
+            return plan_for_prediction(
+                self.lit_scene() if of is None else of,
+                tolerance=tolerance,
+                forced=forced_effects(self.scene),
                 rule=rule,
-                estimates=estimated if rule == "estimated" and pays else None,
-                sharper=partial(skylight_bound, lit),
-                asked=ALL if lit.air is None else asked,
+                store=self._light.lights,
+                is_of_many=of is not None,
             )
-        except ValueError as error:
-            raise ConfigError(f"scene {self.scene.name}: {error}") from error
 
     def to_tolerance(
         self,
@@ -269,7 +235,7 @@ class ScenePredictor:
         _require_recorded_rig(self.scene)
         active = acting_effects(self.scene) if effects is None else effects.active
         spent = 0.0 if effects is None else effects.spent.largest
-        try:
+        with as_config_error(f"scene {self.scene.name}"):
             return predict_to_tolerance.predict(
                 self.lit_scene(),
                 tolerance=tolerance - spent,
@@ -278,8 +244,6 @@ class ScenePredictor:
                 store=self._light.lights,
                 clock=clock,
             )
-        except ValueError as error:
-            raise ConfigError(f"scene {self.scene.name}: {error}") from error
 
     def series_to_tolerance(
         self,
@@ -315,7 +279,7 @@ class ScenePredictor:
 
         for scene in scenes:
             _require_recorded_rig(scene)
-        try:
+        with as_config_error(f"scene {self.scene.name}"):
             return predict_series(
                 [self.lit_scene(scene) for scene in scenes],
                 tolerance=tolerance,
@@ -328,8 +292,6 @@ class ScenePredictor:
                 estimated_only=estimated_only,
                 store=self._light.lights,
             )
-        except ValueError as error:
-            raise ConfigError(f"scene {self.scene.name}: {error}") from error
 
     def predict(self) -> ScenePrediction:
         """Return what the model says of the scene as it is."""

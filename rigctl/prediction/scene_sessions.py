@@ -8,7 +8,7 @@ from model.moments import Moments
 from model.processing.reconstruction import equispaced_rad
 from model.sensor.sensor import Sensor
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.errors import ConfigError
+from rigctl.errors import as_config_error
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.model_scene import build_scenario, readout_of
 from rigctl.scene.scene_light import SceneLight
@@ -53,10 +53,8 @@ class SceneSessions:
         """
         key = (session.angles_rad, session.exposure_s)
         if key not in self._lights:
-            try:
+            with as_config_error(f"scene {self._scene.name}"):
                 self._lights[key] = self._seen(session)
-            except ValueError as error:
-                raise ConfigError(f"scene {self._scene.name}: {error}") from error
         return Scheme(session=session, lights=self._lights[key])
 
     def filling_exposure_s(self, *, share: float = _FILLING) -> float:

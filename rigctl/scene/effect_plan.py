@@ -8,16 +8,20 @@ from typing import TYPE_CHECKING
 from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
 from model.accuracy.effect_estimates import estimate_effects
 from model.accuracy.evaluation.chain import scenario_of
+from model.accuracy.planning.forecast import optical_depth
+from model.accuracy.predict_to_tolerance import SMALLEST
 from model.accuracy.thin_sky import skylight_bound
+from model.effects.light_bounds import may_be_small
 from model.effects.names import ALL, Effect, EffectRule
-from model.effects.planner import EffectPlan, plan
-from rigctl.errors import ConfigError
+from model.effects.planner import LIGHT, EffectPlan, plan, plan_of_all
+from rigctl.errors import ConfigError, as_config_error
 from rigctl.scene.effect_choice import forced_effects
 from rigctl.scene.model_records import settings_of
 from rigctl.scene.model_scene import lit_scene, readout_of, sensor_of
 from rigctl.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
+    from model.accuracy.evaluation.light_store import LightStore
     from model.accuracy.evaluation.settings import Settings
     from model.effects.bound import Bound, Estimate
     from model.scene.lit_scene import LitScene
@@ -26,6 +30,8 @@ if TYPE_CHECKING:
 
 # Share of a tolerance that may go to effects that are left out; numerical settings have the rest.
 SHARE = 0.5
+# Optical depth below which the sky may be left out.
+_THIN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,7 +119,7 @@ def plan_effects(
     def estimated(bounds: Mapping[Effect, "Bound"]) -> dict[Effect, "Estimate"]:
         return estimate_effects(lit, bounds, store=computer.lights)
 
-    try:
+    with as_config_error(f"scene {scene.name}"):
         found = plan(
             lit,
             tolerance=SHARE * tolerance,
@@ -124,9 +130,66 @@ def plan_effects(
             every_estimate=every_estimate,
             sharper=partial(skylight_bound, lit),
         )
-    except ValueError as error:
-        raise ConfigError(f"scene {scene.name}: {error}") from error
     return PlannedScene(scene=lit, settings=settings, plan=found, remarks=(*scene.remarks, *found.remarks))
+
+
+def plan_for_prediction(
+    lit: "LitScene",
+    *,
+    tolerance: float,
+    forced: Mapping[Effect, bool],
+    rule: EffectRule,
+    store: "LightStore",
+    is_of_many: bool,
+) -> EffectPlan:
+    """Return which effects a scene calls for where finding that out must cost less than what it saves.
+
+    Parameters
+    ----------
+    lit
+        The scene.
+    tolerance
+        Of a prediction.
+    forced
+        Effects that the user switched on (True) or off (False).
+    rule
+        By bounds, by estimates, or not at all.
+    store
+        Keeps skies between calls.
+    is_of_many
+        Whether the plan serves more scenes than this one.
+
+    Raises
+    ------
+    ValueError
+        A number is outside its range.
+
+    Notes
+    -----
+    Of one scene in daylight an estimate costs more than what it may leave out: the sky is solved either way. So does a
+    bound, but of a narrow band or field. Effects other than those of the light are not estimated: they cost nothing.
+    """
+    # The least tolerance has nothing to share.
+    share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
+    if rule == "all":
+        return plan_of_all(forced, tolerance=share)
+
+    def estimated(bounds: Mapping[Effect, "Bound"]) -> dict[Effect, "Estimate"]:
+        of_light = {effect: bound for effect, bound in bounds.items() if effect in LIGHT}
+        return estimate_effects(lit, of_light, limit=share, store=store)
+
+    depth = optical_depth(lit)
+    pays = is_of_many or depth < _THIN
+    asked = LIGHT if pays or may_be_small(lit, depth=depth, tolerance=share) else frozenset()
+    return plan(
+        lit,
+        tolerance=share,
+        forced=forced,
+        rule=rule,
+        estimates=estimated if rule == "estimated" and pays else None,
+        sharper=partial(skylight_bound, lit),
+        asked=ALL if lit.air is None else asked,
+    )
 
 
 def verify_effects(planned: PlannedScene) -> Verification:

@@ -11,7 +11,7 @@ from model.scene.lit_scene import LitScene
 from model.scene.scenario import Readout, Scenario
 from model.sensor.imperfections import Imperfections
 from model.sensor.sensor import Sensor, SensorNoise
-from rigctl.errors import ConfigError
+from rigctl.errors import as_config_error
 from rigctl.files.effect_sections import error_numbers
 from rigctl.files.scene_file import NoiseSection
 from rigctl.scene.effect_choice import acting_effects
@@ -70,10 +70,8 @@ def build_scenario(
     if not scene.has_materials:
         return scenario_of(lit, used, effects=effects)
     computer = SceneLight() if light is None else light
-    try:
+    with as_config_error(f"scene {scene.name}"):
         return scenario_of(lit, used, effects=effects, store=computer.lights)
-    except ValueError as error:
-        raise ConfigError(f"scene {scene.name}: {error}") from error
 
 
 def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Source" = "total") -> LitScene:
@@ -93,7 +91,7 @@ def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Sour
     ConfigError
         A number is outside its range, or a table of the sky cannot be read.
     """
-    try:
+    with as_config_error(f"scene {scene.name}"):
         lit = scene.has_materials
         return LitScene(
             air=air_of(scene) if lit else None,
@@ -106,8 +104,6 @@ def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Sour
             pairs=tuple(permutations((region.name for region in scene.regions), 2)),
             imperfections=imperfections_of(scene, frames=readout.angles_rad.size),
         )
-    except ValueError as error:
-        raise ConfigError(f"scene {scene.name}: {error}") from error
 
 
 def readout_of(scene: "Scene") -> Readout:

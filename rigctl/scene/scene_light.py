@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Unpack
 
 from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS
 from model.atmosphere.transfer.phase import AerosolKind
-from rigctl.errors import ConfigError
+from rigctl.errors import as_config_error
 from rigctl.files.choices import Engine
 from rigctl.scene.effect_choice import acting_effects
 from rigctl.scene.model_records import air_of, camera_view, lit_region, settings_of, state_of, sun_azimuth_rad
@@ -84,15 +84,13 @@ class SceneLight:
         ConfigError
             A number is outside its range, such as a sun too low.
         """
-        try:
+        with as_config_error(f"scene {scene.name}"):
             return self.lights.illumination(
                 air_of(scene),
                 settings_of(scene),
                 sun_azimuth_rad=sun_azimuth_rad(scene),
                 parts=_parts(scene),
             )
-        except ValueError as error:
-            raise ConfigError(f"scene {scene.name}: {error}") from error
 
     def region(self, scene: "Scene", region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
         """Return the light of a region that is given by its material.
@@ -109,7 +107,7 @@ class SceneLight:
         ConfigError
             A number is outside its range.
         """
-        try:
+        with as_config_error(f"scene {scene.name}"):
             return self.lights.region(
                 lit_region(scene, region),
                 settings_of(scene) if settings is None else settings,
@@ -118,8 +116,6 @@ class SceneLight:
                 sun_azimuth_rad=sun_azimuth_rad(scene),
                 parts=_parts(scene),
             )
-        except ValueError as error:
-            raise ConfigError(f"scene {scene.name}: {error}") from error
 
     def remarks(self, scene: "Scene") -> tuple[str, ...]:
         """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from model.atmosphere.sun import distance_factor
 from model.sensor.electrons import effective_wavelength_m
 from model.surface.materials import Material, assumed_properties, properties
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.config import Uncertain
 from rigctl.files.material_file import find_material
 from rigctl.files.place import SiteSection
@@ -106,10 +106,8 @@ def _with_wavelength(file: SceneFile) -> SensorSection:
     if file.sensor.wavelength_nm is not None:
         return file.sensor
     nm, response = np.array(band_points(file.sensor, file.name)).T
-    try:
+    with as_config_error(f"scene {file.name}"):
         band = response_band(wavelength_nm=nm, response=response, distance_factor=1.0)
-    except ValueError as error:
-        raise ConfigError(f"scene {file.name}: {error}") from error
     wavelength_nm = effective_wavelength_m(band.wavelength_m, band.weighted) * _NM_PER_M
     return file.sensor.model_copy(update={"wavelength_nm": Uncertain(value=wavelength_nm)})
 
