@@ -98,13 +98,9 @@ def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tu
     [MK14] eq. (10)-(29).
     """
     found = [
-        (
-            place,
-            region.name,
-            _linear_moments(_channels(region, one), plan, one.readout.channel_names, one.readout.cycles),
-        )
+        (place, region.name, _of_region(region, one, plan))
         for place, (one, plan) in enumerate(zip(scenarios, _designs(scenarios), strict=True))
-        for region, cycles in ((region, one.readout.cycles) for region in one.regions)
+        for region in one.regions
     ]
     laws = _distributions([moments.stokes for _, _, moments in found], tolerance)
     predictions: tuple[dict[str, RegionPrediction], ...] = tuple({} for _ in scenarios)
@@ -297,9 +293,9 @@ def _dark(s0: float) -> _Distribution:
     )
 
 
-def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
+def _of_region(region: RegionLight, scenario: Scenario, plan: Design) -> _LinearMoments:
     readout = scenario.readout
-    found = channel_moments(
+    channels = channel_moments(
         region.aperture_moments(),
         angles_rad=readout.angles_rad,
         sensor=scenario.sensor,
@@ -307,7 +303,7 @@ def _channels(region: RegionLight, scenario: Scenario) -> ChannelMoments:
         imperfections=scenario.imperfections,
         smooth_cov=region.smooth_cov(),
     )
-    return as_processed(found, readout)
+    return _linear_moments(as_processed(channels, readout), plan, readout.channel_names, readout.cycles)
 
 
 def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:

@@ -1,4 +1,4 @@
-"""Performance of a predicted scene: distribution of DoLP, its noise floor, and detection between regions."""
+"""Performance of the RX detector between the regions of a predicted scene."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,35 +10,12 @@ from numpy.typing import NDArray
 
 from model.moments import Moments
 from model.prediction.prediction import RegionPrediction
-from model.processing import dolp
 from model.processing.detection import rx_roc
 from model.processing.detection_distribution import condition_warnings
-from model.processing.nedolp import noise_equivalent
 
 FloatArray = NDArray[np.float64]
 # Target, background, and region to prediction.
 PairCase = tuple[str, str, Mapping[str, RegionPrediction]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolarizationStrength:
-    """Strength and certainty of the polarization of a region, of one cycle.
-
-    Parameters
-    ----------
-    probabilities, quantiles
-        Quantiles of the pixels' DoLP given S0 > 0; they exist whether or not moments do.
-    nedolp
-        First-order noise-equivalent DoLP from temporal noise: the deviation of DoLP that unpolarised light of this
-        intensity would show. None where nothing is known of temporal noise.
-    unpolarised_mean
-        Mean DoLP that unpolarised light of this intensity shows by noise alone; not a number where it does not exist.
-    """
-
-    probabilities: FloatArray
-    quantiles: FloatArray
-    nedolp: float | None
-    unpolarised_mean: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,39 +45,6 @@ class PairDetection:
     p_detection_error: FloatArray
     auc_error: float
     warnings: tuple[str, ...]
-
-
-def polarization_strength(
-    prediction: RegionPrediction, *, probabilities: Sequence[float] = (0.025, 0.5, 0.975)
-) -> PolarizationStrength:
-    """Return the distribution of a region's DoLP in a few numbers, and its noise floor.
-
-    Parameters
-    ----------
-    prediction
-        Of the region.
-    probabilities
-        For which to give quantiles, each in (0, 1).
-
-    Raises
-    ------
-    ValueError
-        The mean of S0 is not above 0.
-
-    References
-    ----------
-    [MK14] section IV-A; definition.
-    """
-    stokes = prediction.stokes_dn
-    is_known = bool(np.any(prediction.stokes_noise_dn2))
-    floor = noise_equivalent(stokes.mean, prediction.stokes_noise_dn2, tolerance=1e-6) if is_known else None
-    levels = np.asarray(probabilities, dtype=np.float64)
-    return PolarizationStrength(
-        probabilities=levels,
-        quantiles=np.asarray(dolp.quantile(levels, stokes.mean, stokes.cov)),
-        nedolp=None if floor is None else float(floor.first_order),
-        unpolarised_mean=np.nan if floor is None else float(floor.mean),
-    )
 
 
 def pair_detections(
@@ -248,31 +192,6 @@ def pair_detection(
         )
 
 
-def roc_of_pair(
-    target: str,
-    background: str,
-    predictions: Mapping[str, RegionPrediction],
-    p_false_alarm: Sequence[float] | FloatArray,
-    *,
-    kind: Literal["stokes", "intensity"],
-    tolerance: float = 1e-10,
-) -> PairDetection:
-    """Return what `pair_detection` does, on Stokes parameters or on the counts behind each angle of the polarizer.
-
-    Parameters
-    ----------
-    kind
-        "stokes", three components, or "intensity", one for each angle.
-    target, background, predictions, p_false_alarm, tolerance
-        As in `pair_detection`.
-
-    References
-    ----------
-    [MK14] eq. (30), section IV-B: "multichannel intensity or Stokes parameters".
-    """
-    return rocs_of_pair(target, background, (predictions,), p_false_alarm, kind=kind, tolerance=tolerance)[0]
-
-
 def rocs_of_pair(
     target: str,
     background: str,
@@ -282,18 +201,22 @@ def rocs_of_pair(
     kind: Literal["stokes", "intensity"],
     tolerance: float = 1e-10,
 ) -> tuple[PairDetection, ...]:
-    """Return what `roc_of_pair` does for each of several sets of predictions, in about the time of one.
+    """Return what `pair_detection` does, on Stokes parameters or on the counts behind each angle of the polarizer.
 
     Parameters
     ----------
+    target, background
+        Names of regions.
     alternatives
-        Each from region to prediction.
-    target, background, p_false_alarm, kind, tolerance
-        As in `roc_of_pair`.
+        One or more sets of predictions, each from region to prediction; all take about the time of one.
+    p_false_alarm, tolerance
+        As in `pair_detection`.
+    kind
+        "stokes", three components, or "intensity", one for each angle.
 
     References
     ----------
-    [MK14] eq. (30), section IV-B.
+    [MK14] eq. (30), section IV-B: "multichannel intensity or Stokes parameters".
     """
     if kind == "intensity":
         alternatives = [

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from model.prediction.polarization_strength import PolarizationStrength
     from model.prediction.prediction import RegionPrediction
-    from model.prediction.region_performance import PairDetection, PolarizationStrength
+    from model.prediction.region_performance import PairDetection
 
 # Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.
 FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -44,7 +45,7 @@ def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance
 
 
 def _strength(prediction: "RegionPrediction") -> "PolarizationStrength | None":
-    from model.prediction.region_performance import polarization_strength
+    from model.prediction.polarization_strength import polarization_strength
 
     if not prediction.stokes_dn.mean[0] > 0.0:
         return None

@@ -1,20 +1,19 @@
 import numpy as np
 import pytest
 
-from model.prediction.prediction import predict, reason_missing
+from model.prediction.prediction import predict
 from model.prediction.region_performance import (
     detections_of_cases,
     pair_detection,
     pair_detections,
-    polarization_strength,
-    roc_of_pair,
+    rocs_of_pair,
 )
 from model.processing.detection import rx_p_detection
 from model.scene.scenario import RegionLight, Scenario
 from tests.model.prediction.test_whole_chain import READOUT, SENSOR
 
 
-def _predictions(**lights):
+def predicted(**lights):
     regions = tuple(
         RegionLight(name=name, stokes_radiance=np.array(stokes), texture_rms=rms, texture_cov=np.zeros((3, 3)))
         for name, (stokes, rms) in lights.items()
@@ -24,7 +23,7 @@ def _predictions(**lights):
 
 def test_every_ordered_pair_is_there_and_a_pair_of_equals_is_chance():
     found = pair_detections(
-        _predictions(a=((20.0, 5.0, 1.0), 0.01), b=((20.0, 5.0, 1.0), 0.01), c=((21.0, 4.0, 1.0), 0.01)), (1e-3, 1e-2)
+        predicted(a=((20.0, 5.0, 1.0), 0.01), b=((20.0, 5.0, 1.0), 0.01), c=((21.0, 4.0, 1.0), 0.01)), (1e-3, 1e-2)
     )
     assert [(pair.target, pair.background) for pair in found] == [
         ("a", "b"), ("a", "c"), ("b", "a"), ("b", "c"), ("c", "a"), ("c", "b"),
@@ -35,7 +34,7 @@ def test_every_ordered_pair_is_there_and_a_pair_of_equals_is_chance():
 
 
 def test_several_sets_of_predictions_are_detected_as_each_alone():
-    several = [_predictions(a=((s0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02)) for s0 in (20.0, 20.1, 23.0)]
+    several = [predicted(a=((s0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02)) for s0 in (20.0, 20.1, 23.0)]
     found = detections_of_cases([("a", "b", one) for one in several], (1e-3, 1e-2))
     for predictions, together in zip(several, found, strict=True):
         alone = pair_detection("a", "b", predictions, (1e-3, 1e-2))
@@ -45,43 +44,15 @@ def test_several_sets_of_predictions_are_detected_as_each_alone():
         assert together.warnings == alone.warnings
 
 
-def test_half_of_the_pixels_lie_below_the_median():
-    strength = polarization_strength(_predictions(a=((20.0, 5.0, 1.0), 0.01))["a"])
-    assert list(strength.quantiles) == sorted(strength.quantiles)
-    # Close to normal at this signal: the median is close to DoLP of the mean, off by the order of NEDoLP^2 / DoLP.
-    assert strength.quantiles[1] == pytest.approx(np.hypot(5, 1) / 20, abs=2 * strength.nedolp**2 / 0.25)
-
-
-def test_noise_floor_does_not_hold_texture():
-    plain = polarization_strength(_predictions(a=((20.0, 5.0, 1.0), 0.0))["a"])
-    textured = polarization_strength(_predictions(a=((20.0, 5.0, 1.0), 0.05))["a"])
-    assert textured.nedolp == pytest.approx(plain.nedolp, rel=1e-12)
-
-
-def test_unpolarised_light_shows_its_noise_floor():
-    prediction = _predictions(a=((20.0, 0.0, 0.0), 0.0))["a"]
-    strength = polarization_strength(prediction)
-    # Rice: mean over deviation of a component is sqrt(pi / 2), up to the square of the noise of S0.
-    assert strength.unpolarised_mean == pytest.approx(np.sqrt(np.pi / 2) * strength.nedolp, rel=1e-3)
-    assert prediction.quantities["dolp_pixels"]["mean"] == pytest.approx(strength.unpolarised_mean, rel=1e-6)
-
-
 def test_a_roc_on_counts_is_the_detector_on_the_channels():
-    found = _predictions(a=((20.0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02))
+    found = predicted(a=((20.0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02))
     rates = [1e-3, 1e-2, 1e-1]
-    counts = roc_of_pair("a", "b", found, rates, kind="intensity")
+    (counts,) = rocs_of_pair("a", "b", [found], rates, kind="intensity")
     moments = []
     for name in ("a", "b"):
         channels = found[name].channels
         cov = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2 + np.diag(channels.temporal_var_dn2)
         moments += [channels.mean_dn, cov]
     np.testing.assert_allclose(counts.p_detection, rx_p_detection(np.array(rates), *moments), rtol=1e-8)
-    stokes = roc_of_pair("a", "b", found, rates, kind="stokes")
+    (stokes,) = rocs_of_pair("a", "b", [found], rates, kind="stokes")
     np.testing.assert_array_equal(stokes.p_detection, pair_detection("a", "b", found, rates).p_detection)
-
-
-def test_what_a_region_lacks_has_its_reason():
-    assert reason_missing(_predictions(a=((20.0, 5.0, 1.0), 0.01))["a"]) == {}
-    unpolarised = reason_missing(_predictions(a=((20.0, 0.0, 0.0), 0.0))["a"])
-    assert "unpolarised" in unpolarised["aolp_deg"]
-    assert "dolp_pixels" not in unpolarised

@@ -1,0 +1,9 @@
+from model.prediction.prediction import reason_missing
+from tests.model.prediction.test_region_performance import predicted
+
+
+def test_what_a_region_lacks_has_its_reason():
+    assert reason_missing(predicted(a=((20.0, 5.0, 1.0), 0.01))["a"]) == {}
+    unpolarised = reason_missing(predicted(a=((20.0, 0.0, 0.0), 0.0))["a"])
+    assert "unpolarised" in unpolarised["aolp_deg"]
+    assert "dolp_pixels" not in unpolarised
