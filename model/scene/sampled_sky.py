@@ -19,8 +19,8 @@ _PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 0.0, 0.7, 2.5, 9.0])
 _PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
 # Depths of air that are tried, by which a sky brightens toward the horizon.
 _DEPTHS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.14, 0.2, 0.3, 0.45, 0.7, 1.2)
-# Cosine of the zenith angle at the horizon.
-_LEVEL = 1e-9
+# Cosine of the zenith angle at the horizon: below that of any angle that a double can hold.
+_LEVEL = 1e-18
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,7 +139,7 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
 
     # Without an aureole what is divided out may bend the sky more than the sky itself; so may the brightening.
     aureole = aureole_of(sky, sun_zenith_rad)
-    depth = best((aureole,), (0.0, *_DEPTHS)).depth
+    depth = best((aureole,), (0.0, *_thin_depth(nodes_rad, samples), *_DEPTHS)).depth
     return best((aureole, NO_AUREOLE), (depth, 0.0))
 
 
@@ -150,6 +150,18 @@ def _over(
     smooth = samples / _brightening(nodes_rad, depth)[:, np.newaxis, np.newaxis]
     smooth[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
     return SampledSky(series=_series(smooth), aureole=aureole, depth=depth, relative_error=0.0)
+
+
+def _thin_depth(nodes_rad: FloatArray, samples: FloatArray) -> tuple[float, ...]:
+    """Depth of air that is thinner than those tried, from the horizon and the node above it; none for other air.
+
+    Such a sky falls off by orders of magnitude between the two, and no polynomial follows another depth than its own.
+    """
+    above, level = np.mean(samples[-2:, :, 0], axis=1).tolist()
+    if not 0.0 < above < level:
+        return ()
+    depth = -float(np.cos(nodes_rad[-2]) * np.log1p(-above / level))
+    return (depth,) if depth < _DEPTHS[0] else ()
 
 
 def _brightening(zenith_rad: FloatArray, depth: float) -> FloatArray:

@@ -14,11 +14,11 @@ RANDOM = np.random.default_rng(5)
 ZENITH_RAD, PHI_RAD = RANDOM.uniform(0.0, np.radians(88.0), 300), RANDOM.uniform(-7.0, 7.0, 300)
 
 
-def computed_sky(sun_zenith_deg, aerosol=AerosolKind.DEPOLARIZING, kind=AerosolType.RURAL):
+def computed_sky(sun_zenith_deg, aerosol=AerosolKind.DEPOLARIZING, kind=AerosolType.RURAL, *, air=None):
     wavelength_m = np.linspace(500e-9, 600e-9, 11)
     band = SolarBand(wavelength_m=wavelength_m, irradiance_w_per_m3=np.full(11, 1.8e9), response=np.ones(11))
     return compute_lighting(
-        AtmosphereState(visibility_m=23e3, boundary_aerosol=kind),
+        air or AtmosphereState(visibility_m=23e3, boundary_aerosol=kind),
         fidelity=Fidelity.FAST,
         band=band,
         mu0=np.cos(np.radians(sun_zenith_deg)),
@@ -37,6 +37,16 @@ def test_samples_stand_for_a_computed_sky_to_their_own_estimate(sun_zenith_deg):
     # The estimate is the largest of 44 differences; 300 random directions find somewhat larger ones.
     assert np.max(difference) < 1.5 * sampled.relative_error
     assert sampled.relative_error < 5e-3
+
+
+@pytest.mark.parametrize("pressure_pa", [1e3, 1.0, 1e-4])
+def test_thin_air_that_is_bright_at_the_horizon_alone_leaves_no_ripples(pressure_pa):
+    sky = computed_sky(50.0, air=AtmosphereState(surface_pressure_pa=pressure_pa, aerosol_optical_depth=0.0))
+    sampled = sample_sky(sky, sun_zenith_rad=np.radians(50.0))
+    exact = sky(zenith_rad=ZENITH_RAD, phi_rad=PHI_RAD)
+    difference = np.abs(sampled(zenith_rad=ZENITH_RAD, phi_rad=PHI_RAD) - exact) / exact[:, :1]
+    assert np.max(difference) < 1e-4
+    assert sampled.relative_error < 1e-4
 
 
 @pytest.mark.parametrize("kind", [AerosolType.RURAL, AerosolType.DUST])
