@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from model.effects.bound import EVERYTHING, Bound, Disturbance
 from model.effects.radiance_bounds import RegionBounds, share_of
+from model.processing.detection_distribution import CONDITION_LIMIT
 from model.special_functions import erfc
 
 FloatArray = NDArray[np.float64]
@@ -109,7 +110,8 @@ def detection_bound(
     differ by h deviations at most 0.4 h. Background: another mean is a shift of the target; another covariance moves
     the ellipsoid of detection by at most x sqrt(eta) of its deviations, and a normal vector lies within such a shell
     with at most its width times the Gaussian surface of a ball over the least deviation of the target along it. Where
-    the two differ in S0 by many deviations a target is missed so rarely, with and without, that nothing more changes.
+    the two differ in S0 by many deviations a target is missed so rarely, with and without, that nothing more changes,
+    if the background keeps so much of its covariance that there is such a probability.
 
     References
     ----------
@@ -121,7 +123,7 @@ def detection_bound(
         return np.inf
     missed = _missed(target, of_target, background, of_background, eta=eta)
     if max(of_target.share, of_background.share) >= _LARGEST_SHARE:
-        return missed if missed < 1.0 else np.inf
+        return missed if missed < 1.0 and _lasts(background, of_background.share) else np.inf
     moved = _shift_in_deviations(of_target, target, target) + _shift_in_deviations(of_background, background, target)
     ratio = share_of(background.cov_high, target.noise_low) if of_background.share > 0.0 else 0.0
     shell = _SURFACE * np.sqrt(eta) * of_background.share * np.sqrt(ratio) if of_background.share > 0.0 else 0.0
@@ -145,6 +147,14 @@ def _missed(
     if not (np.isfinite(clear) and clear > 0.0):
         return 1.0
     return float(erfc(clear / (np.sqrt(2.0) * of_target_s0))) + _PASSED if of_target_s0 > 0.0 else _PASSED
+
+
+def _lasts(background: RegionBounds, share: float) -> bool:
+    """Return whether a covariance that loses this share along any direction is still one that targets are told from."""
+    if not (share < 1.0 and np.all(np.isfinite(background.cov_high))):
+        return False
+    least, most = np.linalg.eigvalsh(background.noise_low)[0], np.linalg.eigvalsh(background.cov_high)[-1]
+    return bool((1.0 - share) * least * CONDITION_LIMIT > most)
 
 
 def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:

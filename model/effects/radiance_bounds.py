@@ -92,7 +92,7 @@ class RegionBounds:
             Whether the share is largest where the light is.
         """
         whole, each = (self.noise_high, self.variance_high) if bright else (self.noise_low, self.variance_low)
-        in_stokes = share_of(self.inverse @ np.diag(variances) @ self.inverse.T, whole)
+        in_stokes = share_of(_of_channels(self.inverse, variances), whole)
         return max(in_stokes, share_of(np.diag(variances), np.diag(each)))
 
     def spatial_share(self, cov: FloatArray, *, is_part: bool = True) -> float:
@@ -134,7 +134,7 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> R
     variance_low, variance_high = (
         temporal_variance_dn2(one, noise=sensor.noise, exposure_s=sensor.exposure_s) for one in (low, high)
     )
-    noise_low, noise_high = (plan.inverse @ np.diag(one) @ plan.inverse.T for one in (variance_low, variance_high))
+    noise_low, noise_high = (_of_channels(plan.inverse, one) for one in (variance_low, variance_high))
     s0_high = most * (light.s0_high + light.added)
     texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
     over_field = _over_field(scene, region, light, s0_high=s0_high, scale=most)
@@ -178,6 +178,13 @@ def _signals(scene: LitScene, light: LightLimits, least: float, most: float) -> 
     weakened = rows * np.array([1.0, kept, kept])
     beams = np.concatenate([light.beams @ rows.T, light.beams @ weakened.T])
     return least * np.maximum(beams.min(axis=0), 0.0), most * (beams.max(axis=0) + light.added)
+
+
+def _of_channels(inverse: FloatArray, variances: FloatArray) -> FloatArray:
+    """Covariance of the Stokes parameters of channels that vary apart; infinite where no limit of one is known."""
+    if not np.all(np.isfinite(variances)):
+        return np.full((3, 3), np.inf)
+    return np.asarray(inverse @ np.diag(variances) @ inverse.T)
 
 
 def share_of(part: FloatArray, whole: FloatArray) -> float:

@@ -9,7 +9,7 @@ from model.moments import checked_pair, require_covariance
 
 FloatArray = NDArray[np.float64]
 
-_CONDITION_LIMIT = 1e12
+CONDITION_LIMIT = 1e12
 _CONDITION_WARNING = 1e8
 _ALIKE = 0.5  # largest entry of the whitened difference of covariances for which the difference is decomposed
 _NO_SPREAD = 1e-30  # weight relative to the largest: below it a component is a constant
@@ -90,11 +90,11 @@ def background_condition(background_cov: FloatArray) -> FloatArray:
     require_covariance(background_cov, name="background_cov")
     values = np.linalg.eigvalsh(background_cov)
     smallest, largest = values[..., 0], values[..., -1]
-    bad = ~(smallest * _CONDITION_LIMIT > largest)
+    bad = ~(smallest * CONDITION_LIMIT > largest)
     if np.any(bad):
         raise ValueError(
             f"background_cov is singular to double precision: its eigenvalues span {np.min(smallest[bad]):.3g} to "
-            f"{np.max(largest[bad]):.3g}; allowed is a condition number of at most {_CONDITION_LIMIT:g}. Leave out "
+            f"{np.max(largest[bad]):.3g}; allowed is a condition number of at most {CONDITION_LIMIT:g}. Leave out "
             "channels that are combinations of others, or add the noise that they really have"
         )
     return np.asarray(largest / smallest, dtype=np.float64)

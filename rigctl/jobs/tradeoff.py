@@ -50,17 +50,21 @@ def trade_accuracy(
         A file is wrong, or a tolerance is outside its range.
     """
     predictor = ScenePredictor(load_scene(scene), None if noise is None else read_noise_file(noise), light=SceneLight())
+    with as_config_error(f"scene {predictor.scene.name}"):
+        _require_shallow(predictor)
+        curves = _curves(predictor, tolerances, also, progress)
+    if out is not None:
+        write_accuracy_tradeoff(curves, out)
+    return curves
+
+
+def _require_shallow(predictor: ScenePredictor) -> None:
     depth = optical_depth(predictor.lit_scene())
     if depth > DEEPEST:
         raise ConfigError(
             f"scene {predictor.scene.name}: its optical depth is {depth:.3g}, allowed for a trade-off is {DEEPEST:g}: "
             "the reference for deeper air takes minutes. rigctl predict --tolerance says what coarse settings keep"
         )
-    with as_config_error(f"scene {predictor.scene.name}"):
-        curves = _curves(predictor, tolerances, also, progress)
-    if out is not None:
-        write_accuracy_tradeoff(curves, out)
-    return curves
 
 
 def _curves(
