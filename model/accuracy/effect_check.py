@@ -93,16 +93,24 @@ def check_effects(
     return tuple(found)
 
 
-def chain_time_s(scene: LitScene, settings: Settings, effects: frozenset[Effect]) -> float:
+def chain_time_s(
+    scene: LitScene,
+    settings: Settings,
+    effects: frozenset[Effect],
+    *,
+    make_store: Callable[[], LightStore] = LightStore,
+) -> float:
     """Return the time of one evaluation with some effects, nothing being kept from before [s].
 
     Parameters
     ----------
     scene, settings, effects
         As `model.accuracy.evaluation.chain.evaluate` takes them.
+    make_store
+        Gives an empty store of lights.
     """
     return min(
-        sum(evaluate(scene, settings, effects=effects, store=LightStore()).stage_s.values()) for _ in range(_REPEATS)
+        sum(evaluate(scene, settings, effects=effects, store=make_store()).stage_s.values()) for _ in range(_REPEATS)
     )
 
 

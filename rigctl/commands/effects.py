@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.console.terminal import print_json, progress, results
+from rigctl.console.terminal import print_json, progress, results, solving_shown
 from rigctl.files.choices import EffectRule
 
 # A bound that does not hold is a fault of the program's own.
@@ -66,15 +66,17 @@ def command(
             results().print(terminal_table(rendering_table(rendered)))
         return
 
-    planned = plan_scene_effects(
-        scene,
-        tolerance=tolerance,
-        verify=verify,
-        switched_on=switched_on or (),
-        left_out=left_out or (),
-        noise=noise,
-        rule=rule,
-    )
+    with solving_shown() as tell:
+        planned = plan_scene_effects(
+            scene,
+            tolerance=tolerance,
+            verify=verify,
+            switched_on=switched_on or (),
+            left_out=left_out or (),
+            noise=noise,
+            rule=rule,
+            tell=tell,
+        )
     checked = planned.verification
     if as_json:
         print_json(effects_json(planned.plan, checked) | {"remarks": list(planned.remarks)})

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from threading import Timer
 from typing import Any
 
 from rich.console import Console
@@ -15,6 +16,8 @@ from rigctl.console.json_text import Json, json_text
 _WIDTH_OF_FILES = 120
 # A wavelength of deeper air takes seconds to minutes: worth a line where there is no terminal for a bar.
 _DEEP = 12.0
+# After which something is shown on a terminal [s].
+_SILENT_S = 1.0
 
 
 class _SafeConsole(Console):
@@ -41,30 +44,36 @@ def progress() -> Console:
 
 @contextmanager
 def solving_shown() -> Iterator[Callable[[float], None]]:
-    """Show a bar with the time while skies are solved; what is yielded is told the optical depth of each wavelength.
+    """Show a bar with the time while a scene is computed; what is yielded is told each sky's optical depth.
 
-    The bar is shown on a terminal, from the first sky on: one that is kept from before needs none. Elsewhere one line
-    says that deep air takes long.
+    The bar is shown on a terminal, from the first sky on, or after a second: light of spheres, wide fields and laws of
+    DoLP may take longer than skies. Elsewhere one line says that deep air takes long.
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = progress()
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     bar, depths = Progress(*columns, console=console, transient=True, disable=not console.is_terminal), list[float]()
-    task = bar.add_task("", total=None)
+    task = bar.add_task("computing", total=None)
+    begun = Timer(_SILENT_S, bar.start)
+    begun.daemon = True
 
     def tell(depth: float) -> None:
         if not depths:
             bar.start()
-            bar.reset(task)
         if depth > _DEEP and not console.is_terminal and max(depths, default=0.0) <= _DEEP:
             console.print(f"optical depth {depth:.3g}: each wavelength takes seconds to minutes")
         depths.append(depth)
         bar.update(task, description=f"sky {len(depths)}, of optical depth {depth:.3g}")
 
+    if console.is_terminal:
+        begun.start()
     try:
         yield tell
     finally:
+        begun.cancel()
+        if begun.is_alive():
+            begun.join()
         bar.stop()
 
 

@@ -12,7 +12,8 @@ from rigctl.files.config import has_any_key
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.scene.effect_choice import with_choices
-from rigctl.scene.effect_plan import Verification, plan_effects, verify_effects
+from rigctl.scene.effect_plan import Tell, Verification, plan_effects, verify_effects
+from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_reading import scene_of_file
 from rigctl.simulated.rendering_costs import RenderingCosts, rendering_costs
 
@@ -61,6 +62,7 @@ def plan_scene_effects(
     left_out: Sequence[str] = (),
     noise: Path | None = None,
     rule: EffectRule = "safe",
+    tell: Tell | None = None,
 ) -> PlannedEffects:
     """Return which effects a scene calls for, and why.
 
@@ -78,6 +80,8 @@ def plan_scene_effects(
         Noise calibration, in place of the assumed noise.
     rule : {"safe", "estimated", "all"}
         By bounds, by estimates, or without leaving out what is there.
+    tell : callable or None
+        Told the optical depth of each wavelength before it is solved.
 
     Raises
     ------
@@ -86,7 +90,6 @@ def plan_scene_effects(
     """
     chosen = with_choices(load_scene(scene), switched_on=switched_on, left_out=left_out)
     record = scene_of_file(chosen, None if noise is None else read_noise_file(noise))
-    planned = plan_effects(record, tolerance=tolerance, rule=rule, every_estimate=True)
-    return PlannedEffects(
-        plan=planned.plan, verification=verify_effects(planned) if verify else None, remarks=planned.remarks
-    )
+    planned = plan_effects(record, tolerance=tolerance, rule=rule, every_estimate=True, light=SceneLight(tell=tell))
+    verification = verify_effects(planned, tell=tell) if verify else None
+    return PlannedEffects(plan=planned.plan, verification=verification, remarks=planned.remarks)

@@ -1,6 +1,6 @@
 """Planning of effects: those that a scene calls for, and what leaving the others out truly changes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from model.accuracy.thin_sky import skylight_bound
 from model.effects.light_bounds import may_be_small
 from model.effects.names import ALL, Effect, EffectRule
 from model.effects.planner import LIGHT, EffectPlan, plan, plan_of_all
-from rigctl.errors import ConfigError, as_config_error
+from rigctl.errors import as_config_error
 from rigctl.scene.effect_choice import forced_effects
 from rigctl.scene.model_records import settings_of
 from rigctl.scene.model_scene import lit_scene, readout_of, sensor_of
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from model.scene.lit_scene import LitScene
     from model.scene.scenario import Readout, RegionLight
     from rigctl.scene.scene_record import Scene
+
+# Told the optical depth of each wavelength before it is solved.
+Tell = Callable[[float], None]
 
 # Share of a tolerance that may go to effects that are left out; numerical settings have the rest.
 SHARE = 0.5
@@ -192,8 +195,15 @@ def plan_for_prediction(
     )
 
 
-def verify_effects(planned: PlannedScene) -> Verification:
+def verify_effects(planned: PlannedScene, *, tell: Tell | None = None) -> Verification:
     """Return what leaving out each effect truly changes, whether it acts or not.
+
+    Parameters
+    ----------
+    planned
+        A scene with the decisions.
+    tell
+        Told the optical depth of each wavelength before it is solved.
 
     Raises
     ------
@@ -201,11 +211,16 @@ def verify_effects(planned: PlannedScene) -> Verification:
         A number is outside its range.
     """
     bounds = {one.effect: one.bound for one in planned.plan.decisions}
-    try:
+
+    def empty() -> "LightStore":
+        return SceneLight(is_kept_between_runs=False, tell=tell).lights
+
+    def time_s(effects: frozenset[Effect]) -> float:
+        return chain_time_s(planned.scene, planned.settings, effects, make_store=empty)
+
+    with as_config_error("--verify"):
         return Verification(
-            checked=check_effects(planned.scene, planned.settings, bounds),
-            all_s=chain_time_s(planned.scene, planned.settings, ALL),
-            planned_s=chain_time_s(planned.scene, planned.settings, planned.plan.active),
+            checked=check_effects(planned.scene, planned.settings, bounds, make_store=empty),
+            all_s=time_s(ALL),
+            planned_s=time_s(planned.plan.active),
         )
-    except ValueError as error:
-        raise ConfigError(str(error)) from error

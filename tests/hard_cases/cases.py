@@ -169,3 +169,14 @@ HARD_CASES: tuple[HardCase, ...] = (
     _lit("index 1 + 1e-6", surface=_surface(n=1.000001)),
     _lit("metal: index 0.2 + 3 i", surface=_surface(n=0.2, k=3.0, dhr=None)),
 )
+
+# Found by trial after the page was drawn up: each with the words of the command that it broke.
+MET_CASES: tuple[tuple[HardCase, str], ...] = (
+    (_given("light without end: no noise is left beside that of light", s0=1e12), "effects SCENE --verify"),
+    (_lit("visibility of 0.2 km, that no table has", air="visibility_km = 0.2"), "tradeoff SCENE --tolerances 0.1"),
+    (
+        _lit("Angstrom exponent of 10", air="visibility_km = 23.0\nangstrom_exponent = 10"),
+        "tradeoff SCENE --tolerances 0.1",
+    ),
+    (_lit("analytic sky", tier='"analytic"'), "predict SCENE --tolerance 0.1"),
+)

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from tests.hard_cases.cases import HARD_CASES
-from tests.hard_cases.matrix import COLUMNS, Cell, cell
+from tests.hard_cases.cases import HARD_CASES, MET_CASES
+from tests.hard_cases.matrix import COLUMNS, Cell, Column, cell
 from tests.hard_cases.page import PAGE, rows_of
 
 _BY_NAME = {column.name: column for column in COLUMNS}
@@ -60,6 +60,12 @@ def test_a_sun_or_view_that_no_plane_atmosphere_has_is_refused_by_every_command(
     found = _cells(case, ("predict", "--tolerance", "sweep", "uncertainty", "effects", "tradeoff"), tmp_path)
     assert {one.exit_code for one in found.values()} == {2}
     assert all("zenith" in one.words for one in found.values())
+
+
+@pytest.mark.parametrize(("case", "words"), MET_CASES, ids=lambda one: getattr(one, "name", ""))
+def test_what_a_trial_met_is_answered_or_refused_with_words(case, words, tmp_path):
+    column = Column(name="met", words=tuple(words.split()), read=lambda _answer: "")
+    assert cell(case, column, tmp_path).fault == ""
 
 
 def test_a_region_without_noise_has_a_tolerance_and_a_tradeoff(tmp_path):

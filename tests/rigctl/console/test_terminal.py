@@ -1,6 +1,7 @@
 """What people see while a sky is solved."""
 
 import io
+import threading
 
 import pytest
 from rich.console import Console
@@ -42,3 +43,23 @@ def test_on_a_terminal_a_bar_says_what_is_solved(monkeypatch):
         tell(50.1)
     assert "sky 1, of optical depth 50.1" in shown.getvalue()
     assert "takes seconds" not in shown.getvalue()
+
+
+def test_on_a_terminal_a_bar_is_shown_after_a_second_without_a_sky(monkeypatch):
+    shown, waits = io.StringIO(), []
+
+    class AtOnce(threading.Timer):
+        def __init__(self, seconds, call):
+            waits.append(seconds)
+            super().__init__(0.0, call)
+
+        def start(self):
+            super().start()
+            self.join()
+
+    monkeypatch.setattr(terminal, "Timer", AtOnce)
+    monkeypatch.setattr(terminal, "progress", lambda: Console(file=shown, force_terminal=True, width=100))
+    with terminal.solving_shown():
+        pass
+    assert waits == [1.0]
+    assert "computing" in shown.getvalue()
