@@ -47,7 +47,7 @@ def test_thin_air_that_is_bright_at_the_horizon_alone_leaves_no_ripples(pressure
     difference = np.abs(sampled(zenith_rad=ZENITH_RAD, phi_rad=PHI_RAD) - exact) / exact[:, :1]
     # Without its own depth the ripples were from 0.7 to 1e5 of the light.
     assert np.max(difference) < 1e-3
-    assert sampled.relative_error < 1e-4
+    assert sampled.relative_error < 1e-3
 
 
 @pytest.mark.parametrize("kind", [AerosolType.RURAL, AerosolType.DUST])
