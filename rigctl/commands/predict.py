@@ -1,6 +1,6 @@
 """``rigctl predict``: what the model says that a scene will give."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,13 +15,11 @@ from rigctl.files.choices import EffectRule, Engine, LightPart, SnrKind
 from rigctl.reports.writers.terminal_table import terminal_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from model.prediction.prediction import Quantities, RegionPrediction
     from model.prediction.region_performance import PairDetection
     from rigctl.calibrations.rig_picks import RigPicks
     from rigctl.files.choices import RocKind
-    from rigctl.jobs.predict import PredictedScene, PredictRequest
+    from rigctl.jobs.predict import PredictedScene, PredictedToTolerance, PredictRequest
     from rigctl.reports.table import AnyTable
 
 
@@ -114,11 +112,9 @@ def command(
 
     if ranges and uncertainty:
         raise ConfigError("--uncertainty: is of one prediction; leave out --sweep")
-    if estimated_only and tolerance is None:
-        raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
-    if rule is not None and tolerance is None:
-        raise ConfigError("--effects: is of a prediction to a tolerance; give --tolerance T too")
-    if tolerance is not None and uncertainty:
+    if tolerance is None:
+        _require_no_tolerance_wanted(estimated_only=estimated_only, rule=rule)
+    elif uncertainty:
         raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
     request = PredictRequest(
         scene=scene,
@@ -142,7 +138,14 @@ def command(
     else:
         _predict(request, shown, uncertainty=uncertainty)
     if write_truth is not None:
-        _write_truth(scene, write_truth, parse_changes(changes or ()))
+        _write_truth(scene, write_truth, request.changes)
+
+
+def _require_no_tolerance_wanted(*, estimated_only: bool, rule: EffectRule | None) -> None:
+    if estimated_only:
+        raise ConfigError("--estimated-only: is of a tolerance; give --tolerance T too")
+    if rule is not None:
+        raise ConfigError("--effects: is of a prediction to a tolerance; give --tolerance T too")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,10 +164,9 @@ def _write_truth(scene: Path, file: Path, changes: Mapping[str, float]) -> None:
     progress().print(f"truth: {file}", markup=False)
 
 
-def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -> None:
+def _predict(request: "PredictRequest", shown: _Shown, *, uncertainty: bool) -> None:
     from rigctl.jobs.predict import predict_scene
     from rigctl.reports.tables.light_tables import geometry_lines, light_json, light_tables
-    from rigctl.reports.tables.numbers_json import prediction_json
     from rigctl.reports.tables.prediction_tables import (
         input_effect_tables,
         input_effects_json,
@@ -175,31 +177,52 @@ def _predict(request: "PredictRequest", shown: "_Shown", *, uncertainty: bool) -
     with solving_shown() as tell:
         predicted = predict_scene(request, uncertainty=uncertainty, tell=tell)
     found, errors = predicted.found, predicted.uncertainty
-    _say_picked(predicted.picked)
-    _warn_of(predicted.doubts)
-    remarks = (*predicted.doubts, *found.remarks)
-    content = prediction_json(found.predictions, predicted.performance, remarks=remarks) | light_json(found)
-    content |= _reasons(found.predictions) | _roc(predicted.rocs) | predicted.picked.as_json()
+    _say_of_calibrations(predicted.picked, predicted.doubts)
+    content = _content(predicted, found.predictions, light_json(found), remarks=(*predicted.doubts, *found.remarks))
     regions: Mapping[str, Quantities] = {name: one.quantities for name, one in found.predictions.items()}
     if errors is not None:
         regions = with_input_errors(found.predictions, errors)
         content |= {"regions": regions} | input_effects_json(errors)
-    if shown.out is not None:
-        from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
-
-        written = write_prediction(content, found.predictions, predicted.rocs, shown.out, remarks=predicted.remarks)
-        progress().print(f"{', '.join(written)} in {shown.out}", markup=False)
+    _write(content, found.predictions, predicted.rocs, shown, remarks=predicted.remarks)
     if shown.as_json:
         print_json(content)
         return
     for line in geometry_lines(found):
         results().print(line)
     effects = () if errors is None else input_effect_tables(errors)
-    tables = (*light_tables(found), *quantity_tables(regions, snr=shown.snr), *effects)
-    for table in (*tables, *_roc_tables(predicted.rocs)):
-        results().print(terminal_table(table))
-    for remark in (*predicted.remarks[len(predicted.doubts) :], *_of_uncertainty(predicted)):
-        progress().print(remark, markup=False)
+    _print((*light_tables(found), *quantity_tables(regions, snr=shown.snr), *effects, *_roc_tables(predicted.rocs)))
+    _say((*found.remarks, *predicted.warnings, *_of_uncertainty(predicted)))
+
+
+def _content(
+    predicted: "PredictedScene | PredictedToTolerance",
+    predictions: "Mapping[str, RegionPrediction]",
+    beside: dict[str, Json],
+    *,
+    remarks: "Sequence[str]",
+) -> dict[str, Json]:
+    """Return what is written of every prediction, as JSON holds it."""
+    from rigctl.reports.tables.numbers_json import prediction_json
+
+    content = prediction_json(predictions, predicted.performance, remarks=remarks) | beside
+    return content | _reasons(predictions) | _roc(predicted.rocs) | predicted.picked.as_json()
+
+
+def _write(
+    content: dict[str, Json],
+    predictions: "Mapping[str, RegionPrediction]",
+    rocs: "Mapping[RocKind, PairDetection]",
+    shown: _Shown,
+    *,
+    remarks: "Sequence[str]",
+) -> None:
+    """Write the files of a prediction, where they are wanted."""
+    if shown.out is None:
+        return
+    from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
+
+    written = write_prediction(content, predictions, rocs, shown.out, remarks=remarks)
+    progress().print(f"{', '.join(written)} in {shown.out}", markup=False)
 
 
 def _roc(rocs: "Mapping[RocKind, PairDetection]") -> dict[str, Json]:
@@ -240,38 +263,26 @@ def _of_uncertainty(predicted: "PredictedScene") -> Iterable[str]:
         yield f"{len(uncertain)} inputs have a stated uncertainty: --uncertainty says what that makes of these numbers"
 
 
-def _predict_to(request: "PredictRequest", tolerance: float, shown: "_Shown", *, estimated_only: bool) -> None:
-    from rigctl.jobs.predict import predict_scene_to, said_of
+def _predict_to(request: "PredictRequest", tolerance: float, shown: _Shown, *, estimated_only: bool) -> None:
+    from rigctl.jobs.predict import predict_scene_to
     from rigctl.reports.tables.accuracy_tables import accuracy_json, accuracy_lines, accuracy_table
     from rigctl.reports.tables.effects_tables import effects_json, left_out_line
-    from rigctl.reports.tables.numbers_json import prediction_json
     from rigctl.reports.tables.prediction_tables import quantity_tables
 
     with solving_shown() as tell:
         predicted = predict_scene_to(request, tolerance=tolerance, estimated_only=estimated_only, tell=tell)
-    found, effects = predicted.found, predicted.effects
-    _say_picked(predicted.picked)
-    _warn_of(predicted.doubts)
-    predictions = found.result.predictions
+    found, effects, predictions = predicted.found, predicted.effects, predicted.found.result.predictions
+    _say_of_calibrations(predicted.picked, predicted.doubts)
     remarks = (*predicted.doubts, *predicted.remarks)
-    said = said_of(predictions, predicted.performance, predicted.rocs)
-    content = prediction_json(predictions, predicted.performance, remarks=remarks)
-    content |= _reasons(predictions) | _roc(predicted.rocs) | predicted.picked.as_json()
+    content = _content(predicted, predictions, {}, remarks=remarks)
     content |= {"accuracy": accuracy_json(found), "effects": effects_json(effects, None)}
-    if shown.out is not None:
-        from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
-
-        written = write_prediction(content, predictions, predicted.rocs, shown.out, remarks=(*remarks, *said))
-        progress().print(f"{', '.join(written)} in {shown.out}", markup=False)
+    _write(content, predictions, predicted.rocs, shown, remarks=(*remarks, *predicted.warnings))
     if shown.as_json:
         print_json(content)
         return
     regions = {name: one.quantities for name, one in predictions.items()}
-    tables = (*quantity_tables(regions, snr=shown.snr), *_roc_tables(predicted.rocs), accuracy_table(found))
-    for table in tables:
-        results().print(terminal_table(table))
-    for line in (*accuracy_lines(found), left_out_line(effects), *predicted.remarks, *said):
-        progress().print(line, markup=False)
+    _print((*quantity_tables(regions, snr=shown.snr), *_roc_tables(predicted.rocs), accuracy_table(found)))
+    _say((*accuracy_lines(found), left_out_line(effects), *predicted.remarks, *predicted.warnings))
 
 
 def _sweep(
@@ -283,37 +294,40 @@ def _sweep(
     estimated_only: bool,
 ) -> None:
     from rigctl.jobs.predict import sweep_scene
+    from rigctl.prediction.sweep_axes import parse_sweeps
     from rigctl.reports.tables.accuracy_tables import series_json, series_lines
     from rigctl.reports.tables.sweep_tables import sweep_json, sweep_tables, warning_lines
 
-    out, snr = shown.out, shown.snr
+    out, snr, axes = shown.out, shown.snr, parse_sweeps(ranges)
     with solving_shown() as tell:
         swept = sweep_scene(
-            request, ranges, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only, tell=tell
+            request, axes, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only, tell=tell
         )
-    _say_picked(swept.picked)
-    _warn_of(swept.doubts)
+    _say_of_calibrations(swept.picked, swept.doubts)
     if shown.as_json:
         accuracy = {} if swept.accuracy is None else {"accuracy": series_json(swept.accuracy)}
         print_json(sweep_json(swept.found, remarks=(*swept.doubts, *swept.remarks)) | accuracy | swept.picked.as_json())
         return
     results().print(f"sweep of {swept.found.key}", markup=False)
-    for table in sweep_tables(swept.found, snr=snr):
-        results().print(terminal_table(table))
-    of_series = () if swept.accuracy is None else series_lines(swept.accuracy)
-    for line in (*of_series, *warning_lines(swept.found), *swept.remarks):
-        progress().print(line, markup=False)
-    for number, reason in dict.fromkeys((one.number, one.reason) for one in swept.found.missing):
-        progress().print(f"{number}: missing where {reason}", markup=False)
+    _print(sweep_tables(swept.found, snr=snr))
+    _say((*(() if swept.accuracy is None else series_lines(swept.accuracy)), *warning_lines(swept.found)))
+    missing = dict.fromkeys(f"{one.number}: missing where {one.reason}" for one in swept.found.missing)
+    _say((*swept.remarks, *missing))
     if out is not None:
-        progress().print(f"sweep.csv, sweep.json and plots in {out}", markup=False)
+        _say((f"sweep.csv, sweep.json and plots in {out}",))
 
 
-def _say_picked(picked: "RigPicks") -> None:
-    for line in picked.lines:
-        progress().print(line, markup=False)
-
-
-def _warn_of(doubts: Iterable[str]) -> None:
+def _say_of_calibrations(picked: "RigPicks", doubts: Iterable[str]) -> None:
+    _say(picked.lines)
     for doubt in doubts:
         warn(doubt)
+
+
+def _say(lines: Iterable[str]) -> None:
+    for line in lines:
+        progress().print(line, markup=False)
+
+
+def _print(tables: "Iterable[AnyTable]") -> None:
+    for table in tables:
+        results().print(terminal_table(table))

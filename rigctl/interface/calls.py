@@ -25,10 +25,11 @@ from rigctl.interface.run import FilePath, Run, maybe_path, none_fits, open_run
 from rigctl.jobs.acquire import AcquireRequest, prepare_session
 from rigctl.jobs.acquire import acquire as take
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.predict import PredictRequest, predict_scene, sweep_scene_over
+from rigctl.jobs.predict import PredictRequest, predict_scene, sweep_scene
 from rigctl.jobs.sky import compute_sky
 from rigctl.jobs.surface import look_at_surface
 from rigctl.measurement.picked_calibrations import calibration_paths
+from rigctl.prediction.sweep_axes import Axis
 
 SceneGiven = str | Path | SceneFile
 
@@ -114,7 +115,7 @@ def sweep(
     if at.ndim != 1 or not len(at) or not np.all(np.isfinite(at)):
         raise ConfigError("values: wanted is a list of one number or more, all of them finite")
     request = _predict_request(scene, changes, noise, radiometric, calibrations, light, engine)
-    found = sweep_scene_over(request, key, at, out=maybe_path(out))
+    found = sweep_scene(request, (Axis(key=key, values=at),), out=maybe_path(out))
     _warn_of((*found.doubts, *none_fits(found.picked.choices)))
     return SweepResult(**vars(found))
 

@@ -1,14 +1,11 @@
 """Predicting a scene: what the model says of each region, to a tolerance or with the uncertainty of its inputs."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.rig_picks import NONE, RigPicks, picked_for_scene
@@ -21,7 +18,7 @@ from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.predicted_uncertainty import PredictedUncertainty, predicted_uncertainty
 from rigctl.prediction.roc_curves import RocPair, parse_roc, roc_curves
 from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
-from rigctl.prediction.sweep_axes import Axis, parse_sweeps
+from rigctl.prediction.sweep_axes import Axis
 from rigctl.scene.effect_choice import with_choices
 from rigctl.scene.scene_inputs import Inputs, only_uncertain
 from rigctl.scene.scene_light import SceneLight
@@ -113,14 +110,31 @@ class PredictedScene:
     picked: RigPicks = field(default_factory=RigPicks)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be said of the regions and their detection."""
+        return _warnings(self.found.predictions, self.performance, self.rocs)
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """All that is to be said: of the calibrations, the scene, the regions and their detection."""
-        return (*self.doubts, *self.found.remarks, *said_of(self.found.predictions, self.performance, self.rocs))
+        return (*self.doubts, *self.found.remarks, *self.warnings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictedToTolerance:
-    """Prediction of a scene to a stated numerical error, and the effects that it took for that."""
+    """Prediction of a scene to a stated numerical error, and the effects that it took for that.
+
+    Attributes
+    ----------
+    found : AccuratePrediction
+        Of each region, with its errors.
+    effects : EffectPlan
+        Which act.
+    remarks : tuple of str
+        Of the scene and of the effects that are left out.
+    performance, doubts, rocs, picked
+        As in `PredictedScene`.
+    """
 
     found: "AccuratePrediction"
     effects: "EffectPlan"
@@ -129,6 +143,11 @@ class PredictedToTolerance:
     doubts: tuple[str, ...]
     rocs: dict[RocKind, "PairDetection"]
     picked: RigPicks = field(default_factory=RigPicks)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be said of the regions and their detection."""
+        return _warnings(self.found.result.predictions, self.performance, self.rocs)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,6 +159,15 @@ class SweptScene:
     doubts: tuple[str, ...]
     accuracy: "SeriesPrediction | None" = None
     picked: RigPicks = field(default_factory=RigPicks)
+
+
+def _warnings(
+    predictions: Mapping[str, "RegionPrediction"], performance: Performance, rocs: Mapping[RocKind, "PairDetection"]
+) -> tuple[str, ...]:
+    """Return the warnings of predictions and of detection, each once."""
+    pairs = (*performance.detections, *rocs.values())
+    of_pairs = (f"{pair.target} on {pair.background}: {text}" for pair in pairs for text in pair.warnings)
+    return tuple(dict.fromkeys((*model_warnings(predictions), *of_pairs)))
 
 
 # Told the optical depth of each wavelength that is solved.
@@ -215,7 +243,7 @@ def predict_scene_to(
 
 def sweep_scene(
     request: PredictRequest,
-    ranges: Sequence[str],
+    axes: tuple[Axis, ...],
     *,
     out: Path | None = None,
     snr: SnrKind = "exact",
@@ -223,14 +251,14 @@ def sweep_scene(
     estimated_only: bool = False,
     tell: Tell | None = None,
 ) -> SweptScene:
-    """Return what the model says of a scene through ranges of its numbers: of one, or on a grid of several.
+    """Return what the model says of a scene at each value of one of its numbers, or on a grid of several.
 
     Parameters
     ----------
     request : PredictRequest
         The scene.
-    ranges : sequence of str
-        Each ``KEY=start:stop:n``.
+    axes : tuple of Axis
+        Its numbers that change, and their values.
     out : Path or None
         Folder for sweep.csv, sweep.json and sweep.png, roc.csv and roc.png.
     snr : {"exact", "first-order", "both"}
@@ -247,34 +275,6 @@ def sweep_scene(
     ConfigError, DataError
         A file is wrong or does not fit, or there is no such number, or it is outside its range.
     """
-    axes = parse_sweeps(ranges)
-    return _swept(request, axes, out=out, snr=snr, tolerance=tolerance, estimated_only=estimated_only, tell=tell)
-
-
-def sweep_scene_over(
-    request: PredictRequest,
-    key: str,
-    values: NDArray[np.float64],
-    *,
-    out: Path | None = None,
-    tolerance: float | None = None,
-    estimated_only: bool = False,
-) -> SweptScene:
-    """Return what the model says of a scene at each value of one of its numbers; the rest as in `sweep_scene`."""
-    axes = (Axis(key=key, values=values),)
-    return _swept(request, axes, out=out, snr="exact", tolerance=tolerance, estimated_only=estimated_only)
-
-
-def _swept(
-    request: PredictRequest,
-    axes: tuple[Axis, ...],
-    *,
-    out: Path | None,
-    snr: SnrKind,
-    tolerance: float | None,
-    estimated_only: bool,
-    tell: Tell | None = None,
-) -> SweptScene:
     from rigctl.prediction.sweep import sweep_over, sweep_to_tolerance
 
     twice = [axis.key for axis in axes if axis.key in request.changes]
@@ -294,15 +294,6 @@ def _swept(
 
         write_sweep(found, out, remarks=(*doubts, *remarks), snr=snr)
     return SweptScene(found=found, remarks=remarks, doubts=doubts, accuracy=accuracy, picked=picked)
-
-
-def said_of(
-    predictions: Mapping[str, "RegionPrediction"], performance: Performance, rocs: Mapping[RocKind, "PairDetection"]
-) -> tuple[str, ...]:
-    """Return the warnings of predictions and of detection, each once."""
-    pairs = (*performance.detections, *rocs.values())
-    of_pairs = (f"{pair.target} on {pair.background}: {text}" for pair in pairs for text in pair.warnings)
-    return tuple(dict.fromkeys((*model_warnings(predictions), *of_pairs)))
 
 
 def _pair(request: PredictRequest, predictor: ScenePredictor) -> RocPair | None:

@@ -15,7 +15,7 @@ from rigctl.files.choices import EffectRule, RocKind
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.roc_curves import RocPair, roc_curves_of_sweep
 from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.prediction.sweep_axes import Axis, parse_sweeps
+from rigctl.prediction.sweep_axes import Axis
 from rigctl.scene.parameters import require_within, with_values
 from rigctl.scene.scene_record import Scene
 
@@ -106,28 +106,17 @@ class Sweep:
         return np.array(found, dtype=np.float64).reshape(self.shape)
 
 
-def sweep(predictor: ScenePredictor, *requests: str, roc: RocPair | None = None) -> Sweep:
-    """Return what the model says over ranges of numbers: of one, or of every combination of several.
+def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPair | None = None) -> Sweep:
+    """Return what the model says at each point of a grid.
 
     Parameters
     ----------
     predictor : ScenePredictor
         The scene.
-    requests : str
-        Each ``KEY=start:stop:n``: n values from start to stop, both included.
+    axes : tuple of Axis
+        One or more.
     roc : RocPair or None
         Of which the whole ROC is found at each point.
-
-    Raises
-    ------
-    ConfigError
-        A request cannot be read, there is no such number, a value is outside its range, or one is asked for twice.
-    """
-    return sweep_over(predictor, parse_sweeps(requests), roc=roc)
-
-
-def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPair | None = None) -> Sweep:
-    """Return what the model says at each point of a grid.
 
     Raises
     ------

@@ -4,7 +4,7 @@
 beside it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from rigctl.comparison.rows import measured_with_ratios
@@ -34,7 +34,7 @@ STATISTICS = {
 
 
 def prediction_json(
-    predictions: dict[str, "RegionPrediction"], performance: Performance, *, remarks: Iterable[str]
+    predictions: Mapping[str, "RegionPrediction"], performance: Performance, *, remarks: Iterable[str]
 ) -> dict[str, Json]:
     """Return predictions, and what they are worth, as JSON holds them."""
     return {

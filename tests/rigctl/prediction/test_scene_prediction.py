@@ -8,8 +8,8 @@ from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.prediction.sweep import sweep
-from rigctl.prediction.sweep_axes import parse_sweep
+from rigctl.prediction.sweep import Sweep, sweep_over
+from rigctl.prediction.sweep_axes import parse_sweep, parse_sweeps
 from rigctl.reports.figures.prediction_figures import sweep_png
 from rigctl.reports.tables.light_tables import light_json, phi_text
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_tables
@@ -29,6 +29,10 @@ def store(tmp_path_factory):
 @pytest.fixture
 def predictor(store, tmp_path):
     return ScenePredictor(load_scene(written(tmp_path)), None, light=SceneLight(store))
+
+
+def sweep(predictor: ScenePredictor, request: str) -> Sweep:
+    return sweep_over(predictor, parse_sweeps([request]))
 
 
 def snr(predictions, region="paint"):
