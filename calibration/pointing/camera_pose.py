@@ -97,7 +97,13 @@ class CameraPose:
 
 
 def camera_axes(angles_rad: FloatArray) -> FloatArray:
-    """Return right, down and forward of a camera as rows, in east, north, up: turns world into camera."""
+    """Return right, down and forward of a camera as rows, in east, north, up: turns world into camera.
+
+    Parameters
+    ----------
+    angles_rad
+        Azimuth clockwise from north, elevation and roll, shape (3,) [rad].
+    """
     (sin_a, sin_e, sin_r), (cos_a, cos_e, cos_r) = np.sin(angles_rad).tolist(), np.cos(angles_rad).tolist()
     level, down = np.array([cos_a, -sin_a, 0.0]), np.array([sin_e * sin_a, sin_e * cos_a, -cos_e])
     forward = (sin_a * cos_e, cos_a * cos_e, sin_e)
@@ -105,18 +111,40 @@ def camera_axes(angles_rad: FloatArray) -> FloatArray:
 
 
 def direction(azimuth_rad: float, elevation_rad: float) -> FloatArray:
-    """Return the unit vector of a direction in east, north, up."""
+    """Return the unit vector of a direction in east, north, up.
+
+    Parameters
+    ----------
+    azimuth_rad, elevation_rad
+        Clockwise from north, and up from the horizon [rad].
+    """
     level = np.cos(elevation_rad)
     return np.array([np.sin(azimuth_rad) * level, np.cos(azimuth_rad) * level, np.sin(elevation_rad)])
 
 
 def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
-    """Return angles on the turn about 0."""
+    """Return angles on the turn about 0.
+
+    Parameters
+    ----------
+    angle_rad
+        Any shape [rad].
+    """
     return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def refraction_rad(elevation_rad: float) -> float:
-    """Return by how much air lifts the sun at a geometric elevation, standard pressure (Saemundsson 1986) [rad]."""
+    """Return by how much air lifts the sun at a geometric elevation, standard pressure (Saemundsson 1986) [rad].
+
+    Parameters
+    ----------
+    elevation_rad
+        Geometric elevation [rad]; below -0.5 deg it is taken as there.
+
+    References
+    ----------
+    Saemundsson, Sky and Telescope 72 (1986) 70.
+    """
     degrees = max(np.degrees(elevation_rad), -0.5)
     return float(np.radians(1.02 / 60.0 / np.tan(np.radians(degrees + 10.3 / (degrees + 5.11)))))
 

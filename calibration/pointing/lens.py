@@ -52,7 +52,15 @@ class Lens:
 
 
 def plain_lens(focal_px: float, focal_std_px: float, width: int, height: int) -> Lens:
-    """Return a lens of a stated focal length, its axis through the middle of the picture within a hundredth of it."""
+    """Return a lens of a stated focal length, its axis through the middle of the picture within a hundredth of it.
+
+    Parameters
+    ----------
+    focal_px, focal_std_px
+        Focal length over the pixel pitch, above 0, and its standard uncertainty [px].
+    width, height
+        Of the picture [px].
+    """
     centre_std = 0.01 * max(width, height)
     stds = np.array([focal_std_px, focal_std_px, centre_std, centre_std, 0.0, 0.0, 0.0, 0.0])
     covariance = np.diag(stds**2)
@@ -62,7 +70,15 @@ def plain_lens(focal_px: float, focal_std_px: float, width: int, height: int) ->
 
 
 def rays(pixels: FloatArray, lens: Lens) -> FloatArray:
-    """Return the unit vectors, right, down, forward, along which pixels look; shape (n, 3)."""
+    """Return the unit vectors, right, down, forward, along which pixels look; shape (n, 3).
+
+    Parameters
+    ----------
+    pixels
+        Places in the picture, right and down, shape (n, 2) [px].
+    lens
+        Of the camera.
+    """
     flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2).astype(np.float64), lens.matrix, lens.distortion)[:, 0]
     vectors = np.column_stack((flat, np.ones(len(flat))))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

@@ -174,7 +174,19 @@ def _axis(turn: FloatArray) -> FloatArray:
 
 
 def panel_tilt(stand: PanelStand, pose: CameraPose) -> PanelTilt:
-    """Return how a panel stands in the world, by the direction of the camera and the covariance of its errors."""
+    """Return how a panel stands in the world, by the direction of the camera and the covariance of its errors.
+
+    Parameters
+    ----------
+    stand
+        Normal of the panel in the camera's frame, with its errors.
+    pose
+        Where the camera looks.
+
+    References
+    ----------
+    Definition; first-order propagation, JCGM 100:2008 (GUM), section 5.2.
+    """
 
     def tilted(normal: FloatArray, angles: FloatArray) -> FloatArray:
         east, north, up = camera_axes(angles).T @ normal
@@ -207,6 +219,13 @@ def joint_covariance(pose: CameraPose, tilts: Sequence[PanelTilt]) -> FloatArray
     """Return the covariance of the camera's angles and of tilt and azimuth of each panel, in this order [rad^2].
 
     A panel's tilt is found by the camera's direction, and both by one lens: their errors go together.
+
+    Parameters
+    ----------
+    pose
+        Where the camera looks.
+    tilts
+        Of each panel.
     """
     by_angles = np.concatenate([np.eye(3), *(one.by_angles for one in tilts)])
     by_lens = np.concatenate([pose.by_lens, *(one.by_lens for one in tilts)])

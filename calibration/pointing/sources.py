@@ -38,7 +38,17 @@ class SunSeen:
 
 
 def compass(reading_rad: float, std_rad: float, *, declination_rad: float, declination_std_rad: float) -> PoseSource:
-    """Return what a compass says of the direction in which the camera looks; declination is positive to the east."""
+    """Return what a compass says of the direction in which the camera looks; declination is positive to the east.
+
+    Parameters
+    ----------
+    reading_rad
+        Clockwise from magnetic north [rad].
+    std_rad
+        Its standard uncertainty, above 0 [rad].
+    declination_rad, declination_std_rad
+        Of the place, positive to the east, and its standard uncertainty [rad].
+    """
     variance = std_rad**2 + declination_std_rad**2
     return PoseSource(
         name="compass",
@@ -48,7 +58,15 @@ def compass(reading_rad: float, std_rad: float, *, declination_rad: float, decli
 
 
 def level(elevation_rad: float, roll_rad: float, std_rad: float) -> PoseSource:
-    """Return what a level on the camera says: its elevation and roll, each to the same standard uncertainty."""
+    """Return what a level on the camera says: its elevation and roll, each to the same standard uncertainty.
+
+    Parameters
+    ----------
+    elevation_rad, roll_rad
+        As read [rad].
+    std_rad
+        Standard uncertainty of each, above 0 [rad].
+    """
     return PoseSource(
         name="level",
         residual=lambda angles: wrapped_rad(np.array([elevation_rad - angles[1], roll_rad - angles[2]])),
@@ -108,7 +126,19 @@ def positions(camera_to_target_m: FloatArray, std_m: FloatArray) -> PoseSource:
 
 
 def sun_in_picture(pixel: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens) -> PoseSource:
-    """Return what the place of the sun in a picture says: its ray beside its direction, in two angles across it."""
+    """Return what the place of the sun in a picture says: its ray beside its direction, in two angles across it.
+
+    Parameters
+    ----------
+    pixel
+        Place of the sun, right and down, shape (2,) [px].
+    pixel_std
+        Standard uncertainty of each coordinate, above 0 [px].
+    sun
+        Where it stood.
+    lens
+        Of the camera.
+    """
     seen = _SeenPoints(pixel[None, :], pixel_std, lens)
 
     def residual(angles: FloatArray) -> FloatArray:

@@ -96,6 +96,15 @@ def pooled_diattenuation(channels: AnalyzerChannels) -> tuple[FloatArray, FloatA
     """Return the diattenuation that all analyzer angles share, and its standard error, scatter included.
 
     One polarizer that turns has one diattenuation; scatter beyond the errors is the light's and enlarges them.
+
+    Parameters
+    ----------
+    channels
+        Diattenuation and its error at each analyzer angle, shape (N, ...).
+
+    References
+    ----------
+    Definition; the mean weighted by inverse variances.
     """
     weights = channels.diattenuation_error**-2.0
     mean = (weights * channels.diattenuation).sum(axis=0) / weights.sum(axis=0)

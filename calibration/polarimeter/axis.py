@@ -133,6 +133,12 @@ def _candidate(
 
 
 def half_turn(angle_rad: FloatArray) -> FloatArray:
-    """Return the difference of two directions, in [-pi/2, pi/2) [rad]."""
+    """Return the difference of two directions, in [-pi/2, pi/2) [rad].
+
+    Parameters
+    ----------
+    angle_rad
+        Difference of two axes, any shape [rad].
+    """
     wrapped: FloatArray = (angle_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return wrapped

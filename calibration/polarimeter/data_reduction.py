@@ -34,7 +34,15 @@ class DataReduction:
 
 
 def linear_states(axis_rad: FloatArray, *, dolp: float) -> FloatArray:
-    """Return the Stokes parameters (3, K) of linear polarizers in unpolarized light of S0 = 1 behind them."""
+    """Return the Stokes parameters (3, K) of linear polarizers in unpolarized light of S0 = 1 behind them.
+
+    Parameters
+    ----------
+    axis_rad
+        Axes of the polarizers, shape (K,) [rad].
+    dolp
+        Of the light behind them, 0 to 1.
+    """
     return np.array([np.ones_like(axis_rad), dolp * np.cos(2.0 * axis_rad), dolp * np.sin(2.0 * axis_rad)])
 
 

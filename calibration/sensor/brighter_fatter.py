@@ -27,6 +27,11 @@ class BrighterFatter:
 def brighter_fatter(transfer: PhotonTransfer) -> BrighterFatter | None:
     """Return the bend of the curve that the response of the sensor does not explain; None without a response.
 
+    Parameters
+    ----------
+    transfer
+        The fitted curve.
+
     Notes
     -----
     The quadratic term of the curve less three times that of the response, in parts of the gain; to first order,

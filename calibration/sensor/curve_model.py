@@ -146,6 +146,13 @@ def cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
 
     Where nothing is known of their sizes it is that of the information in n points (Schwarz). It is too small for terms
     that are expected to be small: one wrong level at an end, which two terms more can reach, would pass for a curve.
+
+    Parameters
+    ----------
+    model
+        Its terms, and what is known of their sizes.
+    fit
+        Of these terms.
     """
     if model.term_sizes is None:
         return model.n_free * float(np.log(len(fit.curve)))

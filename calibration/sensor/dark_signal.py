@@ -181,6 +181,11 @@ def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
     """Return the variance of each level's mean: noise of its pixels, wander of whole frames, and rounding.
 
     Dark current may dither the rounding of long exposures alone: the mean of the short ones is then off.
+
+    Parameters
+    ----------
+    darks
+        Statistics of each level; the result is theirs, in order [DN^2].
     """
     noise = np.array([dark.temporal_variance_dn2 / dark.n_pixels for dark in darks])
     freedom = np.array([dark.n_frames - 1 for dark in darks])

@@ -109,6 +109,11 @@ def linearity_deviation(sweep: EmvaSweep) -> FloatArray | None:
     None where there is no saturation, no light that is known, or fewer than three levels. The line is fitted
     with weights 1 / signal^2.
 
+    Parameters
+    ----------
+    sweep
+        Means of the levels over the light.
+
     References
     ----------
     EMVA Standard 1288, Release 4.0 Linear, section 6.8.

@@ -28,7 +28,15 @@ _OFFSET, _BEND_OF_RESPONSE, _BEND_OF_NOISE = 0.02, 0.1, 0.2
 
 
 def noise_influence(points: TransferPoints, used: Mask) -> PointInfluence | None:
-    """Return each used point of a photon-transfer curve beside the curve through the others."""
+    """Return each used point of a photon-transfer curve beside the curve through the others.
+
+    Parameters
+    ----------
+    points
+        Of the curve.
+    used
+        Levels that stand on it, shape (K,).
+    """
     signal, variance = points.signal_dn[used], points.variance_dn2[used]
     gain = float(np.median(variance / signal))
     dark = float(np.median(points.flat_variance_dn2[used] - variance))
@@ -122,7 +130,17 @@ def is_lamp_sweep(flats: Sequence[LevelStatistics]) -> bool:
 
 
 def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability) -> FloatArray:
-    """Return the variance of the means of flats by noise of pixels, rounding and wander of the light [DN^2]."""
+    """Return the variance of the means of flats by noise of pixels, rounding and wander of the light [DN^2].
+
+    Parameters
+    ----------
+    flats
+        Statistics of each level.
+    signal_dn
+        Mean of each level, dark level off, shape (K,) [DN].
+    stability
+        How the light wanders.
+    """
     temporal = np.array([flat.temporal_variance_dn2 for flat in flats])
     spatial = np.array([max(flat.ordinary.variance_dn2, 0.0) for flat in flats])
     n_frames = np.array([float(flat.n_frames) for flat in flats])

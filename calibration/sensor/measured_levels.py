@@ -59,7 +59,17 @@ def choose_spatial_levels(
     transfer: PhotonTransfer,
     match: DarkMatch,
 ) -> SpatialLevels:
-    """Return the levels with the most frames; of those the flat nearest to the middle, and its own dark."""
+    """Return the levels with the most frames; of those the flat nearest to the middle, and its own dark.
+
+    Parameters
+    ----------
+    flats, darks
+        Statistics of each level.
+    transfer
+        The curve, and which levels stand on it.
+    match
+        Which darks are of which flat.
+    """
     signal = transfer.points.signal_dn
     middle_dn = float(signal[transfer.used].max()) / (2.0 * RANGE_OF_SATURATION)
     flat = max(
@@ -79,7 +89,21 @@ def measure(
     match: DarkMatch,
     spatial: SpatialLevels,
 ) -> Measured:
-    """Return what the levels gave in DN, with its covariance. What does not exist is 0, as is its covariance."""
+    """Return what the levels gave in DN, with its covariance. What does not exist is 0, as is its covariance.
+
+    Parameters
+    ----------
+    flats, darks
+        Statistics of each level.
+    transfer
+        The fitted curve.
+    dark
+        The fitted dark signal.
+    match
+        Which darks are of which flat.
+    spatial
+        Levels from which non-uniformity is taken.
+    """
     dark_spatial = np.array([level.ordinary.variance_dn2 for level in darks])
     flat_weights = match.weights[spatial.flat]
     values, covariance = np.zeros(N_MEASURED), np.zeros((N_MEASURED, N_MEASURED))

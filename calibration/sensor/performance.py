@@ -84,13 +84,41 @@ def performance(
 
 
 def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e: float) -> FloatArray:
-    """Return the noise in time of a pixel, rounding included [e-]: electrons of the signal, read noise, 1/12 DN^2."""
+    """Return the noise in time of a pixel, rounding included [e-]: electrons of the signal, read noise, 1/12 DN^2.
+
+    Parameters
+    ----------
+    signal_e
+        Mean signal, any shape, 0 or more [e-].
+    read_noise_e
+        0 or more [e-].
+    gain_dn_per_e
+        Above 0 [DN/e-].
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, section 2.
+    """
     noise: FloatArray = np.sqrt(signal_e + read_noise_e**2 + QUANTISATION_VAR_DN2 / gain_dn_per_e**2)
     return noise
 
 
 def total_noise_e(temporal_e: FloatArray, signal_e: FloatArray, *, prnu: float, dsnu_e: float) -> FloatArray:
-    """Return the noise in time and from pixel to pixel together [e-]; signal in electrons."""
+    """Return the noise in time and from pixel to pixel together [e-]; signal in electrons.
+
+    Parameters
+    ----------
+    temporal_e, signal_e
+        Noise in time and mean signal, any shape, 0 or more [e-].
+    prnu
+        Relative deviation of the pixels' response, 0 or more.
+    dsnu_e
+        Deviation of their dark signal, 0 or more [e-].
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, section 4.
+    """
     noise: FloatArray = np.sqrt(np.square(temporal_e) + dsnu_e**2 + np.square(prnu * signal_e))
     return noise
 

@@ -44,6 +44,19 @@ def measured_covariance(
     less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level
     [DN], slope of the dark mean [DN/s]; zeros for what does not exist.
 
+    Parameters
+    ----------
+    flats, darks
+        Statistics of each level.
+    transfer
+        The fitted curve.
+    dark
+        The fitted dark signal.
+    match
+        Which darks are of which flat.
+    spatial
+        Levels from which non-uniformity is taken.
+
     Notes
     -----
     To first order in the errors. Each is linear in temporal and spatial variances and means of the levels. A

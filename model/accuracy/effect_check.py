@@ -115,7 +115,13 @@ def chain_time_s(
 
 
 def change(whole: Readings, without: Readings) -> Bound:
-    """Return the largest difference of each kind between two sets of readings, but for rounding of no polarization."""
+    """Return the largest difference of each kind between two sets of readings, but for rounding of no polarization.
+
+    Parameters
+    ----------
+    whole, without
+        Readings with all effects and without one, of the same scene and settings.
+    """
     found = Bound()
     for reading, apart in differences(whole, without).items():
         if apart > _rounding(reading, whole):
@@ -132,7 +138,13 @@ def _rounding(reading: Reading, whole: Readings) -> float:
 
 
 def kind_of(reading: Reading) -> str:
-    """Return which number of a `Bound` speaks of a reading."""
+    """Return which number of a `Bound` speaks of a reading.
+
+    Parameters
+    ----------
+    reading
+        A number of a prediction.
+    """
     if reading.quantity in {"p_detection", "auc"}:
         return "detection"
     if reading.quantity in SHARES and reading.statistic == "mean":
@@ -144,7 +156,13 @@ def kind_of(reading: Reading) -> str:
 
 
 def readings_of(result: ChainResult) -> Readings:
-    """Return all that a tolerance speaks of, of one evaluation."""
+    """Return all that a tolerance speaks of, of one evaluation.
+
+    Parameters
+    ----------
+    result
+        One evaluation of the chain.
+    """
     return readings(result.scenario, result.predictions, result.detections)
 
 

@@ -181,7 +181,21 @@ class SolvedBlock:
 def solve_blocks(
     setting: Setting, coefficients: NDArray[np.float64], blocks: Sequence[tuple[range, bool]]
 ) -> list[SolvedBlock]:
-    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has."""
+    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has.
+
+    Parameters
+    ----------
+    setting
+        Grid, extinction between its levels, and ground.
+    coefficients
+        Of the scattering matrices of each element, as `expansion_coefficients` has them, shape (E, L, 4).
+    blocks
+        Azimuth modes that are solved together and whether they carry polarization; those with mode 0 first.
+
+    References
+    ----------
+    definition: see `model.atmosphere.transfer.successive_orders.sum_orders`
+    """
     solved: list[SolvedBlock] = []
     for modes, polarized in blocks:
         scattering = scattering_of(setting.grid, coefficients, modes=modes, polarized=polarized)
@@ -193,6 +207,15 @@ def solve_blocks(
 
 def estimate_error(setting: Setting, coefficients: NDArray[np.float64], blocks: Sequence[SolvedBlock]) -> float:
     """Estimated error of quadrature and of the orders left out, as a share of the mean radiance that leaves.
+
+    Parameters
+    ----------
+    setting
+        Grid, extinction between its levels, and ground, that were solved with.
+    coefficients
+        Of the scattering matrices of each element, shape (E, L, 4).
+    blocks
+        What was solved.
 
     Notes
     -----

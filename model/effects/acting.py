@@ -25,7 +25,13 @@ def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:
 
 
 def acting_parts(effects: frozenset[Effect]) -> LightParts:
-    """Return the parts of the light that are computed where some effects act."""
+    """Return the parts of the light that are computed where some effects act.
+
+    Parameters
+    ----------
+    effects
+        That act.
+    """
     return LightParts(
         field_of_view=Effect.FIELD_OF_VIEW in effects,
         skylight=Effect.SKYLIGHT in effects,

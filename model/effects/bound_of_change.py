@@ -158,7 +158,17 @@ def _lasts(background: RegionBounds, share: float) -> bool:
 
 
 def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:
-    """Return a lower and an upper limit of the deviation of a pixel's DoLP."""
+    """Return a lower and an upper limit of the deviation of a pixel's DoLP.
+
+    Parameters
+    ----------
+    bounds
+        Of the region, with light for certain.
+
+    References
+    ----------
+    Definition; least and largest eigenvalue of the covariance, with S0 up to five deviations below its mean.
+    """
     least = np.sqrt(max(float(np.linalg.eigvalsh(bounds.noise_low)[0]), 0.0)) / bounds.s0_high
     if not np.all(np.isfinite(bounds.cov_high)):
         return least, np.inf

@@ -38,7 +38,9 @@ class EffectModel:
     of_light
         True for light before the lens, which costs time: decided before the others.
     bound
-        Largest change of a region's mean and covariance where it is left out.
+        Largest change of a region's mean and covariance where it is left out, of the scene, the region's limits in
+        counts [DN] and the limits of its light [W m-2 sr-1]; `NOTHING` where the effect is not there, `UNKNOWN` where
+        no bound is known.
     removed
         The scene without it; what is gone from the record is computed by nobody.
     """

@@ -1,4 +1,7 @@
-"""Bounds of what parts of the light, the field and the band change of a region."""
+"""Bounds of what parts of the light, the field and the band change of a region.
+
+Arguments and result of each are those of `model.effects.effect_models.EffectModel.bound`.
+"""
 
 import numpy as np
 

@@ -1,4 +1,7 @@
-"""Bounds of what noise, pattern and texture add to the covariance of a region."""
+"""Bounds of what noise, pattern and texture add to the covariance of a region.
+
+Arguments and result of each are those of `model.effects.effect_models.EffectModel.bound`.
+"""
 
 import numpy as np
 

@@ -210,7 +210,15 @@ def _bounds_beside(
 
 
 def plan_of_all(forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float = 0.0) -> EffectPlan:
-    """Return the plan in which every effect acts that is not left out by request; no bound is looked for."""
+    """Return the plan in which every effect acts that is not left out by request; no bound is looked for.
+
+    Parameters
+    ----------
+    forced
+        Effects that the user switched on (True) or off (False).
+    tolerance
+        Stated in the plan; nothing is spent of it.
+    """
     choice = _Choice(tolerance=tolerance, forced=forced, rule="all")
     found, _ = choice.decided(dict.fromkeys(Effect, EVERYTHING), _Spent())
     return EffectPlan(decisions=tuple(found), tolerance=tolerance, rule="all")

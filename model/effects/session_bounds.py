@@ -1,4 +1,7 @@
-"""Bounds of what a leaking or turned polarizer, pictures that shift, and light that drifts change of a region."""
+"""Bounds of what a leaking or turned polarizer, pictures that shift, and light that drifts change of a region.
+
+Arguments and result of each are those of `model.effects.effect_models.EffectModel.bound`.
+"""
 
 import numpy as np
 

@@ -82,6 +82,11 @@ def detection_distribution(
 def background_condition(background_cov: FloatArray) -> FloatArray:
     """Return the condition number of each covariance.
 
+    Parameters
+    ----------
+    background_cov
+        Shape (..., N, N), any unit squared.
+
     Raises
     ------
     ValueError
@@ -101,7 +106,13 @@ def background_condition(background_cov: FloatArray) -> FloatArray:
 
 
 def condition_warnings(condition: FloatArray) -> tuple[str, ...]:
-    """Return what is to be said of the condition of the background, nothing where it is harmless."""
+    """Return what is to be said of the condition of the background, nothing where it is harmless.
+
+    Parameters
+    ----------
+    condition
+        Condition numbers, any shape, 1 or more.
+    """
     worst = float(np.max(condition, initial=1.0))
     if worst <= _CONDITION_WARNING:
         return ()

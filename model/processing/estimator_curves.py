@@ -46,7 +46,13 @@ def share_curve(estimator: str) -> "CubicSpline":
 
 
 def zero_threshold(estimator: str) -> float:
-    """Return the measured length at and below which the estimate is 0 (0 where there is none)."""
+    """Return the measured length at and below which the estimate is 0 (0 where there is none).
+
+    Parameters
+    ----------
+    estimator
+        One of the names of `model.processing.estimators`.
+    """
     return _THRESHOLDS[estimator]
 
 
@@ -73,6 +79,11 @@ def _square_of_mean(measured: FloatArray) -> FloatArray:
 
 def mean_length(square: FloatArray) -> FloatArray:
     """Return the mean of the Rice distribution whose true length has this square.
+
+    Parameters
+    ----------
+    square
+        Square of what the true length is over the deviation of a component, any shape, 0 or more.
 
     References
     ----------

@@ -55,7 +55,13 @@ def planes(counts: Counts, *, interpolation: Interpolation, saturation_dn: float
 
 
 def mosaic(parts: Sequence[Counts]) -> Counts:
-    """Return the picture whose samples behind each place of the cell are these, (2 h, 2 w)."""
+    """Return the picture whose samples behind each place of the cell are these, (2 h, 2 w).
+
+    Parameters
+    ----------
+    parts
+        Counts behind each place of the cell, row by row, four of shape (h, w) [DN].
+    """
     height, width = parts[0].shape
     picture = np.empty((2 * height, 2 * width), dtype=np.uint16)
     for place, part in enumerate(parts):
@@ -65,6 +71,11 @@ def mosaic(parts: Sequence[Counts]) -> Counts:
 
 def variance_factor(interpolation: Interpolation) -> float:
     """Return what an interpolation makes of the variance of noise, in the mean over the pixels.
+
+    Parameters
+    ----------
+    interpolation
+        "none" or "bilinear".
 
     Notes
     -----
@@ -122,7 +133,13 @@ def _doubled(rows: NDArray[np.uint32], *, first: int) -> NDArray[np.uint32]:
 
 
 def crossed_pairs(cell_deg: tuple[float, ...]) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """Return which two pairs of places stand across one another by the angles of a cell; None where they do not."""
+    """Return which two pairs of places stand across one another by the angles of a cell; None where they do not.
+
+    Parameters
+    ----------
+    cell_deg
+        Axes of the four polarizers of a cell, row by row [deg].
+    """
     pairs = [pair for pair in combinations(range(PLACES), 2) if _is_across(cell_deg[pair[0]] - cell_deg[pair[1]])]
     return (pairs[0], pairs[1]) if len(pairs) == 2 and set(pairs[0]).isdisjoint(pairs[1]) else None
 
@@ -160,6 +177,15 @@ def pair_differences(pictures: tuple[FloatArray, ...]) -> dict[tuple[int, int], 
 def pair_by_light(counts: Counts, cell_deg: tuple[float, ...], *, saturation_dn: float) -> tuple[int, int] | None:
     """Return which two places stand across one another by their light, where those of the stated cell do not.
 
+    Parameters
+    ----------
+    counts
+        One picture, shape (H, W) [DN].
+    cell_deg
+        Axes of the four polarizers of a cell as stated, row by row [deg].
+    saturation_dn
+        Counts from which a pixel is left out [DN].
+
     Returns
     -------
     pair of places or None
@@ -196,7 +222,17 @@ def _blocks(picture: FloatArray) -> FloatArray:
 def coarse_pictures(
     pictures: FloatArray, usable: NDArray[np.bool_], *, most_pixels: int
 ) -> tuple[FloatArray, NDArray[np.bool_], int]:
-    """Return pictures of squares of pixels, which of these are usable whole, and their side; as given if small."""
+    """Return pictures of squares of pixels, which of these are usable whole, and their side; as given if small.
+
+    Parameters
+    ----------
+    pictures
+        Shape (K, H, W), any unit.
+    usable
+        Pixels that may be used, shape (H, W).
+    most_pixels
+        That a picture may have, 1 or more.
+    """
     height, width = usable.shape
     side = int(np.ceil(np.sqrt(height * width / most_pixels)))
     if side <= 1:

@@ -126,6 +126,11 @@ def temporal_deviation(repeats: ArrayLike) -> Sample:
         Root of half the mean squared difference, the mean difference of each pair taken off: neither a pattern
         that stands still nor a flicker common to all pixels adds to it.
 
+    Raises
+    ------
+    ValueError
+        There are fewer repeats or pixels, or a value is not finite.
+
     Notes
     -----
     Differences that share a frame are correlated; the standard error is taken over pixels, from what each pixel
@@ -147,6 +152,11 @@ def deviation_of_squares(per_pixel: FloatArray) -> Sample:
     """Return the deviation from frame to frame by half the mean squared difference of each pixel, shape (P,).
 
     The mean over the pixels was taken off each difference, as in `temporal_deviation`.
+
+    Parameters
+    ----------
+    per_pixel
+        Half the mean squared difference of consecutive repeats, shape (P,), P >= 2, in the square of any unit.
     """
     return _root_of_mean(per_pixel, correction=per_pixel.size / (per_pixel.size - 1))
 

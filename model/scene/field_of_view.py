@@ -163,7 +163,13 @@ def _along(low: float, high: float, per_side: int, rule: TileRule) -> tuple[Floa
 
 
 def middle(part: FieldPart) -> tuple[float, float]:
-    """Return the tangents of the angles from the axis to the middle of a part of the field, to the right and up."""
+    """Return the tangents of the angles from the axis to the middle of a part of the field, to the right and up.
+
+    Parameters
+    ----------
+    part
+        Limits of the part as angles from the axis [rad].
+    """
     across, upward = (
         0.5 * float(np.tan(low) + np.tan(high))
         for low, high in ((part.left_rad, part.right_rad), (part.bottom_rad, part.top_rad))
@@ -172,7 +178,13 @@ def middle(part: FieldPart) -> tuple[float, float]:
 
 
 def half_diagonal_rad(part: FieldPart) -> float:
-    """Return half of the angle between opposite corners of a part, as in a plane [rad]."""
+    """Return half of the angle between opposite corners of a part, as in a plane [rad].
+
+    Parameters
+    ----------
+    part
+        Limits of the part as angles from the axis [rad].
+    """
     return 0.5 * float(np.hypot(part.right_rad - part.left_rad, part.top_rad - part.bottom_rad))
 
 

@@ -45,6 +45,15 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
 def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
     """Return what `temporal_variance_dn2` does before rounding, and without the noise factor [DN^2].
 
+    Parameters
+    ----------
+    signal_dn
+        Mean counts without the dark level [DN], 0 or more; broadcasts with the exposure.
+    noise
+        Of the sensor.
+    exposure_s
+        Above 0 [s].
+
     References
     ----------
     [MK14] eq. (19).
@@ -58,7 +67,23 @@ def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposu
 def saturation_probability(
     sensor: Sensor, level: FloatArray, unquantised_var: FloatArray, spatial_cov: FloatArray
 ) -> FloatArray:
-    """Return the larger of the chances of clipping in the converter and in the pixel's well."""
+    """Return the larger of the chances of clipping in the converter and in the pixel's well.
+
+    Parameters
+    ----------
+    sensor
+        With its well and its converter.
+    level
+        Mean counts without the black level, dark signal included, shape (..., N) [DN].
+    unquantised_var
+        Temporal variance before rounding, shape (..., N) [DN^2].
+    spatial_cov
+        Covariance over the pixels, shape (..., N, N) [DN^2].
+
+    References
+    ----------
+    Definition; counts are taken as normal.
+    """
     noise = sensor.noise
     spatial = np.diagonal(spatial_cov, axis1=-2, axis2=-1)
     top = 2.0**sensor.bit_depth - 0.5 - noise.black_level_dn

@@ -54,6 +54,11 @@ def hemispherical_reflectance(theta_i_rad: ArrayLike, *, surface: Surface) -> He
 def findings(surface: Surface) -> tuple[str, ...]:
     """Return what is wrong with a surface as a description of matter, in words; empty if nothing is.
 
+    Parameters
+    ----------
+    surface
+        At one wavelength.
+
     Returns
     -------
     tuple of str

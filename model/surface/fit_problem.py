@@ -116,6 +116,11 @@ def fit_problem(
 def initial_values(problem: FitProblem) -> FloatArray:
     """Return the start's parameters as the problem counts them.
 
+    Parameters
+    ----------
+    problem
+        Its start, the names of what is fitted, and their bounds.
+
     Returns
     -------
     ndarray

@@ -96,6 +96,11 @@ class ReflectanceTable:
 def reflectance_table(lobe: Lobe) -> ReflectanceTable:
     """Return the series of a lobe; made once for each lobe and kept.
 
+    Parameters
+    ----------
+    lobe
+        Index, slopes and shadowing.
+
     Returns
     -------
     ReflectanceTable

@@ -129,7 +129,13 @@ def seen(ahead: Forecast, scene: LitScene, result: ChainResult) -> Forecast:
 
 
 def optical_depth(scene: LitScene) -> float:
-    """Return the largest of the airs of a scene in the middle of its band; 0 where none is computed."""
+    """Return the largest of the airs of a scene in the middle of its band; 0 where none is computed.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    """
     return max((_middle(air).depth for air in _computed(scene)), default=0.0)
 
 

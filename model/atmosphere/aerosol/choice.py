@@ -21,7 +21,15 @@ _SPECTRUM_NODES = 8
 
 
 def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol:
-    """Spheres of an aerosol; those of one's own are as they are given, at any humidity."""
+    """Spheres of an aerosol; those of one's own are as they are given, at any humidity.
+
+    Parameters
+    ----------
+    choice
+        Spheres of one's own, or the name of a kind.
+    relative_humidity
+        0 to 0.8; of no meaning for one's own.
+    """
     if isinstance(choice, MieAerosol):
         return choice
     return preset_aerosol(AerosolType(choice), relative_humidity=relative_humidity)
@@ -93,7 +101,15 @@ def extinction_of(
 
 
 def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
-    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m]."""
+    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m].
+
+    Parameters
+    ----------
+    choice
+        Spheres of one's own, or the name of a kind.
+    relative_humidity
+        0 to 0.8.
+    """
     if choice in TABULATED:
         return frozenset(table_wavelengths_m())
     modes = spheres_of(choice, relative_humidity=relative_humidity).modes

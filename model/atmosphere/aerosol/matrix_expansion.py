@@ -38,6 +38,11 @@ class AngularGrid:
 def angular_grid(*, largest_size_parameter: float) -> AngularGrid:
     """Angles for spheres up to a size parameter.
 
+    Parameters
+    ----------
+    largest_size_parameter
+        Circumference of the largest sphere over the wavelength, above 0.
+
     Notes
     -----
     The matrix of a sphere of T terms is a polynomial of degree 2T: so is its expansion, and 2T + 1 nodes integrate
@@ -102,6 +107,13 @@ def extinction_sum(*, size_parameter: NDArray[np.float64], weight: NDArray[np.fl
 
 def expand(grid: AngularGrid, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Coefficients a1, a2, a3, b1 of a matrix as `sphere_sums` has it, the groups added, shape (L, 4).
+
+    Parameters
+    ----------
+    grid
+        From `angular_grid`.
+    matrix
+        Elements at the angles of the grid, shape (4, A).
 
     Notes
     -----

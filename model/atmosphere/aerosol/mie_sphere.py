@@ -29,6 +29,11 @@ class SphereEfficiencies:
 def sphere_terms(size_parameter: NDArray[np.float64]) -> NDArray[np.int_]:
     """Terms that the series needs, for each size parameter.
 
+    Parameters
+    ----------
+    size_parameter
+        Circumference over wavelength, shape (K,), above 0.
+
     Notes
     -----
     A term falls like exp(-(4/3) (1.26 c)^1.5) at x + c x^(1/3): for c = 6 what is left out is below 1e-11 of the sum.
@@ -100,6 +105,13 @@ def efficiencies(
     *, size_parameter: NDArray[np.float64], a: NDArray[np.complex128], b: NDArray[np.complex128]
 ) -> SphereEfficiencies:
     """Efficiencies and asymmetry from the coefficients of `sphere_coefficients`.
+
+    Parameters
+    ----------
+    size_parameter
+        Circumference over wavelength, shape (K,), above 0.
+    a, b
+        Coefficients of each sphere, shape (K, T).
 
     References
     ----------

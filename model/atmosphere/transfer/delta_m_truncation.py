@@ -13,6 +13,13 @@ from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
 def forward_share(layer: Layer, *, degree: int) -> float:
     """Share of the aerosol's scattering in the peak beyond a degree; 0 where the expansion has ended or is negative.
 
+    Parameters
+    ----------
+    layer
+        With a scattering matrix, or without.
+    degree
+        The last that is kept, 0 or more.
+
     References
     ----------
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408: the first coefficient left out, over 2l + 1.
@@ -24,6 +31,13 @@ def forward_share(layer: Layer, *, degree: int) -> float:
 
 def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     """Layers whose scattering matrices give up the forward peak that an expansion to a degree cannot hold.
+
+    Parameters
+    ----------
+    layers
+        From top to bottom.
+    degree
+        The last that the expansion holds, 0 or more.
 
     Notes
     -----
@@ -42,6 +56,13 @@ def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
 def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     """Layers of lesser depth and albedo, whose matrices end at a degree: as `delta_m_truncated`, also seen once.
 
+    Parameters
+    ----------
+    layers
+        From top to bottom.
+    degree
+        The last that the matrices keep, 0 or more.
+
     Notes
     -----
     Fluxes of their light, together with that of the peak, are those of the layers given, and far easier to integrate.
@@ -54,13 +75,30 @@ def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer
 
 
 def peak_irradiance(layers: Sequence[Layer], truncated: Sequence[Layer], *, mu0: float) -> float:
-    """Irradiance of the ground by the forward peak, per unit of the beam's: diffuse light that counted as the beam."""
+    """Irradiance of the ground by the forward peak, per unit of the beam's: diffuse light that counted as the beam.
+
+    Parameters
+    ----------
+    layers, truncated
+        From top to bottom, as they are and without their forward peaks.
+    mu0
+        Cosine of the solar zenith angle, above 0 to 1.
+    """
     full, counted = (sum(layer.depth for layer in each) for each in (layers, truncated))
     return mu0 * (exp(-counted / mu0) - exp(-full / mu0))
 
 
 def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
     """Irradiance of the ground by light of the forward peak that was scattered once, per unit beam irradiance.
+
+    Parameters
+    ----------
+    layers
+        From top to bottom.
+    degree
+        The last that is no part of the peak, 0 or more.
+    mu0
+        Cosine of the solar zenith angle, above 0 to 1.
 
     References
     ----------

@@ -53,7 +53,15 @@ def element_edges(
 
 
 def slant(depth: NDArray[np.float64], mu: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slant optical depth depth/mu; infinite at the horizon, and 0 where there is no depth."""
+    """Slant optical depth depth/mu; infinite at the horizon, and 0 where there is no depth.
+
+    Parameters
+    ----------
+    depth
+        Vertical optical depth, 0 or more.
+    mu
+        Cosine of the zenith angle, 0 to 1; broadcasts with the depth.
+    """
     depth, mu = np.broadcast_arrays(depth, mu)
     path = np.where(depth > 0.0, np.inf, 0.0)
     with np.errstate(over="ignore"):  # of cosines next to 0

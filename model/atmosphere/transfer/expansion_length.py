@@ -19,6 +19,13 @@ _BEYOND_AUREOLE_MU = np.cos(np.radians(np.linspace(10.0, 180.0, 86)))
 def degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
     """Largest degree of the expansion: 2 for molecules; for aerosol until it is negligible, or 2 * nodes - 1.
 
+    Parameters
+    ----------
+    layers
+        From top to bottom.
+    nodes
+        Directions of a hemisphere, 2 or more.
+
     Notes
     -----
     Light scattered once needs no expansion, so what counts is the square of a coefficient. A scattering matrix that
@@ -37,6 +44,15 @@ def degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
 
 def truncation_error(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
     """Error, as a share of the mean radiance, from the degrees above the given one in light scattered twice.
+
+    Parameters
+    ----------
+    layers
+        From top to bottom.
+    degree
+        The last that is kept, 0 or more.
+    mu0
+        Cosine of the solar zenith angle, above 0 to 1.
 
     Notes
     -----
@@ -89,6 +105,13 @@ def _aureole_error(matrix: ScatteringMatrix, degree: int, peak: float) -> float:
 
 def mode_blocks(degree: int, aerosol: AerosolKind) -> list[tuple[range, bool]]:
     """Azimuth modes that are solved together, and whether they carry polarization.
+
+    Parameters
+    ----------
+    degree
+        The last azimuth mode, 2 or more.
+    aerosol
+        How its scattering polarizes.
 
     Notes
     -----

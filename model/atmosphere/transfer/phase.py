@@ -30,6 +30,13 @@ class AerosolKind(StrEnum):
 def layers_of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
     """Layers with scattering matrices where the kind of aerosol asks for them, and without otherwise.
 
+    Parameters
+    ----------
+    layers
+        From top to bottom.
+    kind
+        How the aerosol's scattering polarizes.
+
     Raises
     ------
     ValueError

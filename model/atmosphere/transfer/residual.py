@@ -33,7 +33,13 @@ class Residual:
 
 
 def refined(grid: Grid) -> Grid:
-    """Grid with every element halved and a quarter more directions."""
+    """Grid with every element halved and a quarter more directions.
+
+    Parameters
+    ----------
+    grid
+        Levels and directions.
+    """
     middles = (grid.edges[:-1] + grid.edges[1:]) / 2.0
     edges = np.insert(grid.edges, np.arange(1, grid.edges.size), middles)
     nodes, weights = gauss_nodes(grid.nodes.size + ceil(grid.nodes.size / 4))

@@ -67,7 +67,15 @@ def scattering_of(grid: Grid, coefficients: NDArray[np.float64], *, modes: range
 
 
 def project(scattering: Scattering, radiance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expansion of a radiance over direction, shape (M, levels, L, S), from shape (levels, M, 2, N, S)."""
+    """Expansion of a radiance over direction, shape (M, levels, L, S), from shape (levels, M, 2, N, S).
+
+    Parameters
+    ----------
+    scattering
+        With its projector onto the expansion.
+    radiance
+        At the levels, both ways, shape (levels, M, 2, N, S).
+    """
     levels, modes = radiance.shape[:2]
     flat = radiance.reshape(levels, modes, -1).swapaxes(0, 1)
     return (flat @ scattering.projector).reshape(modes, levels, *scattering.beam.shape[1:])
@@ -75,6 +83,15 @@ def project(scattering: Scattering, radiance: NDArray[np.float64]) -> NDArray[np
 
 def scattered_source(scattering: Scattering, moments: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
     """Source of light scattered once more, shape (E, 3, M, 2, N, S), from an expansion at the levels.
+
+    Parameters
+    ----------
+    scattering
+        Matrices and basis.
+    moments
+        Expansion of the radiance at the levels, shape (M, levels, L, S).
+    grid
+        Levels and directions.
 
     References
     ----------
@@ -89,13 +106,28 @@ def scattered_source(scattering: Scattering, moments: NDArray[np.float64], grid:
 
 
 def element_expansion(coefficients: NDArray[np.float64], moments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expansion of twice the source at the three points of each element, shape (M, E, 3, L, S)."""
+    """Expansion of twice the source at the three points of each element, shape (M, E, 3, L, S).
+
+    Parameters
+    ----------
+    coefficients
+        Of the matrices of each element, shape (E, L, 4).
+    moments
+        Expansion of the radiance at the levels, shape (M, 2 E + 1, L, S).
+    """
     points = 2 * np.arange(coefficients.shape[0])[:, np.newaxis] + np.arange(3)
     return apply_coefficients(coefficients[:, np.newaxis], moments[:, points])
 
 
 def apply_coefficients(coefficients: NDArray[np.float64], expansion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Product of the matrices B_l of `stokes_basis` with an expansion (..., L, S); for S = 1 of a1 alone.
+
+    Parameters
+    ----------
+    coefficients
+        a1, a2, a3, b1 of each degree, shape (..., L, 4).
+    expansion
+        Shape (..., L, S), S of 1 or 3.
 
     References
     ----------
@@ -112,6 +144,13 @@ def apply_coefficients(coefficients: NDArray[np.float64], expansion: NDArray[np.
 
 def beam_source(scattering: Scattering, grid: Grid) -> NDArray[np.float64]:
     """Source of the beam of unit irradiance in each element without its extinction, shape (E, M, 2, N, S).
+
+    Parameters
+    ----------
+    scattering
+        Matrices, basis and the beam's own expansion.
+    grid
+        Levels and directions.
 
     References
     ----------

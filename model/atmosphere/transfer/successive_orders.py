@@ -92,6 +92,11 @@ def sum_orders(setting: Setting, scattering: Scattering, *, mean_radiance: NDArr
 def mean_radiance_of(moments: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean radiance over all directions at each level, from an expansion of modes that begin with 0.
 
+    Parameters
+    ----------
+    moments
+        Expansion of a radiance over direction, shape (M, levels, L, S).
+
     References
     ----------
     definition: the moment of degree 0 is the integral over the cosine from -1 to 1.
@@ -135,6 +140,15 @@ def _progress(
 def ground_light(setting: Setting, scattering: Scattering, irradiance: float) -> NDArray[np.float64]:
     """Radiance that leaves the Lambertian ground under an irradiance, shape (M, N, S): mode 0 and unpolarized.
 
+    Parameters
+    ----------
+    setting
+        Grid and albedo.
+    scattering
+        For the shapes of modes and Stokes parameters.
+    irradiance
+        Of the ground, per unit beam irradiance, 0 or more.
+
     References
     ----------
     Chandrasekhar, Radiative Transfer (1950), section 12: albedo times irradiance over pi.
@@ -145,5 +159,11 @@ def ground_light(setting: Setting, scattering: Scattering, irradiance: float) ->
 
 
 def direct_irradiance(grid: Grid) -> float:
-    """Irradiance of the ground by the beam, per unit beam irradiance at the top."""
+    """Irradiance of the ground by the beam, per unit beam irradiance at the top.
+
+    Parameters
+    ----------
+    grid
+        Levels and the beam's cosine.
+    """
     return grid.mu0 * exp(-float(grid.edges[-1]) / grid.mu0)

@@ -68,6 +68,11 @@ class Transport:
 def gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nodes and weights for integrals over the cosine in (0, 1): Gauss-Legendre in its square root.
 
+    Parameters
+    ----------
+    count
+        Of nodes, 1 or more.
+
     Notes
     -----
     The square root crowds the nodes at the horizon, where the radiance of thin layers bends within a cosine of the
@@ -78,7 +83,13 @@ def gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def transport_of(grid: Grid) -> Transport:
-    """Extinction between the levels of a grid."""
+    """Extinction between the levels of a grid.
+
+    Parameters
+    ----------
+    grid
+        Levels and directions.
+    """
     path = slant(grid.depths[:, np.newaxis], grid.nodes)
     weights = source_weights(path=path, part=_PARTS[:, np.newaxis, np.newaxis])
     crossed = _PARTS[:, np.newaxis, np.newaxis] * grid.depths[:, np.newaxis]

@@ -64,6 +64,11 @@ class Saddle:
 def find_saddle(tail: UpperTail) -> Saddle:
     """Return a point close to the real minimum of K(s) - s level - ln s, for every form.
 
+    Parameters
+    ----------
+    tail
+        Forms and levels.
+
     Notes
     -----
     The condition K'(s) = level + 1/s is written as a balance of positive terms, growing against falling, and
