@@ -142,7 +142,7 @@ def accuracy_curves(
     predictions = []
     for tolerance in sorted(tolerances, reverse=True):
         yield f"tolerance {tolerance:g}"
-        predictions.append(predict(scene, tolerance=tolerance, clock=clock))
+        predictions.append(_fastest(scene, tolerance, clock))
     yield "finest settings"
     finest = _finer(predictions[-1].plan)
     reference = evaluate(
@@ -165,6 +165,12 @@ def accuracy_curves(
         named=named,
         digits=tuple(one for found in predictions for one in _digits(found, truth)),
     )
+
+
+def _fastest(scene: LitScene, tolerance: float, clock: Clock) -> AccuratePrediction:
+    """Return the faster of two predictions: a time is what it takes, not what else the machine does."""
+    found = [predict(scene, tolerance=tolerance, clock=clock) for _ in range(2)]
+    return min(found, key=lambda one: sum(one.stage_s.values()))
 
 
 def steps(tolerances: Sequence[float]) -> int:

@@ -65,7 +65,7 @@ def placed_axes(
     apart : tuple of float
         From the axes to those beside and below them.
     """
-    figure = Figure(figsize=size)
+    figure = Figure(figsize=size, dpi=_DPI)
     left, right, below, above = margins
     wide = (size[0] - left - right - (columns - 1) * apart[0]) / columns
     high = (size[1] - below - above - (rows - 1) * apart[1]) / rows
@@ -82,11 +82,18 @@ def legend_beside(axes: Axes) -> None:
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
-def legend_below(axes: Axes) -> None:
+def legend_below(axes: Axes, *, columns: int = 1) -> None:
     """Set a legend below the axes, where there are other axes beside them."""
     # By a fixed way, past tick labels and the axis's name: by a share of the axes the layout would not come to rest.
     below = axes.transAxes + ScaledTranslation(0.0, -_NAMES_INCH, axes.figure.dpi_scale_trans)
-    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=below, borderaxespad=0.0)
+    axes.legend(
+        fontsize=8,
+        ncols=columns,
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        bbox_transform=below,
+        borderaxespad=0.0,
+    )
 
 
 def legend_of_all(figure: Figure, axes: Axes, *, place: Literal["lower", "upper"] = "lower") -> None:

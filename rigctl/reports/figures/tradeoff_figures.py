@@ -1,48 +1,57 @@
 """Tradeoffs as plots: error against time of the computation, and against time of the session."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from model.accuracy.predict_to_tolerance import ESTIMATES
 from model.acquisition.frame_order import degrees_text
 from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves, DigitPoint
+from rigctl.prediction.accuracy_curves import CurvePoint as CostPoint
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
-from rigctl.reports.figures.figure_style import legend_below, legend_beside, png, subplots
+from rigctl.prediction.paper_choices import NamedChoice
+from rigctl.reports.figures.figure_style import (
+    COLOURS,
+    few_log_labels,
+    legend_below,
+    legend_beside,
+    placed_axes,
+    png,
+    subplots,
+)
+from rigctl.reports.figures.point_names import PointName, name_points
 from rigctl.reports.tables.accuracy_tables import is_mean
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 # Told apart in black and white too.
 _MARKERS = "osD^vP*X"
 _HATCHES = ("", "//", "..", "xx", "\\\\")
-# Text that lies on lines stays readable.
-_ON_LINES = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+_COLOURS = [str(style["color"]) for style in COLOURS]
 _LINES = {"cycles": "-", "palindrome": "--", "grouped": ":"}
+_BETTER = "the lower and the further left, the better"
+# Times span this factor at the least, so that some of them are labelled.
+_WIDTH = 6.0
+# Tolerances whose times lie nearer than this share of the largest are named together.
+_APART = 0.04
 
 
 def curve_png(curves: Curves) -> bytes:
-    """Return true and estimated error against time on logarithmic axes, the floor, and the time of each stage."""
-    figure, axes = subplots(1, 3, size=(16.0, 7.0))
-    for axis, kind in zip(axes[:2], ("true", "estimated"), strict=True):
-        _draw_errors(axis, curves, kind)
-    axes[0].plot(
-        [point.seconds for point in curves.front],
-        [_shown(point.whole) for point in curves.front],
-        linestyle="none",
-        marker="*",
-        markersize=13,
-        markerfacecolor="none",
-        markeredgecolor="0.3",
-        label="no other point is faster and better",
-    )
-    _draw_named(axes[0], curves)
-    axes[0].legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
+    """Return error against time: of tolerances and the paper's choices, of each setting alone; and where time goes."""
+    figure, axes = placed_axes(1, 3, size=(17.0, 7.2), margins=(0.8, 0.2, 1.8, 0.5), apart=(0.8, 0.0))
+    chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
+    _draw_chain(axes[0], chain)
+    _draw_named(axes[0], curves.named)
+    _draw_floor(axes[0], curves)
+    _finish_errors_of(axes[0], f"what accuracy costs: {_BETTER}")
+    name_points(figure, axes[0], [*_tolerance_names(chain), *_choice_names(curves.named)])
+    _say_without_error(figure, curves.named, chain)
+    _draw_settings(axes[1], curves)
+    _finish_errors_of(axes[1], f"each setting alone: {_BETTER}")
+    for axis in axes[:2]:
+        legend_below(axis, columns=2)
     _draw_stages(axes[2], curves)
     return png(figure)
 
@@ -60,15 +69,17 @@ def digits_png(curves: Curves) -> bytes:
             [point.seconds for point in points],
             marker=_MARKERS[place % len(_MARKERS)],
             label=f"{quantity}{_price(points)}",
-            color=f"C{place}",
+            color=_COLOURS[place],
         )
     axis.set(
         xlabel="correct digits (2: true error 0.01, 3: 0.001)",
         ylabel="processor time of the whole prediction [s]",
-        title="What you pay for a digit",
+        title="What you pay for a digit (grey: --tolerance)",
     )
     axis.set_ylim(bottom=0.0)
-    axis.locator_params(axis="x", integer=True)
+    least, most = axis.get_xlim()
+    axis.set_xticks(range(math.floor(least), math.ceil(most) + 1))
+    _name_times(axis, curves)
     axis.grid(visible=True, alpha=0.3)
     if axis.lines:
         legend_beside(axis)
@@ -92,84 +103,137 @@ def _price(points: Sequence[DigitPoint]) -> str:
     return f":\none more digit takes {(points[-1].seconds / points[0].seconds) ** (1.0 / digits):.2g} x the time"
 
 
-def _draw_named(axis: "Axes", curves: Curves) -> None:
-    """Draw the paper's choices as crosses, the user's as pluses, each with its name; those without error in a line."""
-    for by_user, marker, label in ((False, "X", "choices of the paper"), (True, "P", "your own choices")):
-        shown = [one for one in curves.named if one.by_user is by_user and one.error > 0.0]
-        if not shown:
-            continue
-        places = [(one.seconds, one.error) for one in shown]
-        axis.plot(*zip(*places, strict=True), linestyle="none", marker=marker, color="black", markersize=6, label=label)
-        for one, place in zip(shown, places, strict=True):
-            _name_point(axis, one.name, place, weight="normal")
-    without = [one.name for one in curves.named if not one.error > 0.0]
-    if without:
-        text = "\n".join(("no error here:", *without))
-        axis.text(0.02, 0.02, text, transform=axis.transAxes, fontsize=7, va="bottom", bbox=_ON_LINES)
-
-
-def _name_point(axis: "Axes", text: str, place: tuple[float, float], *, weight: str) -> None:
-    axis.annotate(
-        text, place, xytext=(6, 4), textcoords="offset points", fontsize=7, fontweight=weight, bbox=_ON_LINES, zorder=5
-    )
-
-
-def _draw_errors(axis: "Axes", curves: Curves, kind: str) -> None:
-    for place, name in enumerate(dict.fromkeys(point.varied for point in curves.points)):
-        points = [point for point in curves.points if point.varied == name]
-        axis.plot(
-            [point.seconds for point in points],
-            [_shown(getattr(point, kind)) for point in points],
-            marker=_MARKERS[place % len(_MARKERS)],
-            markersize=4,
-            label=name,
-            color=f"C{place}",
-            linewidth=2.6 if name == WHOLE_CHAIN else 0.8,
-            alpha=1.0 if name == WHOLE_CHAIN else 0.6,
+def _name_times(axis: Axes, curves: Curves) -> None:
+    """Write each tolerance at its time, those at one time together."""
+    times = sorted((sum(found.stage_s.values()), found.tolerance) for found in curves.predictions)
+    groups: list[list[tuple[float, float]]] = []
+    for time in times:
+        if groups and time[0] - groups[-1][-1][0] < _APART * times[-1][0]:
+            groups[-1].append(time)
+        else:
+            groups.append([time])
+    for group in groups:
+        text = ", ".join(f"{tolerance:g}" for _, tolerance in group)
+        axis.axhline(group[0][0], color="0.8", linewidth=0.8, zorder=0)
+        axis.annotate(
+            text,
+            (0.01, group[-1][0]),
+            xycoords=("axes fraction", "data"),
+            xytext=(0.0, 2.0),
+            textcoords="offset points",
+            fontsize=8,
         )
-        if name == WHOLE_CHAIN:
-            _name_tolerances(axis, {point.level: (point.seconds, _shown(getattr(point, kind))) for point in points})
+
+
+def _draw_chain(axis: Axes, chain: Sequence[CostPoint]) -> None:
+    """Draw the true errors of tolerances, and those that a prediction estimates for itself."""
+    seconds, blue = [point.seconds for point in chain], _COLOURS[0]
+    true, estimated = ([_shown(getattr(point, kind)) for point in chain] for kind in ("true", "estimated"))
+    axis.plot(seconds, true, marker="o", color=blue, linewidth=2.6, label="--tolerance: true error")
+    label = "--tolerance: error that it states"
+    axis.plot(seconds, estimated, "o--", markerfacecolor="white", color=blue, linewidth=1.0, label=label)
+
+
+def _draw_named(axis: Axes, named: Sequence[NamedChoice]) -> None:
+    """Draw the paper's choices as crosses, the user's as pluses; those without error in a line."""
+    for by_user, marker, label in ((False, "X", "choices of the paper"), (True, "P", "your own choices")):
+        places = [(one.seconds, one.error) for one in named if one.by_user is by_user and one.error > 0.0]
+        if places:
+            seconds, errors = zip(*places, strict=True)
+            axis.plot(seconds, errors, linestyle="none", marker=marker, color="black", markersize=7, label=label)
+
+
+def _say_without_error(figure: Figure, named: Sequence[NamedChoice], chain: Sequence[CostPoint]) -> None:
+    """Write below all what has no error that a logarithm could show."""
+    without = [*(one.level for one in chain if one.true == 0.0), *(one.name for one in named if not one.error > 0.0)]
+    if without:
+        figure.text(0.02, 0.02, f"no error here: {', '.join(without)}", fontsize=8)
+
+
+def _draw_floor(axis: Axes, curves: Curves) -> None:
     floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
     least = min((floor for floor in floors if floor > 0.0), default=None)
     if least is not None:
-        axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label="floor of the inputs (DoLP)")
+        label = "DoLP is known no better: uncertain inputs"
+        axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label=label)
+
+
+def _draw_settings(axis: Axes, curves: Curves) -> None:
+    """Draw the true errors of each setting's levels, the others being fine, and which points are the best of all."""
+    for place, name in enumerate(dict.fromkeys(point.varied for point in curves.points)):
+        points = [point for point in curves.points if point.varied == name and math.isfinite(_shown(point.true))]
+        if not points:
+            continue
+        is_chain = name == WHOLE_CHAIN
+        axis.plot(
+            [point.seconds for point in points],
+            [point.true for point in points],
+            marker=_MARKERS[place % len(_MARKERS)],
+            markersize=5,
+            label="--tolerance: all settings" if is_chain else name,
+            color=_COLOURS[place % len(_COLOURS)],
+            linewidth=2.6 if is_chain else 1.2,
+        )
+    axis.plot(
+        [point.seconds for point in curves.front],
+        [_shown(point.true) for point in curves.front],
+        linestyle="none",
+        marker="*",
+        markersize=14,
+        markerfacecolor="none",
+        markeredgecolor="0.3",
+        label="none is faster and better",
+    )
+
+
+def _finish_errors_of(axis: Axes, title: str) -> None:
     axis.set(xscale="log", xlabel="processor time [s]", ylabel="largest error of any number")
-    axis.set_title(f"{kind} error: the lower and the further left, the better")
-    axis.margins(x=0.15)
-    axis.xaxis.set_major_formatter("{x:g}")
-    axis.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
+    axis.set_title(title, fontsize=11)
+    axis.margins(x=0.15, y=0.08)
+    least, most = axis.get_xlim()
+    if most < _WIDTH * least:
+        middle = math.sqrt(least * most)
+        axis.set_xlim(middle / math.sqrt(_WIDTH), middle * math.sqrt(_WIDTH))
+    few_log_labels(axis.xaxis)
     # A scene of stated radiances has no error that a logarithm could show.
     if any(np.any(np.asarray(line.get_ydata(), dtype=np.float64) > 0.0) for line in axis.lines):
         axis.set_yscale("log")
     axis.grid(visible=True, which="major", alpha=0.3)
 
 
-def _name_tolerances(axis: "Axes", places: Mapping[str, tuple[float, float]]) -> None:
-    """Write each tolerance at its point, several that come to the same error at the last of them."""
-    by_error: dict[float, list[str]] = {}
-    for level, (_, error) in places.items():
-        by_error.setdefault(float(f"{error:.2g}"), []).append(level)
-    for k, levels in enumerate(by_error.values()):
-        if math.isfinite(places[levels[-1]][1]):
-            text = ", ".join(level.removeprefix("tolerance ") for level in levels)
-            _name_point(axis, f"{'' if k else '--tolerance '}{text}", places[levels[-1]], weight="bold")
+def _tolerance_names(chain: Sequence[CostPoint]) -> list[PointName]:
+    """Return each tolerance at its point, several that come to the same error at the last of them."""
+    by_error: dict[float, list[CostPoint]] = {}
+    for point in chain:
+        if math.isfinite(_shown(point.true)):
+            by_error.setdefault(float(f"{point.true:.2g}"), []).append(point)
+    names = []
+    for points in by_error.values():
+        text = ", ".join(point.level.removeprefix("tolerance ") for point in points)
+        names.append(PointName(text=text, x=points[-1].seconds, y=points[-1].true, is_bold=True))
+    return [replace(one, text=f"{'' if k else '--tolerance '}{one.text}") for k, one in enumerate(names)]
 
 
-def _draw_stages(axis: "Axes", curves: Curves) -> None:
+def _choice_names(named: Sequence[NamedChoice]) -> list[PointName]:
+    return [PointName(text=one.name, x=one.seconds, y=one.error) for one in named if one.error > 0.0]
+
+
+def _draw_stages(axis: Axes, curves: Curves) -> None:
     """Bars of the whole chain's time, a tolerance each, by stage."""
     stages = list(dict.fromkeys(stage for found in curves.predictions for stage in found.stage_s))
     low = np.zeros(len(curves.predictions))
     for place, stage in enumerate(stages):
         seconds = np.array([found.stage_s[stage] for found in curves.predictions])
-        axis.bar(range(low.size), seconds, bottom=low, label=stage, color=f"C{place}", hatch=_HATCHES[place])
+        axis.bar(range(low.size), seconds, bottom=low, label=stage, color=_COLOURS[place], hatch=_HATCHES[place])
         low += seconds
     for place, found in enumerate(curves.predictions):
         share = found.stage_s[ESTIMATES] / low[place] if low[place] > 0.0 else 0.0
         axis.annotate(f"estimates\n{100.0 * share:.0f} %", (place, low[place]), ha="center", va="bottom", fontsize=8)
     axis.margins(y=0.12)
     axis.set_xticks(range(low.size), [f"{found.tolerance:g}" for found in curves.predictions])
-    axis.set(xlabel="tolerance", ylabel="processor time [s]", title="where the time goes")
-    legend_below(axis)
+    axis.set(xlabel="--tolerance", ylabel="processor time [s]")
+    axis.set_title("where the time goes", fontsize=11)
+    legend_below(axis, columns=2)
 
 
 def _shown(error: float) -> float:
@@ -182,7 +246,12 @@ def tradeoff_picture(found: AcquisitionTradeoff) -> bytes:
     figure, axes = subplots(1, panels, size=(7.6 * panels, 5.4))
     for colour, (angles, ways) in enumerate(_ways(found.points).items()):
         for pattern, points in ways.items():
-            style = {"color": f"C{colour}", "linestyle": _LINES[pattern], "marker": ".", "markersize": 4}
+            style = {
+                "color": _COLOURS[colour % len(_COLOURS)],
+                "linestyle": _LINES[pattern],
+                "marker": ".",
+                "markersize": 4,
+            }
             label = angles if pattern == "cycles" else None
             time_s = [point.session.duration_s for point in points]
             axes[0].loglog(time_s, [point.worst.total for point in points], label=label, **style)
