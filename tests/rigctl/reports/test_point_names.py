@@ -17,11 +17,12 @@ def test_no_name_lies_on_another_or_beyond_the_axes(points):
     axis.loglog(*zip(*points, (0.01, 1e-6), (1.0, 1.0), strict=True), "o")
     names = [f"K = {k} midpoint tiles" for k in range(len(points))]
     name_points(figure, axis, [PointName(text=name, x=x, y=y) for name, (x, y) in zip(names, points, strict=True)])
-    renderer = FigureCanvasAgg(figure).get_renderer()
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
     written = [one for one in axis.texts if isinstance(one, Annotation)]
     assert [one.get_text() for one in written] == names
     # Without the lines to far points, which a box of the whole annotation would take in.
-    boxes = [one.get_bbox_patch().get_window_extent(renderer) for one in written]
+    boxes = [one.get_bbox_patch().get_window_extent(canvas.get_renderer()) for one in written]
     assert not [pair for pair in combinations(boxes, 2) if pair[0].shrunk(0.9, 0.9).overlaps(pair[1].shrunk(0.9, 0.9))]
     assert all(axis.bbox.x0 <= box.x0 + 4 and box.x1 - 4 <= axis.bbox.x1 for box in boxes)
     assert all(axis.bbox.y0 <= box.y0 + 4 and box.y1 - 4 <= axis.bbox.y1 for box in boxes)
