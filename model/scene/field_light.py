@@ -271,8 +271,11 @@ def _over_tiles(
 
 
 def _spread(centre: FloatArray, edges: list[FloatArray]) -> float:
-    """Deviation over a field and shift of its mean, largest component over S0."""
+    """Deviation over a field and shift of its mean, largest component over S0; infinite with light at the edges alone."""
     left, right, bottom, top = edges
     deviation = np.sqrt(((right - left) ** 2 + (top - bottom) ** 2) / 12.0)
     shift = np.abs(left + right + bottom + top - 4.0 * centre) / 6.0
-    return float(np.max(np.maximum(deviation, shift)) / centre[0])
+    largest = float(np.max(np.maximum(deviation, shift)))
+    if largest == 0.0:
+        return 0.0
+    return largest / float(centre[0]) if centre[0] > 0.0 else np.inf

@@ -178,5 +178,14 @@ MET_CASES: tuple[tuple[HardCase, str], ...] = (
         _lit("Angstrom exponent of 10", air="visibility_km = 23.0\nangstrom_exponent = 10"),
         "tradeoff SCENE --tolerances 0.1",
     ),
+    (
+        _lit(
+            "a field of a surface without light",
+            surface=_surface(dhr=0.0) + "specular_weight = 0.0\n",
+            more=_FIELD.format(1e-3, 1e-3),
+            extent='extent = "field"\n',
+        ),
+        "effects SCENE --verify",
+    ),
     (_lit("analytic sky", tier='"analytic"'), "predict SCENE --tolerance 0.1"),
 )

@@ -83,7 +83,9 @@ def legend_beside(axes: Axes) -> None:
 
 
 def legend_below(axes: Axes, *, columns: int = 1) -> None:
-    """Set a legend below the axes, where there are other axes beside them."""
+    """Set a legend below the axes, where there are other axes beside them; none where nothing has a name."""
+    if not axes.get_legend_handles_labels()[0]:
+        return
     # By a fixed way, past tick labels and the axis's name: by a share of the axes the layout would not come to rest.
     below = axes.transAxes + ScaledTranslation(0.0, -_NAMES_INCH, axes.figure.dpi_scale_trans)
     axes.legend(
