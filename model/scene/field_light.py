@@ -271,7 +271,7 @@ def _over_tiles(
 
 
 def _spread(centre: FloatArray, edges: list[FloatArray]) -> float:
-    """Deviation over a field and shift of its mean, largest component over S0; infinite with light at the edges alone."""
+    """Deviation over a field and shift of its mean, over S0; infinite with light at the edges alone."""
     left, right, bottom, top = edges
     deviation = np.sqrt(((right - left) ** 2 + (top - bottom) ** 2) / 12.0)
     shift = np.abs(left + right + bottom + top - 4.0 * centre) / 6.0

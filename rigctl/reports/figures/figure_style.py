@@ -78,7 +78,9 @@ def placed_axes(
 
 
 def legend_beside(axes: Axes) -> None:
-    """Set a legend to the right of the axes, where it hides no point."""
+    """Set a legend to the right of the axes, where it hides no point; none where nothing has a name."""
+    if not axes.get_legend_handles_labels()[0]:
+        return
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 

@@ -51,6 +51,7 @@ def curve_png(curves: Curves) -> bytes:
     _draw_settings(axes[1], curves)
     _finish_errors_of(axes[1], f"each setting alone: {_BETTER}")
     for axis in axes[:2]:
+        _say_if_empty(axis)
         legend_below(axis, columns=2)
     _draw_stages(axes[2], curves)
     return png(figure)
@@ -76,13 +77,13 @@ def digits_png(curves: Curves) -> bytes:
         ylabel="processor time of the whole prediction [s]",
         title="What you pay for a digit (grey: --tolerance)",
     )
-    axis.set_ylim(bottom=0.0)
+    axis.set_ylim(0.0, 1.1 * max(point.seconds for point in curves.digits))
     least, most = axis.get_xlim()
     axis.set_xticks(range(math.floor(least), math.ceil(most) + 1))
     _name_times(axis, curves)
     axis.grid(visible=True, alpha=0.3)
-    if axis.lines:
-        legend_beside(axis)
+    _say_if_empty(axis)
+    legend_beside(axis)
     return png(figure)
 
 
@@ -113,8 +114,8 @@ def _name_times(axis: Axes, curves: Curves) -> None:
         else:
             groups.append([time])
     for group in groups:
-        text = ", ".join(f"{tolerance:g}" for _, tolerance in group)
-        axis.axhline(group[0][0], color="0.8", linewidth=0.8, zorder=0)
+        text = ", ".join(f"{tolerance:g}" for tolerance in sorted((one for _, one in group), reverse=True))
+        axis.axhline(group[-1][0], color="0.8", linewidth=0.8, zorder=0)
         axis.annotate(
             text,
             (0.01, group[-1][0]),
@@ -150,6 +151,12 @@ def _say_without_error(figure: Figure, named: Sequence[NamedChoice], chain: Sequ
         figure.text(0.02, 0.02, f"no error here: {', '.join(without)}", fontsize=8)
 
 
+def _say_if_empty(axis: Axes) -> None:
+    named = [line for line in axis.lines if not str(line.get_label()).startswith("_")]
+    if not any(np.any(np.isfinite(np.asarray(line.get_ydata(), dtype=np.float64))) for line in named):
+        axis.text(0.5, 0.5, "no error of these settings in this scene", transform=axis.transAxes, ha="center")
+
+
 def _draw_floor(axis: Axes, curves: Curves) -> None:
     floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
     least = min((floor for floor in floors if floor > 0.0), default=None)
@@ -174,16 +181,11 @@ def _draw_settings(axis: Axes, curves: Curves) -> None:
             color=_COLOURS[place % len(_COLOURS)],
             linewidth=2.6 if is_chain else 1.2,
         )
-    axis.plot(
-        [point.seconds for point in curves.front],
-        [_shown(point.true) for point in curves.front],
-        linestyle="none",
-        marker="*",
-        markersize=14,
-        markerfacecolor="none",
-        markeredgecolor="0.3",
-        label="none is faster and better",
-    )
+    best = [point for point in curves.front if math.isfinite(_shown(point.true))]
+    if best:
+        seconds, errors = [point.seconds for point in best], [point.true for point in best]
+        label = "none is faster and better"
+        axis.plot(seconds, errors, "*", markersize=14, markerfacecolor="none", markeredgecolor="0.3", label=label)
 
 
 def _finish_errors_of(axis: Axes, title: str) -> None:
