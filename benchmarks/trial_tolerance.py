@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from model.accuracy.accurate_prediction import AccuratePrediction
 from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
 from model.accuracy.evaluation.settings import Settings
-from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
+from model.accuracy.predict_to_tolerance import predict
 from model.atmosphere.lighting.fidelity import SolverSettings
 from model.prediction.prediction import predict as predict_scenario
 from model.prediction.region_performance import detections_of_pairs

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import exp
 
+from model.accuracy.accurate_prediction import AccuratePrediction
 from model.accuracy.estimates.companions import Companions, carried_errors
-from model.accuracy.estimates.error_budget import error_budget
+from model.accuracy.estimates.error_budget import LitCase, error_budgets
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading, Readings, Value, readings
-from model.accuracy.planning.numerical_settings import ROC, TILES
-from model.accuracy.predict_to_tolerance import AccuratePrediction
+from model.accuracy.planning.numerical_settings import ROC, TILES, Plan
 from model.accuracy.series_effects import TakenEffects
 from model.scene.lit_scene import LitScene
 from model.special_functions import ndtri
@@ -66,31 +66,39 @@ def told_errors(neighbours: Sequence[Judged], numbers: Readings) -> dict[Reading
 
 
 def propagated_errors(
-    neighbours: Sequence[Judged], scene: LitScene, result: ChainResult, *, tolerance: float
-) -> dict[Reading, float]:
-    """Return the errors of a scene by those of the light of its neighbours, carried to its own numbers.
+    neighbours: Sequence[Judged], cases: Sequence[tuple[LitScene, ChainResult]], *, tolerance: float
+) -> list[dict[Reading, float]]:
+    """Return the errors of scenes by those of the light of their neighbours, carried to the numbers of each.
 
     Parameters
     ----------
     neighbours
         As in `told_errors`.
-    scene, result
-        What was evaluated, and what was found.
+    cases
+        What was evaluated by one plan, and what was found.
     tolerance
         That is asked for.
     """
-    lights = carried_errors([(one.found.result, one.found.light) for one in neighbours], result, margin=MARGIN)
-    budget = error_budget(scene, result, lights, tolerance=tolerance, tiles=False)
-    found = {}
-    for key, number in numbers_of(result).items():
-        of_tiles = [error for one in neighbours for error in _carried(key, number, one, TILES)]
-        found[key] = budget.total[key] + MARGIN * max(of_tiles, default=0.0)
+    known = [(one.found.result, one.found.light) for one in neighbours]
+    lit = [
+        LitCase(scene=scene, result=result, lights=carried_errors(known, result, margin=MARGIN))
+        for scene, result in cases
+    ]
+    budgets = error_budgets(lit, tolerance=tolerance, tiles=False) if lit else []
+    found = []
+    for (_, result), budget in zip(cases, budgets, strict=True):
+        numbers = numbers_of(result)
+        of_tiles = {
+            key: [error for one in neighbours for error in _carried(key, number, one, TILES)]
+            for key, number in numbers.items()
+        }
+        found.append({key: budget.total[key] + MARGIN * max(of_tiles[key], default=0.0) for key in numbers})
     return found
 
 
-def finest_plan(several: Sequence[Judged]) -> dict[str, int]:
+def finest_plan(plans: Sequence[Plan]) -> dict[str, int]:
     """Return the finest level of each setting."""
-    return {name: max(one.found.plan[name] for one in several) for name in several[0].found.plan}
+    return {name: max(plan[name] for plan in plans) for name in plans[0]}
 
 
 def numbers_of(result: ChainResult) -> Readings:

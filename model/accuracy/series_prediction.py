@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from model.accuracy.accurate_prediction import ESTIMATES
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.neighbours import Judged
 from model.accuracy.planning.numerical_settings import Plan
-from model.accuracy.predict_to_tolerance import ESTIMATES
 from model.accuracy.series_effects import TakenEffects
 
 

@@ -1,35 +1,21 @@
 """Predictions of neighbouring scenes to a tolerance: plans, rules and error estimates are shared between them."""
 
 import time
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from enum import Enum, auto
 from itertools import product
 
 from model.accuracy.estimates.companions import companions, from_glint_rad, is_harder
-from model.accuracy.evaluation.chain import STAGES, ChainResult, Clock, evaluate_all
+from model.accuracy.evaluation.chain import ChainResult, Clock
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.neighbours import MARGIN, Judged, finest_plan, keeps, numbers_of, propagated_errors, told_errors
+from model.accuracy.neighbours import MARGIN, Judged, finest_plan, keeps, numbers_of, told_errors
 from model.accuracy.planning.lattice import Cell, Index, lattice
-from model.accuracy.planning.numerical_settings import Plan, settings_at
-from model.accuracy.predict_to_tolerance import (
-    ESTIMATES,
-    SMALLEST,
-    SPHERES,
-    AccuratePrediction,
-    plan_beside,
-    plan_for_many,
-    predict,
-)
 from model.accuracy.series_effects import SeriesEffects, TakenEffects
+from model.accuracy.series_evaluation import SeriesEvaluation, sky
 from model.accuracy.series_prediction import SeriesCase, SeriesPrediction, as_judged
 from model.effects.names import ALL, Effect
-from model.scene.field_light import known_rules
 from model.scene.lit_scene import LitScene
 
-# Cases that stand for others are predicted to this share of the tolerance, so that the margin has room below it.
-_OF_TOLERANCE = 0.65
 # Errors below this share of the tolerance need not have a smooth course, nor companions of an error.
 _SMALL, _NEGLIGIBLE = 0.2, 0.05
 # Of so many cells the middle of one is judged, to see whether its errors are what its corners tell.
@@ -38,8 +24,6 @@ _SPOT_CHECKED = 4
 _JUDGING, _DEAR = 5.0, 4.0
 # Nearer to a glint than its corners by this, a case of a cell is judged, and divides it [rad].
 _NEARER_RAD = 0.02
-# Effects are planned of so many cases, and of all others only if these left something out.
-_PLANNED = 2
 _BY_NEIGHBOUR = "is not promised of a neighbouring case, and its own error was not estimated"
 
 
@@ -84,9 +68,16 @@ def predict_series(
     the middles of all others are judged.
     """
     sizes = (len(scenes),) if shape is None else shape
-    store = LightStore() if store is None else store
-    taken = effects if isinstance(effects, SeriesEffects) else SeriesEffects(acting=effects)
-    return _Series(scenes, sizes, tolerance, taken, estimated_only, store, clock).predicted()
+    places = dict(zip(product(*(range(size) for size in sizes)), scenes, strict=True))
+    evaluation = SeriesEvaluation(
+        places,
+        tolerance=tolerance,
+        effects=effects if isinstance(effects, SeriesEffects) else SeriesEffects(acting=effects),
+        estimated_only=estimated_only,
+        store=LightStore() if store is None else store,
+        clock=clock,
+    )
+    return _Series(places, sizes, tolerance, evaluation).predicted()
 
 
 class _Refused(Enum):
@@ -95,104 +86,51 @@ class _Refused(Enum):
     HARDER, UNSURE = auto(), auto()
 
 
-_HARDER, _UNSURE = _Refused.HARDER, _Refused.UNSURE
-
-
 class _Series:
-    """A series while it is predicted: which cases are judged, and the time that was taken."""
+    """A series while it is predicted."""
 
     def __init__(
-        self,
-        scenes: Sequence[LitScene],
-        shape: Index,
-        tolerance: float,
-        effects: SeriesEffects,
-        estimated_only: bool,
-        store: LightStore,
-        clock: Clock,
+        self, scenes: Mapping[Index, LitScene], shape: Index, tolerance: float, evaluation: SeriesEvaluation
     ) -> None:
-        self._places = list(product(*(range(size) for size in shape)))
-        self._scenes = dict(zip(self._places, scenes, strict=True))
-        self._shape, self._tolerance, self._effects = shape, tolerance, effects
-        self._estimated_only, self._store, self._clock = estimated_only, store, clock
-        self._under_sky = Counter(map(_sky, scenes))
-        self._judged: dict[Index, Judged] = {}
+        self._scenes, self._shape, self._tolerance, self._evaluation = scenes, shape, tolerance, evaluation
         self._found: dict[Index, SeriesCase] = {}
         self._spots: list[bool] = []
-        self._taken = dict.fromkeys((*STAGES, ESTIMATES), 0.0)
 
     def predicted(self) -> SeriesPrediction:
         """Judge some, then take the others by their neighbours."""
-        cells = [leaf for cell in lattice(self._shape) for leaf in self._checked(cell)]
-        cells = list(self._spot_checked(cells))
-        for cell in cells:
+        whole = lattice(self._shape)
+        # The first alone, for its errors tell by what plan the others begin.
+        self._evaluation.judge(whole[0].low)
+        self._evaluation.judge_all(self._looked_at(whole))
+        cells = [leaf for cell in whole for leaf in self._checked(cell)]
+        for cell in self._spot_checked(cells):
             self._fill(cell)
         return SeriesPrediction(
-            cases=tuple(self._found[place] for place in self._places),
+            cases=tuple(self._found[place] for place in self._scenes),
             tolerance=self._tolerance,
-            stage_s=self._taken,
+            stage_s=self._evaluation.taken,
             spot_checks=len(self._spots),
             spot_checks_held=sum(self._spots),
-            estimated_only=any(judged.found.estimated_only for judged in self._judged.values()),
+            estimated_only=any(one.found.estimated_only for one in self._evaluation.judged.values()),
         )
+
+    def _looked_at(self, cells: Iterable[Cell]) -> Iterator[Index]:
+        """Yield the corners of cells, and the cases at a glint."""
+        for cell in cells:
+            yield from cell.corners
+            if cell.is_divisible and (glint := self._glint(cell)) is not None:
+                yield glint
 
     def _by_sky(self, places: Iterable[Index]) -> list[Index]:
         """Return cases so ordered that those under one sky follow one another, and none is made twice."""
         skies: dict[object, list[Index]] = {}
         for place in places:
-            skies.setdefault(_sky(self._scenes[place]), []).append(place)
+            skies.setdefault(sky(self._scenes[place]), []).append(place)
         return [place for under_one in skies.values() for place in under_one]
-
-    def _judge(self, place: Index, plan: Plan | None = None, *, share: float = _OF_TOLERANCE) -> Judged:
-        """Predict a case with its errors, to a share of the tolerance; what is above it is held against the whole."""
-        if place in self._judged:
-            return self._judged[place]
-        scene = self._scenes[place]
-        start = self._clock()
-        effects = self._effects.of(scene) if self._may_leave_out() else TakenEffects(acting=self._effects.acting)
-        self._taken[ESTIMATES] += self._clock() - start
-        allowed = self._tolerance - effects.spent
-        aim, near = max(share * allowed, SMALLEST), self._nearest(place)
-        if plan is None and near is None:
-            under_sky = self._under_sky[_sky(scene)]
-            plan = plan_for_many(scene, tolerance=aim, under_sky=under_sky, effects=effects.acting)
-        elif plan is None and near is not None:
-            plan = plan_beside(scene, near, tolerance=aim, effects=effects.acting)
-        found = predict(
-            scene,
-            tolerance=aim,
-            effects=effects.acting,
-            estimated_only=self._estimated_only,
-            start=plan,
-            store=self._store,
-            clock=self._clock,
-        )
-        errors = found.budget.total
-        missing = {k: why for k, why in found.not_guaranteed.items() if why == SPHERES or not errors[k] <= allowed}
-        self._count(found.stage_s)
-        judged = Judged(
-            found=replace(found, not_guaranteed=missing),
-            effects=effects,
-            companions=companions(scene, found.result),
-        )
-        self._judged[place] = judged
-        return judged
-
-    def _may_leave_out(self) -> bool:
-        """Return whether a plan of effects may pay: not where the first two cases left nothing out."""
-        taken = [one.effects for one in self._judged.values()]
-        return len(taken) < _PLANNED or any(one.left_out for one in taken)
-
-    def _nearest(self, place: Index) -> AccuratePrediction | None:
-        """Return the judged case that is nearest to a place."""
-        if not self._judged:
-            return None
-        steps = {one: sum(abs(a - b) for a, b in zip(one, place, strict=True)) for one in self._judged}
-        return self._judged[min(steps, key=lambda one: steps[one])].found
 
     def _checked(self, cell: Cell) -> Iterator[Cell]:
         """Judge the corners of a cell; divide it at a glint, and where one corner makes all that is inside dear."""
-        corners = [self._judge(place) for place in cell.corners]
+        corners = self._evaluation.judge_all(cell.corners)
         if not cell.is_divisible:
             yield cell
         elif (glint := self._glint(cell)) is not None:
@@ -203,7 +141,7 @@ class _Series:
             yield cell
 
     def _divided(self, cell: Cell, place: Index) -> Iterator[Cell]:
-        self._judge(place)
+        self._evaluation.judge(place)
         for part in cell.divided(place):
             yield from self._checked(part)
 
@@ -222,24 +160,29 @@ class _Series:
     def _spot_checked(self, cells: Sequence[Cell]) -> Iterator[Cell]:
         """Judge the middle of some cells; where one is not as its corners tell divide it, and look at all others."""
         open_cells = [cell for cell in cells if cell.is_divisible]
-        looked_at = {cell: self._is_as_told(cell) for cell in open_cells[::_SPOT_CHECKED]}
+        looked_at = self._are_as_told(open_cells[::_SPOT_CHECKED])
         if not all(looked_at.values()):
-            looked_at |= {cell: self._is_as_told(cell) for cell in open_cells if cell not in looked_at}
+            looked_at |= self._are_as_told([cell for cell in open_cells if cell not in looked_at])
         for cell in cells:
             if looked_at.get(cell, True):
                 yield cell
             else:
                 yield from self._divided(cell, cell.middle)
 
-    def _is_as_told(self, cell: Cell) -> bool:
-        """Return whether the errors in the middle of a cell are within what its corners tell."""
-        place = cell.middle
-        if place in cell.corners:
-            return True
-        corners = [self._judge(corner) for corner in cell.corners]
-        held = self._holds(self._judge(place, finest_plan(corners)), corners)
-        self._spots.append(held)
-        return held
+    def _are_as_told(self, cells: Sequence[Cell]) -> dict[Cell, bool]:
+        """Return whether the errors in the middle of each cell are within what its corners tell."""
+        corners = {cell: self._evaluation.judge_all(cell.corners) for cell in cells}
+        plans = {cell: finest_plan([one.found.plan for one in around]) for cell, around in corners.items()}
+        for plan in {tuple(one.items()) for one in plans.values()}:
+            self._evaluation.judge_all(
+                (cell.middle for cell in cells if tuple(plans[cell].items()) == plan), dict(plan)
+            )
+        told = {}
+        for cell in cells:
+            told[cell] = cell.middle in cell.corners or self._holds(self._evaluation.judge(cell.middle), corners[cell])
+            if cell.middle not in cell.corners:
+                self._spots.append(told[cell])
+        return told
 
     def _holds(self, judged: Judged, corners: Sequence[Judged]) -> bool:
         """Return whether the errors of a case are within what its neighbours tell."""
@@ -249,37 +192,33 @@ class _Series:
 
     def _fill(self, cell: Cell) -> None:
         """Predict all cases of a cell; where its corners do not do, judge one of them, and fill the parts."""
-        corners = [self._judge(place) for place in cell.corners]
-        for place in cell.places:
-            if place in self._judged:
-                self._found[place] = as_judged(self._judged[place])
+        corners = self._evaluation.judge_all(cell.corners)
+        judged = self._evaluation.judged
+        self._found |= {place: as_judged(judged[place]) for place in cell.places if place in judged}
         left = [place for place in self._by_sky(cell.places) if place not in self._found]
-        unsure = []
-        for place, between in self._between(left, corners):
-            if isinstance(between, SeriesCase):
-                self._found[place] = between
-            elif between is _HARDER or len([size for size in self._shape if size > 1]) > 1:
-                self._found[place] = as_judged(self._judge(place, share=1.0))
-            else:
-                unsure.append(place)
-        if unsure:
+        between = self._between(left, corners)
+        self._found |= {place: one for place, one in between.items() if isinstance(one, SeriesCase)}
+        refused = {place: one for place, one in between.items() if isinstance(one, _Refused)}
+        is_grid = len([size for size in self._shape if size > 1]) > 1
+        alone = [place for place, one in refused.items() if one is _Refused.HARDER or is_grid]
+        for place, one in zip(alone, self._evaluation.judge_all(alone, share=1.0), strict=True):
+            self._found[place] = as_judged(one)
+        if unsure := [place for place in refused if place not in self._found]:
             inside = _inside(cell, unsure[0])
-            if not self._holds(self._judge(inside), corners):
+            if not self._holds(self._evaluation.judge(inside), corners):
                 # Its neighbours told too little: what was taken by them is looked at again.
                 self._found = {place: one for place, one in self._found.items() if place not in left or one.is_judged}
             for part in cell.divided(inside):
                 self._fill(part)
 
-    def _between(
-        self, places: Sequence[Index], corners: Sequence[Judged]
-    ) -> "Iterator[tuple[Index, SeriesCase | _Refused]]":
-        """Yield cases by the plans and errors of their neighbours, or why these do not do."""
-        acting = [corner.effects for corner in corners]
-        effects = {place: self._effects.between(self._scenes[place], acting) for place in places}
+    def _between(self, places: Sequence[Index], corners: Sequence[Judged]) -> "dict[Index, SeriesCase | _Refused]":
+        """Return cases by the plans and errors of their neighbours, or why these do not do."""
+        effects = {place: self._evaluation.effects_between(place, corners) for place in places}
+        found: dict[Index, SeriesCase | _Refused] = {}
         for alike in self._alike(places, effects):
-            found = self._evaluated(alike, effects[alike[0]], corners)
-            for place, result in zip(alike, found, strict=True):
-                yield place, self._by_neighbours(self._scenes[place], result, effects[place], corners)
+            results = self._evaluation.between(alike, effects[alike[0]].acting, corners)
+            found |= self._by_neighbours(results, effects, corners)
+        return found
 
     def _alike(self, places: Sequence[Index], effects: Mapping[Index, TakenEffects]) -> Iterable[list[Index]]:
         """Return cases that can be evaluated together: of the same effects and height."""
@@ -289,56 +228,41 @@ class _Series:
         return groups.values()
 
     def _by_neighbours(
-        self, scene: LitScene, result: ChainResult, effects: TakenEffects, corners: Sequence[Judged]
-    ) -> "SeriesCase | _Refused":
-        """Return a case with the errors that its neighbours tell, or why these do not do."""
-        unknown, found = {key for corner in corners for key in corner.found.not_guaranteed}, numbers_of(result)
-        errors, allowed = told_errors(corners, found), self._tolerance - effects.spent
-        others, negligible = [corner.companions for corner in corners], _NEGLIGIBLE * self._tolerance
-        if is_harder(companions(scene, result), others, margin=MARGIN, negligible=negligible):
-            return _HARDER
-        if not keeps(errors, found, unknown, allowed):
-            begun = self._clock()
-            errors = propagated_errors(corners, scene, result, tolerance=self._tolerance)
-            self._taken[ESTIMATES] += self._clock() - begun
-        if not keeps(errors, found, unknown, allowed):
-            return _UNSURE
-        return SeriesCase(
-            result=result,
-            plan=finest_plan(corners),
-            errors=errors,
-            is_judged=False,
-            not_guaranteed={key: _BY_NEIGHBOUR for key in found if key in unknown},
-            effects=effects,
-        )
+        self, results: Mapping[Index, ChainResult], effects: Mapping[Index, TakenEffects], corners: Sequence[Judged]
+    ) -> "dict[Index, SeriesCase | _Refused]":
+        """Return cases with the errors that their neighbours tell, or why these do not do."""
+        unknown = {key for corner in corners for key in corner.found.not_guaranteed}
+        numbers = {place: numbers_of(result) for place, result in results.items()}
+        errors = {place: told_errors(corners, found) for place, found in numbers.items()}
 
-    def _evaluated(
-        self, places: Sequence[Index], effects: TakenEffects, corners: Sequence[Judged]
-    ) -> tuple[ChainResult, ...]:
-        """Evaluate cases with the plan, the rules and the statistics of their neighbours."""
-        lights = [corner.found.result.lights for corner in corners]
-        same = all(corner.effects.acting == effects.acting for corner in corners)
-        scenes, tolerance = [self._scenes[place] for place in places], min(one.found.tolerance for one in corners)
-        found = evaluate_all(
-            scenes,
-            settings_at(finest_plan(corners), tolerance, face_m=scenes[0].sensor_height_m),
-            effects=effects.acting,
-            rules={name: known_rules([one[name] for one in lights]) for name in lights[0]} if same else {},
-            store=self._store,
-            clock=self._clock,
-        )
-        for one in found:
-            self._count(one.stage_s)
-        return found
+        def is_kept(place: Index) -> bool:
+            allowed = self._tolerance - effects[place].spent
+            return keeps(errors[place], numbers[place], unknown, allowed)
 
-    def _count(self, stage_s: Mapping[str, float]) -> None:
-        for stage, seconds in stage_s.items():
-            self._taken[stage] += seconds
+        harder = {place for place, result in results.items() if self._is_harder(place, result, corners)}
+        open_results = {place: one for place, one in results.items() if place not in harder and not is_kept(place)}
+        errors |= self._evaluation.carried_errors(open_results, corners)
+        plan = finest_plan([corner.found.plan for corner in corners])
+        return {
+            place: SeriesCase(
+                result=result,
+                plan=plan,
+                errors=errors[place],
+                is_judged=False,
+                not_guaranteed={key: _BY_NEIGHBOUR for key in numbers[place] if key in unknown},
+                effects=effects[place],
+            )
+            if place not in harder and is_kept(place)
+            else _Refused.HARDER
+            if place in harder
+            else _Refused.UNSURE
+            for place, result in results.items()
+        }
 
-
-def _sky(scene: LitScene) -> object:
-    """Return what is equal for scenes under one sky."""
-    return None if scene.air is None else scene.air.key
+    def _is_harder(self, place: Index, result: ChainResult, corners: Sequence[Judged]) -> bool:
+        """Return whether the evaluation of a case tells more of its errors than its corners have."""
+        own, others = companions(self._scenes[place], result), [corner.companions for corner in corners]
+        return is_harder(own, others, margin=MARGIN, negligible=_NEGLIGIBLE * self._tolerance)
 
 
 def _inside(cell: Cell, place: Index) -> Index:

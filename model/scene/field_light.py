@@ -159,20 +159,21 @@ def light_over_field(
     return _over_tiles(lights_at, tiles(part, view, per_side=per_side, rule=rule), centre.rules, spread)
 
 
-def light_over_tiles(
+def lights_over_tiles(
     lights_at: Callable[[tuple[View, ...], Rules | None], tuple[ApertureLight, ...]],
     *,
-    view: View,
-    part: FieldPart | None,
+    fields: Sequence[tuple[View, FieldPart | None]],
     per_side: int,
     rule: TileRule = "gauss-legendre",
-) -> FieldLight:
-    """Return the light of a region over its part of the field with rules that suffice in its corners and its middle.
+) -> tuple[FieldLight, ...]:
+    """Return the light of a region seen from several places, with rules that suffice in all corners and middles.
 
     Parameters
     ----------
-    lights_at, view, part, per_side, rule
+    lights_at, per_side, rule
         As in `light_over_field`. No field is taken as a point.
+    fields
+        As in `lights_by_rules`.
 
     Raises
     ------
@@ -183,12 +184,22 @@ def light_over_tiles(
     ----------
     [MK14] eq. (8), (9).
     """
-    found = _seen(view, part, per_side=per_side, rule=rule)
-    side = isqrt(len(found))
+    seen = [_seen(view, part, per_side=per_side, rule=rule) for view, part in fields]
+    corners = [_corners(isqrt(len(one))) for one in seen]
+    views = tuple(one[k].view for one, chosen in zip(seen, corners, strict=True) for k in chosen)
+    finest = lights_at(views, None)
+    found = lights_by_rules(lights_at, finest[0].rules, fields=fields, per_side=per_side, rule=rule)
+    looked_at = iter(finest)
+    return tuple(
+        replace(one, finer=dict(zip(chosen, islice(looked_at, len(chosen)), strict=True)))
+        for one, chosen in zip(found, corners, strict=True)
+    )
+
+
+def _corners(side: int) -> list[int]:
+    """Return which of so many tiles a side are the corners and the middle."""
     last, middle = side**2 - 1, (side // 2) * (side + 1)
-    corners = sorted({0, side - 1, middle, last - side + 1, last})
-    finer = dict(zip(corners, lights_at(tuple(found[k].view for k in corners), None), strict=True))
-    return replace(_over_tiles(lights_at, found, finer[0].rules, _unknown_spread(part)), finer=finer)
+    return sorted({0, side - 1, middle, last - side + 1, last})
 
 
 def lights_by_rules(
@@ -237,7 +248,7 @@ def known_rules(several: Sequence[FieldLight]) -> Rules:
     Parameters
     ----------
     several
-        Its light, one or more, as `light_over_tiles` gives it.
+        Its light, one or more, as `lights_over_tiles` gives it.
     """
     used = [one.lights[0].rules for one in several]
     return Rules(

@@ -4,10 +4,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import hypot, inf, radians
 
+from model.accuracy.accurate_prediction import AccuratePrediction
 from model.accuracy.effect_check import kind_of
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
-from model.accuracy.predict_to_tolerance import SMALLEST, AccuratePrediction, predict
+from model.accuracy.predict_to_tolerance import SMALLEST, predict
 from model.effects.names import Effect, EffectRule
 from model.effects.planner import LIGHT, EffectPlan
 from model.prediction.prediction import Quantities, RegionPrediction

@@ -25,7 +25,7 @@ from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.skies.engine import require_engine
 
 if TYPE_CHECKING:
-    from model.accuracy.predict_to_tolerance import AccuratePrediction
+    from model.accuracy.accurate_prediction import AccuratePrediction
     from model.accuracy.series_prediction import SeriesPrediction
     from model.effects.planner import EffectPlan
     from model.prediction.prediction import RegionPrediction

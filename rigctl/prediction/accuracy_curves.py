@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.accuracy.accurate_prediction import AccuratePrediction
 from model.accuracy.effect_check import kind_of
 from model.accuracy.estimates.error_budget import error_budget
 from model.accuracy.estimates.light_error import light_errors
@@ -14,7 +15,7 @@ from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
-from model.accuracy.predict_to_tolerance import AccuratePrediction, predict
+from model.accuracy.predict_to_tolerance import predict
 from model.prediction.rig_errors import predict_with_errors
 from model.scene.lit_scene import LitScene
 from rigctl.prediction.paper_choices import NamedChoice, named_choices, settings_by

@@ -19,8 +19,8 @@ from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_reading import scene_of_file
 
 if TYPE_CHECKING:
+    from model.accuracy.accurate_prediction import AccuratePrediction
     from model.accuracy.evaluation.chain import Clock
-    from model.accuracy.predict_to_tolerance import AccuratePrediction
     from model.accuracy.series_prediction import SeriesPrediction
     from model.effects.names import EffectRule
     from model.effects.planner import EffectPlan

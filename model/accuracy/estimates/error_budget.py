@@ -1,16 +1,18 @@
 """Error budget of what a user reads, from errors of the light: per setting, and their sum."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isqrt
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.estimates.light_error import LightError
+from model.accuracy.estimates.more_tiles import Asked, on_more_tiles
 from model.accuracy.estimates.sensitivity import (
     NO_STEPS,
+    Alternatives,
     Changes,
     Steps,
     Texture,
@@ -21,14 +23,9 @@ from model.accuracy.estimates.sensitivity import (
     steps,
 )
 from model.accuracy.evaluation.chain import ChainResult
-from model.accuracy.evaluation.lit_scenario import region_light
 from model.accuracy.evaluation.quantities import Reading, readings
 from model.accuracy.planning.numerical_settings import DOLP, ROC, TILES
 from model.effects.acting import acting
-from model.scene.adjacency import with_surroundings
-from model.scene.aperture_radiance import aperture_lights
-from model.scene.field_light import FieldLight
-from model.scene.field_of_view import tiles
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
 
@@ -64,6 +61,27 @@ class Budget:
         return max(self.by_setting.get(setting, {}).values(), default=0.0)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LitCase:
+    """A case whose light has errors that are known.
+
+    Attributes
+    ----------
+    scene, result
+        What was evaluated, and what was found.
+    lights
+        Setting to region to the error of its light.
+    """
+
+    scene: LitScene
+    result: ChainResult
+    lights: Mapping[str, Mapping[str, LightError]]
+
+    def errors(self, name: str) -> dict[str, LightError]:
+        """Return setting to the error of the light of a region."""
+        return {setting: found[name] for setting, found in self.lights.items() if name in found}
+
+
 def error_budget(
     scene: LitScene,
     result: ChainResult,
@@ -76,10 +94,8 @@ def error_budget(
 
     Parameters
     ----------
-    scene, result
-        What was evaluated, and what was found.
-    lights
-        Setting to region to the error of its light.
+    scene, result, lights
+        As `LitCase` has them.
     tolerance
         That is asked for.
     tiles
@@ -89,15 +105,49 @@ def error_budget(
     ----------
     Definition: first order in the errors of the light, whose signs are not known.
     """
-    by_setting: dict[str, dict[Reading, float]] = {setting: defaultdict(float) for setting in lights}
-    tried = {}
-    for region in result.scenario.regions:
-        if region.name in result.lights:
-            errors = {setting: found[region.name] for setting, found in lights.items() if region.name in found}
-            tried[region.name] = _tried(scene, result, region, errors, tolerance=tolerance, tiles=tiles)
-    changed = changes(scene, result, {name: one.lights for name, one in tried.items() if one.lights})
-    for name in changed:
-        for setting, found in tried[name].changed(changed[name]):
+    return error_budgets((LitCase(scene=scene, result=result, lights=lights),), tolerance=tolerance, tiles=tiles)[0]
+
+
+def error_budgets(cases: Sequence[LitCase], *, tolerance: float, tiles: bool = True) -> list[Budget]:
+    """Return what `error_budget` does for each of several cases, all in few array passes.
+
+    Parameters
+    ----------
+    cases
+        Evaluated with the same tolerances of DoLP and ROC.
+    tolerance, tiles
+        As in `error_budget`.
+    """
+    asked = [
+        (place, region)
+        for place, case in enumerate(cases)
+        for region in case.result.scenario.regions
+        if region.name in case.result.lights
+    ]
+    finer: Iterable[RegionLight | None] = repeat(None)
+    if tiles:
+        finer = on_more_tiles([Asked(cases[place].scene, cases[place].result, region.name) for place, region in asked])
+    tried: list[dict[str, _Tried]] = [{} for _ in cases]
+    for (place, region), more in zip(asked, finer, strict=tiles):
+        tried[place][region.name] = _tried(cases[place], region, more, tolerance=tolerance)
+    changed = changes(
+        [
+            Alternatives(
+                scene=case.scene,
+                result=case.result,
+                lights={name: one.lights for name, one in regions.items() if one.lights},
+            )
+            for case, regions in zip(cases, tried, strict=True)
+        ]
+    )
+    return [_budget(case, of, found) for case, of, found in zip(cases, tried, changed, strict=True)]
+
+
+def _budget(case: LitCase, tried: Mapping[str, "_Tried"], changed: Mapping[str, Sequence[Changes]]) -> Budget:
+    result = case.result
+    by_setting: dict[str, dict[Reading, float]] = {setting: defaultdict(float) for setting in case.lights}
+    for name, of_region in changed.items():
+        for setting, found in tried[name].changed(of_region):
             _add(by_setting[setting], found)
     by_setting |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
     every = readings(result.scenario, result.predictions, result.detections)
@@ -150,16 +200,8 @@ class _Tried:
             yield TILES, {key: _OF_MORE_TILES * abs(change) for key, change in changed[TILES].items()}
 
 
-def _tried(
-    scene: LitScene,
-    result: ChainResult,
-    region: RegionLight,
-    errors: Mapping[str, LightError],
-    *,
-    tolerance: float,
-    tiles: bool,
-) -> _Tried:
-    there = {setting: error for setting, error in errors.items() if not error.is_nothing}
+def _tried(case: LitCase, region: RegionLight, more_tiles: RegionLight | None, *, tolerance: float) -> _Tried:
+    there = {setting: error for setting, error in case.errors(region.name).items() if not error.is_nothing}
     differ = _differ(there)
     others: dict[str, RegionLight] = {}
     if np.all(np.isfinite(differ)) and np.any(differ):
@@ -167,10 +209,10 @@ def _tried(
     less, s0 = sum(error.largest for error in there.values()), float(region.stokes_radiance[0])
     if 0.0 < less < s0:
         others[_DIMMER] = dimmed(region, less / s0)
-    if tiles and (finer := on_more_tiles(scene, result, region.name)) is not None:
-        others[TILES] = finer
-    moved = steps(region, _texture(scene, result, region.name), tolerance=tolerance) if there else NO_STEPS
-    return _Tried(errors=there, steps=moved, others=others)
+    if more_tiles is not None:
+        others[TILES] = more_tiles
+    texture = _texture(case.scene, case.result, region.name)
+    return _Tried(errors=there, steps=steps(region, texture, tolerance=tolerance) if there else NO_STEPS, others=others)
 
 
 def _texture(scene: LitScene, result: ChainResult, name: str) -> Texture:
@@ -233,47 +275,3 @@ def _of_detection(result: ChainResult) -> dict[Reading, float]:
             found[Reading(place, "p_detection", f"{rate:g}")] = float(error)
         found[Reading(place, "auc", "whole curve")] = pair.auc_error
     return found
-
-
-def on_more_tiles(scene: LitScene, result: ChainResult, name: str) -> RegionLight | None:
-    """Return the light of a region over one more tile along each side; None for a point.
-
-    Parameters
-    ----------
-    scene, result
-        What was evaluated, and what was found.
-    name
-        Of a region that is given by its material.
-
-    Raises
-    ------
-    ValueError
-        The radiance of the region is given.
-
-    References
-    ----------
-    Definition; rules of the hemisphere integral as for the tiles.
-    """
-    region = next(one for one in scene.regions if one.name == name)
-    air, view, illumination = scene.air, scene.view, result.illumination
-    if air is None or view is None or illumination is None or region.surface is None or region.tilt is None:
-        raise ValueError(f"region {name}: its radiance is given, there is nothing to compute")
-    own = result.lights[name].lights
-    if region.part is None or len(own) == 1:
-        return None
-    seen = acting(scene, result.effects)
-    more = tiles(region.part, view, per_side=isqrt(len(own)) + 1, rule=result.settings.tile_rule)
-    lights = aperture_lights(
-        illumination,
-        surface=region.surface,
-        tilt=region.tilt,
-        views=tuple(tile.view for tile in more),
-        rules=own[0].rules,
-        skylight=seen.parts.skylight,
-        path=seen.parts.path_radiance,
-    )
-    field = FieldLight(lights=lights, weights=tuple(tile.weight for tile in more), spread=result.lights[name].spread)
-    around = seen.imperfections.surround_albedo
-    if around is not None:
-        field = with_surroundings(field, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
-    return region_light(seen, region, field)

@@ -1,13 +1,13 @@
 """Estimated error of the light of each region, setting by setting."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.accuracy.estimates.lines_of_sight import LinesOfSight, Way, lines_of_sight, ways_to_camera
+from model.accuracy.estimates.lines_of_sight import LinesOfSight, lines_of_sight, reflected_by_all, ways_to_camera
 from model.accuracy.estimates.refined_reference import Pair, ends_of_band, refined_references
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.light_store import LightStore
@@ -24,7 +24,7 @@ from model.accuracy.planning.numerical_settings import (
 )
 from model.accuracy.planning.spectral_error import SpectralError, spectral_error
 from model.scene.aperture_radiance import ApertureLight
-from model.scene.field_light import FieldLight, Source
+from model.scene.field_light import Source
 from model.scene.illumination import Illumination
 from model.scene.lit_scene import Air, LitScene
 from model.scene.sampled_sky import SampledSky, sample_sky, sample_smooth
@@ -88,6 +88,10 @@ class LightError:
         return not (np.any(self.together) or np.any(self.apart) or np.any(self.field))
 
 
+# By the place of a case among several, and a region's name.
+Lines = Mapping[tuple[int, str], LinesOfSight]
+Errors = Mapping[tuple[int, str], LightError]
+
 _NO_ROWS = np.zeros((0, 3))
 _NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=np.zeros(3))
 
@@ -115,31 +119,53 @@ def light_errors(
     A setting of which the effects that act make no use has no error: what leaving an effect out changes is bounded
     elsewhere.
     """
-    found: dict[str, dict[str, LightError]] = {setting: {} for setting in NUMERICAL_SETTINGS}
+    return light_errors_of_all(((scene, result),), plan, store, tolerance=tolerance)[0]
+
+
+def light_errors_of_all(
+    cases: Sequence[tuple[LitScene, ChainResult]], plan: Plan, store: LightStore, *, tolerance: float
+) -> list[dict[str, dict[str, LightError]]]:
+    """Return what `light_errors` does for each of several scenes, with one path for all and like regions together.
+
+    Parameters
+    ----------
+    cases
+        Scenes under one sky, from one height, and what one plan found of them.
+    plan, store, tolerance
+        As in `light_errors`.
+    """
+    (scene, result), errors = cases[0], [_no_errors() for _ in cases]
     if result.illumination is None or scene.air is None:
-        return found
+        return errors
     idle, air, illumination = unused(result.effects), scene.air, result.illumination
     of_sky = store.once(
         ("references", air.key, tuple(plan[name] for name in _OF_SKY), result.settings.solver, result.effects),
         lambda: _references(air, plan, result.settings, illumination, store, solved=STREAMS not in idle),
     )
-    pairs, skies, grid = of_sky.pairs, of_sky.skies, of_sky.grid
     every = {
-        region.name: lines_of_sight(scene, region, result.lights[region.name])
-        for region in scene.regions
+        (place, region.name): lines_of_sight(one, region, found.lights[region.name])
+        for place, (one, found) in enumerate(cases)
+        for region in one.regions
         if region.surface is not None
     }
-    ways = {setting: _ways(pair, every) for setting, pair in pairs.items()}
-    for name, lines in every.items():
-        for setting in pairs:
-            found[setting][name] = _between(ways[setting][name], skies[setting], lines, scene.source)
-        if scene.air.state is not None and WAVELENGTHS not in idle:
-            found[WAVELENGTHS][name] = _of_wavelengths(scene.air, result.settings, lines, scene.source)
-        if HEMISPHERE in idle:
-            continue
-        found[SKY_GRID][name] = _of_grid(grid, result.lights[name], lines, scene.source, tolerance=tolerance)
-        found[HEMISPHERE][name] = _of_hemisphere(lines, grid.largest, scene.source)
-    return found
+    of_settings: dict[str, Errors] = {
+        setting: _between(pair, of_sky.skies[setting], every, scene.source) for setting, pair in of_sky.pairs.items()
+    }
+    if air.state is not None and WAVELENGTHS not in idle:
+        of_settings[WAVELENGTHS] = _of_wavelengths(air, result.settings, every, scene.source)
+    if HEMISPHERE not in idle:
+        of_settings[SKY_GRID] = _of_grid(of_sky.grid, cases, every, scene.source, tolerance=tolerance)
+        of_settings[HEMISPHERE] = {
+            key: _of_hemisphere(lines, of_sky.grid.largest, scene.source) for key, lines in every.items()
+        }
+    for setting, of_setting in of_settings.items():
+        for (place, name), error in of_setting.items():
+            errors[place][setting][name] = error
+    return errors
+
+
+def _no_errors() -> dict[str, dict[str, LightError]]:
+    return {setting: {} for setting in NUMERICAL_SETTINGS}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,31 +200,30 @@ def _difference(pair: Pair) -> SampledSky:
     return sample_smooth(apart, zeniths=_ZENITHS, azimuths=_AZIMUTHS)
 
 
-def _ways(pair: Pair, every: Mapping[str, LinesOfSight]) -> dict[str, Way]:
-    """Return what two lightings differ by on the way from each region to the camera, of all in one pass."""
-    one, other = (ways_to_camera(tuple(every.values()), lighting) for lighting in (pair.one, pair.other))
-    return {
-        name: Way(
-            path=pair.factor * (finer.path - coarser.path),
-            transmittance=pair.factor * (finer.transmittance / coarser.transmittance - 1.0),
-        )
-        for name, coarser, finer in zip(every, one, other, strict=True)
-    }
-
-
-def _between(way: Way, sky: Sky, lines: LinesOfSight, source: Source) -> LightError:
+def _between(pair: Pair, sky: Sky, every: Lines, source: Source) -> Errors:
     """Return what two lightings differ by: in the sky that is reflected, and on the way to the camera."""
-    errors = {
-        "reflected_sky": lines.reflected(sky),
-        "path": way.path,
-        "reflected": way.transmittance[:, np.newaxis] * lines.part("reflected"),
-    }
-    return _error([sum((errors[part] for part in _PARTS[source]), np.zeros((1, 3)))])
+    seen = tuple(every.values())
+    one, other = (ways_to_camera(seen, lighting) for lighting in (pair.one, pair.other))
+    reflected = reflected_by_all(seen, sky)
+    found = {}
+    for place, (key, lines) in enumerate(every.items()):
+        through = pair.factor * (other[place].transmittance / one[place].transmittance - 1.0)
+        errors = {
+            "reflected_sky": reflected[place],
+            "path": pair.factor * (other[place].path - one[place].path),
+            "reflected": through[:, np.newaxis] * lines.part("reflected"),
+        }
+        found[key] = _error([sum((errors[part] for part in _PARTS[source]), np.zeros((1, 3)))])
+    return found
 
 
-def _of_wavelengths(air: Air, settings: Settings, lines: LinesOfSight, source: Source) -> LightError:
+def _of_wavelengths(air: Air, settings: Settings, every: Lines, source: Source) -> Errors:
     """Return what the wavelengths leave out of what the air scatters and lets through; of two airs the larger."""
     errors = [spectral_error(one, settings) for one in (air, air.alternative) if one is not None]
+    return {key: _of_spectrum(errors, lines, source) for key, lines in every.items()}
+
+
+def _of_spectrum(errors: Sequence[SpectralError], lines: LinesOfSight, source: Source) -> LightError:
     alike, unlike = (max(getattr(error, name) for error in errors) for name in ("scattered", "by_component"))
     through = [max(abs(_of_way(error, light)) for error in errors) for light in lines.lights]
     shares = {"reflected_sky": alike, "path": alike, "reflected": np.array(through)[:, np.newaxis]}
@@ -252,16 +277,29 @@ class _Grid:
         )
 
 
-def _of_grid(grid: _Grid, light: FieldLight, lines: LinesOfSight, source: Source, *, tolerance: float) -> LightError:
-    """Difference of the sky's grid from the sky itself, as the region reflects both."""
+def _of_grid(
+    grid: _Grid, cases: Sequence[tuple[LitScene, ChainResult]], every: Lines, source: Source, *, tolerance: float
+) -> Errors:
+    """Return the difference of the sky's grid from the sky itself, as the regions reflect both."""
     if "reflected_sky" not in _PARTS[source]:
-        return _NOTHING
-    sky, everything = abs(light.mean("reflected_sky")[0]), abs(light.mean()[0])
-    if grid.largest * sky <= _HARMLESS * tolerance * everything:
-        return _error([], apart=grid.largest * np.abs(lines.part("reflected_sky")[:, :1]) * np.ones(3))
-    found = [_largest_last(lines.reflected(difference)) for difference in grid.differences]
-    anywhere = _OF_LARGEST * grid.largest * np.abs(lines.part("reflected_sky")[:, :1])
-    return _error(found, apart=_ANY_SIGN * np.max(np.abs(np.concatenate(found)), axis=0) + anywhere)
+        return dict.fromkeys(every, _NOTHING)
+
+    def is_harmless(place: int, name: str) -> bool:
+        light = cases[place][1].lights[name]
+        sky, everything = abs(light.mean("reflected_sky")[0]), abs(light.mean()[0])
+        return bool(grid.largest * sky <= _HARMLESS * tolerance * everything)
+
+    sizes = {key: grid.largest * np.abs(lines.part("reflected_sky")[:, :1]) for key, lines in every.items()}
+    found = {key: _error([], apart=sizes[key] * np.ones(3)) for key in every if is_harmless(*key)}
+    close = {key: lines for key, lines in every.items() if key not in found}
+    if not close:
+        return found
+    seen = [reflected_by_all(tuple(close.values()), difference) for difference in grid.differences]
+    for key, *ends in zip(close, *seen, strict=True):
+        errors = [_largest_last(end) for end in ends]
+        any_sign = _ANY_SIGN * np.max(np.abs(np.concatenate(errors)), axis=0)
+        found[key] = _error(errors, apart=any_sign + _OF_LARGEST * sizes[key])
+    return found
 
 
 def _of_hemisphere(lines: LinesOfSight, of_grid: float, source: Source) -> LightError:

@@ -1,7 +1,9 @@
 """Lines of sight at which two lightings are set beside each other: their difference as the camera would see it."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import isqrt
 
 import numpy as np
@@ -48,20 +50,48 @@ class LinesOfSight:
         """Return what finer rules of the hemisphere integral add to the reflected sky, shape (V, 3)."""
         return np.stack([finer.reflected_sky for finer in self.finer]) - self.part("reflected_sky")
 
-    def reflected(self, sky: Sky) -> FloatArray:
-        """Return what the region sends of a sky to the camera, by the rules that were used, shape (V, 3)."""
-        if self.region.surface is None or self.region.tilt is None:
-            raise ValueError(f"region {self.region.name}: its radiance is given, it reflects no sky")
-        panel = PanelLight(surface=self.region.surface, tilt=self.region.tilt, views=self.views)
-        radiance = DiffuseRadiance(sky=sky, sun_azimuth_rad=self.sun_azimuth_rad)
-        stokes = reflected_by_rules(panel, radiance, self.lights[0].rules)
-        through = np.array([light.transmittance for light in self.lights])
-        return rotate_frame(through[:, np.newaxis] * stokes, np.array([view.roll_rad for view in self.views]))
-
     @property
     def views(self) -> tuple[View, ...]:
         """The camera along each of them."""
         return tuple(light.view for light in self.lights)
+
+
+def reflected_by_all(several: Sequence[LinesOfSight], sky: Sky) -> list[FloatArray]:
+    """Return what regions send of a sky to the camera, by the rules that were used, each (V, 3).
+
+    Parameters
+    ----------
+    several
+        Under this sky; of one panel, by the same rules, all in one pass.
+    sky
+        Light of each direction.
+    """
+    groups: dict[object, list[int]] = defaultdict(list)
+    for place, lines in enumerate(several):
+        region = lines.region
+        groups[region.surface, region.tilt, lines.sun_azimuth_rad, lines.lights[0].rules].append(place)
+    found: dict[int, FloatArray] = {}
+    for places in groups.values():
+        found |= dict(zip(places, _reflected([several[place] for place in places], sky), strict=True))
+    return [found[place] for place in range(len(several))]
+
+
+def _reflected(alike: Sequence[LinesOfSight], sky: Sky) -> list[FloatArray]:
+    one = alike[0]
+    if one.region.surface is None or one.region.tilt is None:
+        raise ValueError(f"region {one.region.name}: its radiance is given, it reflects no sky")
+    views, lights = (tuple(chain.from_iterable(getattr(each, name) for each in alike)) for name in ("views", "lights"))
+    panel = PanelLight(surface=one.region.surface, tilt=one.region.tilt, views=views)
+    radiance = DiffuseRadiance(sky=sky, sun_azimuth_rad=one.sun_azimuth_rad)
+    stokes = reflected_by_rules(panel, radiance, one.lights[0].rules)
+    through = np.array([light.transmittance for light in lights])
+    seen = rotate_frame(through[:, np.newaxis] * stokes, np.array([view.roll_rad for view in views]))
+    return np.split(seen, _ends(alike))
+
+
+def _ends(several: Sequence[LinesOfSight]) -> NDArray[np.intp]:
+    """Return where the lines of sight of each but the last end."""
+    return np.cumsum([len(lines.lights) for lines in several])[:-1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +116,7 @@ def ways_to_camera(several: Sequence[LinesOfSight], lighting: Lighting) -> list[
     Parameters
     ----------
     several
-        From one height, under one sun.
+        From one height.
     lighting
         The air.
     """
@@ -94,12 +124,11 @@ def ways_to_camera(several: Sequence[LinesOfSight], lighting: Lighting) -> list[
         return []
     views = [view for lines in several for view in lines.views]
     height_m, zenith = views[0].height_m, np.array([view.zenith_rad for view in views])
-    phi = several[0].sun_azimuth_rad - np.array([view.azimuth_rad for view in views])
+    phi = np.array([lines.sun_azimuth_rad - view.azimuth_rad for lines in several for view in lines.views])
     path = lighting.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi)
     path = rotate_frame(path, np.array([view.roll_rad for view in views]))
     through = lighting.transmittance(height_m=height_m, zenith_rad=zenith)
-    ends = np.cumsum([len(lines.lights) for lines in several])[:-1]
-    parts = zip(np.split(path, ends), np.split(through, ends), strict=True)
+    parts = zip(np.split(path, _ends(several)), np.split(through, _ends(several)), strict=True)
     return [Way(path=added, transmittance=kept) for added, kept in parts]
 
 

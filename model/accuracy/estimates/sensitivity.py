@@ -1,6 +1,6 @@
 """Sensitivity of what a user reads to the light of each region: a step of each component."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading, Readings, readings, signed_differences
 from model.prediction.prediction import RegionPrediction, predict_all
-from model.prediction.region_performance import detections_of_cases
+from model.prediction.region_performance import PairDetection, detections_of_cases
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
 
@@ -102,33 +102,64 @@ def steps(region: RegionLight, texture: Texture, *, tolerance: float) -> Steps:
     return Steps(sizes=sizes, lights=tuple(_moved(region, texture, step) for step in np.diag(sizes)))
 
 
-def changes(
-    scene: LitScene, result: ChainResult, alternatives: Mapping[str, Sequence[RegionLight]]
-) -> dict[str, list[dict[Reading, float]]]:
-    """Return the changes of the readings for each other light of regions; infinite where a reading is lost.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Alternatives:
+    """Other lights of the regions of a case.
 
-    Parameters
+    Attributes
     ----------
     scene, result
         What was evaluated, and what was found.
-    alternatives
+    lights
         Region to its other lights; of all others the light stays.
     """
-    each = [(name, light) for name, lights in alternatives.items() for light in lights]
-    alone = _predicted(result, [light for _, light in each])
-    possible = [(name, found) for (name, _), found in zip(each, alone, strict=True) if found is not None]
-    cases = [
-        (*pair, {**result.predictions, name: found}) for name, found in possible for pair in scene.pairs if name in pair
+
+    scene: LitScene
+    result: ChainResult
+    lights: Mapping[str, Sequence[RegionLight]]
+
+    @property
+    def each(self) -> list[tuple[str, RegionLight]]:
+        """Region and light, one after the other."""
+        return [(name, light) for name, lights in self.lights.items() for light in lights]
+
+
+def changes(cases: Sequence[Alternatives]) -> list[dict[str, list[dict[Reading, float]]]]:
+    """Return region to the changes of the readings for each other light of it; infinite where a reading is lost.
+
+    Parameters
+    ----------
+    cases
+        One or more, of the same tolerances of DoLP and ROC: all are predicted together.
+    """
+    alone = iter(_predicted([(case.result, light) for case in cases for _, light in case.each]))
+    predicted = [[(name, light, next(alone)) for name, light in case.each] for case in cases]
+    pairs = [
+        (*pair, {**case.result.predictions, name: found})
+        for case, lights in zip(cases, predicted, strict=True)
+        for name, _, found in lights
+        if found is not None
+        for pair in case.scene.pairs
+        if name in pair
     ]
-    detections = iter(detections_of_cases(cases, scene.p_false_alarm, tolerance=result.settings.roc_tolerance))
-    bases = {name: _base(scene, result, name) for name in alternatives}
-    changed: dict[str, list[dict[Reading, float]]] = {name: [] for name in alternatives}
-    for (name, light), found in zip(each, alone, strict=True):
+    rates, settings = cases[0].scene.p_false_alarm, cases[0].result.settings
+    detections = iter(detections_of_cases(pairs, rates, tolerance=settings.roc_tolerance))
+    return [_changed(case, lights, detections) for case, lights in zip(cases, predicted, strict=True)]
+
+
+def _changed(
+    case: Alternatives,
+    predicted: Sequence[tuple[str, RegionLight, RegionPrediction | None]],
+    detections: Iterator[PairDetection],
+) -> dict[str, list[dict[Reading, float]]]:
+    bases = {name: _base(case.scene, case.result, name) for name in case.lights}
+    changed: dict[str, list[dict[Reading, float]]] = {name: [] for name in case.lights}
+    for name, light, found in predicted:
         if found is None:
             changed[name].append(dict.fromkeys(bases[name], np.inf))
             continue
-        of_pairs = tuple(next(detections) for pair in scene.pairs if name in pair)
-        there = readings(replace(result.scenario, regions=(light,)), {name: found}, of_pairs)
+        of_pairs = tuple(next(detections) for pair in case.scene.pairs if name in pair)
+        there = readings(replace(case.result.scenario, regions=(light,)), {name: found}, of_pairs)
         changed[name].append(signed_differences(bases[name], there))
     return changed
 
@@ -140,15 +171,17 @@ def _base(scene: LitScene, result: ChainResult, name: str) -> Readings:
     return readings(before, {name: result.predictions[name]}, concerned)
 
 
-def _predicted(result: ChainResult, lights: Sequence[RegionLight]) -> list[RegionPrediction | None]:
+def _predicted(lights: Sequence[tuple[ChainResult, RegionLight]]) -> list[RegionPrediction | None]:
     """Predictions of other lights of regions; None for light that nothing sends, polarized to more than 1."""
-    alone, tolerance = [replace(result.scenario, regions=(one,)) for one in lights], result.settings.dolp_tolerance
+    if not lights:
+        return []
+    alone = [replace(result.scenario, regions=(one,)) for result, one in lights]
     try:
-        found = predict_all(alone, tolerance=tolerance)
+        found = predict_all(alone, tolerance=lights[0][0].settings.dolp_tolerance)
     except ValueError:
         # One that nothing sends is refused together with all others: each is asked for itself then.
-        return [found for one in lights for found in _predicted(result, (one,))] if len(lights) > 1 else [None]
-    return [one[light.name] for one, light in zip(found, lights, strict=True)]
+        return [found for one in lights for found in _predicted((one,))] if len(lights) > 1 else [None]
+    return [one[light.name] for one, (_, light) in zip(found, lights, strict=True)]
 
 
 def _moved(region: RegionLight, texture: Texture, step: FloatArray) -> RegionLight:

@@ -122,7 +122,7 @@ def evaluate_all(
     scenes
         With the same regions and pairs; those under one sky one after another. Each has its share of the time.
     settings, effects, rules, store, clock
-        As in `evaluate`; a region without rules is looked at scene by scene.
+        As in `evaluate`; a region without rules has some that suffice in several scenes that differ in the view alone.
 
     Raises
     ------

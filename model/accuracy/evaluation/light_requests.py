@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from model.scene.aperture_radiance import ApertureLight, aperture_lights
-from model.scene.field_light import FieldLight, light_over_field, light_over_tiles, lights_by_rules
+from model.scene.field_light import FieldLight, light_over_field, lights_by_rules, lights_over_tiles
 from model.scene.field_of_view import FieldPart, middle, off_axis
 from model.scene.lit_scene import ALL_LIGHT, Air, LightParts, LitRegion
 
@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from model.scene.illumination import Illumination
     from model.scene.view import View
 
-# Views of one pass times the square of their order: some 4e5 nodes, of which a block at a time is looked at.
+# Views of one pass times the square of their order: some 4e5 nodes, of which a block at a time is looked at. Rules that
+# are not known yet are taken to have this order in the end.
 _TOGETHER = 4e4
+_LIKELY_ORDER = 34
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,14 +69,14 @@ class LightRequest:
 
 
 def lights_of(illumination: "Illumination", requests: Sequence[LightRequest]) -> tuple[FieldLight, ...]:
-    """Return lights that differ in the view alone, those with known rules in one pass.
+    """Return lights that differ in the view alone, in few passes; without known rules by some that suffice for all.
 
     Parameters
     ----------
     illumination
         Sun, sky and air.
     requests
-        Several with known rules, or one.
+        One or more.
 
     Raises
     ------
@@ -98,16 +100,17 @@ def lights_of(illumination: "Illumination", requests: Sequence[LightRequest]) ->
             path=one.parts.path_radiance,
         )
 
-    per_side, rule = settings.tiles_per_side, settings.tile_rule
+    per_side, rule, fields = settings.tiles_per_side, settings.tile_rule, [each.seen for each in requests]
     if one.rules is not None:
-        fields = [each.seen for each in requests]
         return lights_by_rules(lights_at, one.rules, fields=fields, per_side=per_side, rule=rule)
-    view, part = one.seen
     if settings.negligible_spread == 0.0:
-        return (light_over_tiles(lights_at, view=view, part=part, per_side=per_side, rule=rule),)
-    negligible = settings.negligible_spread
-    found = light_over_field(lights_at, view=view, part=part, per_side=per_side, rule=rule, negligible=negligible)
-    return (found,)
+        return lights_over_tiles(lights_at, fields=fields, per_side=per_side, rule=rule)
+    return tuple(
+        light_over_field(
+            lights_at, view=view, part=part, per_side=per_side, rule=rule, negligible=settings.negligible_spread
+        )
+        for view, part in fields
+    )
 
 
 def passes(group: Mapping[object, LightRequest]) -> Iterator[tuple[object, ...]]:
@@ -116,7 +119,7 @@ def passes(group: Mapping[object, LightRequest]) -> Iterator[tuple[object, ...]]
     nodes = 0
     for key, one in group.items():
         tiles = 1 if one.seen[1] is None else one.settings.tiles_per_side**2
-        order = 0 if one.rules is None else max(one.rules.lobe, one.rules.diffuse)
+        order = _LIKELY_ORDER if one.rules is None else max(one.rules.lobe, one.rules.diffuse)
         if some and nodes + tiles * order**2 > _TOGETHER:
             yield tuple(some)
             some, nodes = [], 0

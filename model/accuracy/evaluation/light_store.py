@@ -172,11 +172,17 @@ class LightStore:
             parts=parts,
             rules=rules,
         )
-        whole = replace(parts, skylight=True, path_radiance=True)
-        if parts != whole and settings.negligible_spread <= _NEVER and request.key(whole) in self._lights:
+        if (whole := self._whole(request)) is not None:
             # What is left out of light that is known needs no computing.
-            return self._lights[request.key(whole)].with_parts(skylight=parts.skylight, path=parts.path_radiance)
+            return whole.with_parts(skylight=parts.skylight, path=parts.path_radiance)
         return _kept(self._lights, request.key(parts), _LIGHTS, lambda: self._made((request,))[0])
+
+    def _whole(self, request: LightRequest) -> FieldLight | None:
+        """Return light of which only some parts are asked for, where it is kept with all of them."""
+        whole = replace(request.parts, skylight=True, path_radiance=True)
+        if request.parts == whole or request.settings.negligible_spread > _NEVER:
+            return None
+        return self._lights.get(request.key(whole))
 
     def keep_together(self, requests: Iterable[LightRequest]) -> None:
         """Compute lights in few array passes, those that differ in the view alone in one, and keep them.
@@ -184,7 +190,7 @@ class LightStore:
         Parameters
         ----------
         requests
-            With known rules; together no more than are kept.
+            Together no more than are kept. Those without known rules have some that suffice for all in one pass.
 
         Raises
         ------
@@ -193,7 +199,7 @@ class LightStore:
         """
         groups: dict[object, dict[object, LightRequest]] = defaultdict(dict)
         for one in requests:
-            if one.key(one.parts) not in self._lights:
+            if one.key(one.parts) not in self._lights and self._whole(one) is None:
                 groups[one.alike][one.key(one.parts)] = one
         for group in groups.values():
             for keys in passes(group):

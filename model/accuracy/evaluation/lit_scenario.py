@@ -23,21 +23,20 @@ _NO_RULES: Mapping[str, "Rules"] = {}
 
 
 def light_requests(scene: "LitScene", settings: "Settings", rules: Mapping[str, "Rules"]) -> Iterator[LightRequest]:
-    """Yield the lights of a scene whose rules of the hemisphere integral are known."""
+    """Yield the lights of a scene that are to be computed, by known rules of the hemisphere integral if there are."""
     air, view = scene.air, scene.view
     if air is None or view is None:
         return
     for region in _materials(scene):
-        if region.name in rules:
-            yield LightRequest(
-                region=region,
-                settings=settings,
-                air=air,
-                view=view,
-                sun_azimuth_rad=scene.sun_azimuth_rad,
-                parts=scene.parts,
-                rules=rules[region.name],
-            )
+        yield LightRequest(
+            region=region,
+            settings=settings,
+            air=air,
+            view=view,
+            sun_azimuth_rad=scene.sun_azimuth_rad,
+            parts=scene.parts,
+            rules=rules.get(region.name),
+        )
 
 
 def region_light(seen: "LitScene", region: "LitRegion", field: "FieldLight") -> RegionLight:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from model.accuracy.predict_to_tolerance import ESTIMATES
+from model.accuracy.accurate_prediction import ESTIMATES
 from model.acquisition.frame_order import degrees_text
 from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves, DigitPoint
 from rigctl.prediction.accuracy_curves import CurvePoint as CostPoint

@@ -3,11 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from model.accuracy.accurate_prediction import ESTIMATES
 from model.accuracy.evaluation.chain import STAGES, evaluate
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import differences, readings
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
-from model.accuracy.predict_to_tolerance import ESTIMATES, predict
+from model.accuracy.predict_to_tolerance import predict, predict_together
 from model.atmosphere.transfer.phase import AerosolKind
 from model.scene.lit_scene import LitRegion
 from tests.model.accuracy.random_scenes import random_scene
@@ -63,6 +64,18 @@ def test_the_largest_estimate_is_above_the_largest_true_error(lit):
     errors = differences(own, finer)
     promised = [key for key in errors if key not in found.not_guaranteed]
     assert max(found.budget.total[key] for key in promised) > max(errors[key] for key in promised)
+
+
+def test_several_under_one_sky_keep_the_tolerance_as_each_alone_does(lit):
+    scene, alone, finer = lit
+    other = replace(scene, view=replace(scene.view, zenith_rad=scene.view.zenith_rad + 0.1))
+    found = predict_together((scene, other), tolerance=0.03, start=alone.plan, store=LightStore())
+    assert [one.plan for one in found] == [alone.plan] * 2
+    errors = differences(
+        readings(found[0].result.scenario, found[0].result.predictions, found[0].result.detections), finer
+    )
+    assert max(error for key, error in errors.items() if key not in found[0].not_guaranteed) <= 0.03
+    assert set(found[0].budget.total) == set(alone.budget.total)
 
 
 def test_errors_of_the_knobs_sum_to_the_total(lit):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from model.scene.aperture_radiance import ApertureLight
-from model.scene.field_light import FieldLight, light_over_field, light_over_tiles
+from model.scene.field_light import FieldLight, light_over_field, lights_over_tiles
 from model.scene.field_of_view import FieldPart
 from model.scene.hemisphere import Rules
 from model.scene.view import View
@@ -88,11 +88,13 @@ def test_tiles_use_the_rules_of_the_centre():
 
 def test_all_tiles_use_the_rules_that_suffice_in_corners_and_middle_and_the_finest_tried_there_are_kept():
     asked = []
-    found = light_over_tiles(recorded(asked), view=AXIS, part=field(7.5), per_side=3)
-    assert asked == [(5, None), (9, Rules(lobe=6, diffuse=6))]
-    assert sorted(found.finer) == [0, 2, 4, 6, 8]
-    for tile, light in found.finer.items():
-        np.testing.assert_array_equal(light.total, found.lights[tile].total)
+    several = lights_over_tiles(recorded(asked), fields=[(AXIS, field(7.5)), (AXIS, field(2.0))], per_side=3)
+    assert asked == [(10, None), (18, Rules(lobe=6, diffuse=6))]
+    for found in several:
+        assert sorted(found.finer) == [0, 2, 4, 6, 8]
+        for tile, light in found.finer.items():
+            np.testing.assert_array_equal(light.total, found.lights[tile].total)
+            assert light.view == found.lights[tile].view
 
 
 def test_texture_multiplies_what_is_reflected_and_not_the_path():

@@ -4,9 +4,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.error_budget import error_budget
-from model.accuracy.estimates.light_error import light_errors
-from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.estimates.error_budget import LitCase, error_budget, error_budgets
+from model.accuracy.estimates.light_error import light_errors, light_errors_of_all
+from model.accuracy.evaluation.chain import evaluate, evaluate_all
 from model.accuracy.evaluation.light_store import LightStore
 from model.accuracy.evaluation.quantities import differences, readings
 from model.accuracy.planning.numerical_settings import (
@@ -94,3 +94,23 @@ def test_errors_that_come_together_keep_their_signs():
     scene, store, result = evaluated(SEEDS[0])
     found = light_errors(scene, BASE, result, store, tolerance=TOLERANCE)
     assert all(error.together.shape == (1, 3) for error in found[STREAMS].values())
+
+
+def test_errors_of_several_scenes_under_one_sky_are_those_of_each():
+    # A looser tolerance, of which some errors are harmless.
+    scene, store, tolerance = random_scene(14), LightStore(), 1e-2
+    views = [replace(scene.view, zenith_rad=scene.view.zenith_rad + turn) for turn in (0.0, 0.1, 0.2)]
+    scenes = [replace(scene, view=view) for view in views]
+    results = evaluate_all(scenes, settings_at(BASE, tolerance), store=store)
+    cases = list(zip(scenes, results, strict=True))
+    lights = light_errors_of_all(cases, BASE, store, tolerance=tolerance)
+    lit = [LitCase(scene=one, result=found, lights=of) for (one, found), of in zip(cases, lights, strict=True)]
+    for case, budget in zip(lit, error_budgets(lit, tolerance=tolerance), strict=True):
+        alone = light_errors(case.scene, BASE, case.result, store, tolerance=tolerance)
+        for setting, regions in alone.items():
+            for name, error in regions.items():
+                np.testing.assert_allclose(case.lights[setting][name].together, error.together, atol=1e-12)
+                np.testing.assert_allclose(case.lights[setting][name].apart, error.apart, atol=1e-12)
+        expected = error_budget(case.scene, case.result, alone, tolerance=tolerance)
+        # Several detections are integrated together, on a common contour.
+        assert budget.total == pytest.approx(expected.total, abs=0.02 * tolerance)

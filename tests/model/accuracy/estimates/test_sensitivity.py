@@ -4,7 +4,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.sensitivity import Texture, changes, grown, steps
+from model.accuracy.estimates.sensitivity import Alternatives, Texture, changes, grown, steps
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
@@ -22,11 +22,15 @@ def evaluated():
     return scene, evaluate(scene, settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), TOLERANCE))
 
 
+def changed(scene, result, name, lights):
+    return changes([Alternatives(scene=scene, result=result, lights={name: lights})])[0][name]
+
+
 def test_changes_are_those_of_a_prediction_with_the_other_light():
     scene, result = evaluated()
     region = result.scenario.regions[0]
     others = [replace(region, stokes_radiance=factor * region.stokes_radiance) for factor in (1.01, 0.98)]
-    for other, found in zip(others, changes(scene, result, {region.name: others})[region.name], strict=True):
+    for other, found in zip(others, changed(scene, result, region.name, others), strict=True):
         scenario = replace(result.scenario, regions=(other, *result.scenario.regions[1:]))
         predictions = predict(scenario, tolerance=result.settings.dolp_tolerance)
         detections = tuple(
@@ -47,7 +51,7 @@ def test_light_that_nothing_sends_changes_everything_and_others_nothing():
     region = result.scenario.regions[0]
     s0 = region.stokes_radiance[0]
     impossible = replace(region, stokes_radiance=np.array([s0, 1.2 * s0, 0.0]))
-    lost, same = changes(scene, result, {region.name: [impossible, region]})[region.name]
+    lost, same = changed(scene, result, region.name, [impossible, region])
     assert set(lost.values()) == {np.inf}
     assert max(map(abs, same.values())) < 2.0 * result.settings.roc_tolerance
 
@@ -77,7 +81,7 @@ def test_what_unpolarized_light_gains_is_not_underestimated():
     base = replace(result, scenario=replace(result.scenario, regions=(region, *result.scenario.regions[1:])))
     base = replace(base, predictions=predict(base.scenario, tolerance=base.settings.dolp_tolerance))
     found = steps(region, SMOOTH, tolerance=1e-2)
-    each = found.per_unit(changes(scene, base, {region.name: found.lights})[region.name])
+    each = found.per_unit(changed(scene, base, region.name, found.lights))
     assert each[1][Reading(region.name, "dolp", "mean")] == pytest.approx(1.0 / 5.0, rel=1e-6)
 
 
