@@ -1,27 +1,31 @@
-"""The rig file: which stage, which camera, how the polarizer sits, and what a simulated rig is made of."""
+"""The rig file: which stage, which camera, how the polarizer sits, what is read beside, and who is told."""
 
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
-from pydantic import AwareDatetime, Field, PrivateAttr, model_validator
+from pydantic import Field, model_validator
 
-from rigctl.files.choices import Interpolation, RoofChange
+from rigctl.files.choices import Interpolation
 from rigctl.files.config import Section, load, with_std_apart
-from rigctl.files.monitor_section import MonitorSection
-from rigctl.files.notify_section import NotifySection
 from rigctl.files.place import GeometrySection, SiteSection
-from rigctl.files.regions import require_distinct
-from rigctl.files.rendering_sections import RenderingSection
+from rigctl.files.regions import Name, require_distinct
+from rigctl.files.simulation_sections import SimulationSection
 
 PLACEHOLDER = (
     "sense and offset of the polarizer are placeholders: angles, S1, S2 and AoLP mean nothing until "
     "`rigctl calibrate axis ... --write RIG.toml` has filled them in"
 )
+# Begins the address of a device that a recording stands for.
+REPLAY = "replay:"
+# Axes of one cell that are closer than this are one.
+_HALF_TURN_DEG, _LEAST_GAP_DEG = 180.0, 5.0
+
+NoticeKind = Literal["finished", "stopped", "failed", "hold", "interlock", "disk is short"]
+NOTICE_KINDS: tuple[NoticeKind, ...] = get_args(NoticeKind)
+
 PositiveNumber = Annotated[float, Field(gt=0)]
-NotNegativeNumber = Annotated[float, Field(ge=0)]
-FractionNumber = Annotated[float, Field(gt=0, le=1)]
 
 
 class StageSection(Section):
@@ -101,109 +105,44 @@ class CameraSection(Section):
         return self
 
 
-class SimulatedPolarizer(Section):
-    """The polarizer as it truly sits in the simulated rig."""
+class MonitorSection(Section):
+    """A sensor that is read once an exposure: temperature, humidity, irradiance. It delays no frame and loses none.
 
-    sense: Literal[1, -1]
-    """True sense of the simulated polarizer. Example: `1`."""
-    offset_deg: float
-    """True offset of the simulated polarizer. Example: `12.3`."""
-    transmittance_along: FractionNumber
-    """Transmittance along the axis. Example: `0.8`."""
-    extinction_ratio: Annotated[float, Field(gt=1)]
-    """Transmittance along the axis over that across. Example: `5000.0`."""
-
-
-# Begins the address of a device that a recording stands for.
-REPLAY = "replay:"
-# Axes of one cell that are closer than this are one.
-_HALF_TURN_DEG, _LEAST_GAP_DEG = 180.0, 5.0
-# Pixels along a side of a picture: beyond any sensor.
-LARGEST_SIDE = 20_000
-# Further off, no lens of this kind shows anything [mm].
-MOST_DEFOCUS_MM = 5.0
-
-
-class SimulatedCamera(Section):
-    """The camera as it truly is in the simulated rig. Its numbers are assumed, not those of a real camera."""
-
-    width: Annotated[int, Field(gt=0, le=LARGEST_SIDE)] = 782
-    """Pixels a row. Example: `782`."""
-    height: Annotated[int, Field(gt=0, le=LARGEST_SIDE)] = 582
-    """Rows of pixels. Example: `582`."""
-    bit_depth: Annotated[int, Field(ge=8, le=16)] = 12
-    """Bits of a count. Example: `12`."""
-    pixel_pitch_um: PositiveNumber
-    """Distance of the pixels' centres. Example: `8.3`."""
-    focal_length_mm: PositiveNumber
-    """Focal length of the lens. Example: `25.0`."""
-    aperture_diameter_mm: PositiveNumber
-    """Diameter of the entrance pupil. Example: `12.5`."""
-    optics_transmittance: FractionNumber
-    """Transmittance of the optics. Example: `0.9`."""
-    quantum_efficiency: FractionNumber
-    """Electrons per photon at the wavelength. Example: `0.5`."""
-    wavelength_nm: PositiveNumber
-    """Effective wavelength of the band. Example: `550.0`."""
-    gain_dn_per_e: PositiveNumber
-    """Counts per electron. Example: `0.25`."""
-    read_noise_e: NotNegativeNumber
-    """Deviation of the read noise. Example: `8.0`."""
-    dark_current_e_per_s: NotNegativeNumber
-    """Dark current of a pixel. Example: `5.0`."""
-    black_level_dn: NotNegativeNumber
-    """Counts without light at no exposure. Example: `64.0`."""
-    prnu: NotNegativeNumber
-    """Relative deviation of the pixels' response. Example: `0.005`."""
-    dsnu_e: NotNegativeNumber
-    """Deviation of the pixels' dark signal. Example: `2.0`."""
-    full_well_e: PositiveNumber
-    """Electrons that a pixel holds. Example: `16000.0`."""
-    defocus_mm: Annotated[float, Field(ge=-MOST_DEFOCUS_MM, le=MOST_DEFOCUS_MM)] = 0.0
-    """How far the detector is behind the focus; `rigctl sim lens` changes it while the camera runs. Example: `0.1`."""
-
-
-class SimulationSection(Section):
-    """The simulated rig: what it looks at, what it is made of, and which effects its pictures go through beside.
-
-    An effect that `effects` does not name is not called. `clock` is when its clock begins; without, it is the host's.
-    `perturb` changes the light of a scene of materials against what its file says.
+    `options` are what its driver takes: see docs/plug-ins.md. A reading that `follows_light`, such as an irradiance,
+    is what the drift of the light is held against.
     """
 
-    scene: Path
-    """Scene file of what the simulated rig looks at. Example: `"scene-panels.toml"`."""
-    clock: AwareDatetime | None = None
-    """When its clock begins; the host's clock without. Example: `2026-06-21T10:00:00+02:00`."""
-    perturb: RoofChange | None = None
-    """What of a scene of materials differs from what its file says. Example: `"visibility"`."""
-    seed: Annotated[int, Field(ge=0)] = 1
-    """Seed of all its noise. Example: `1`."""
-    flat_radiance: PositiveNumber
-    """Radiance of the flat field in band, W m-2 sr-1. Example: `20.0`."""
-    polarizer: SimulatedPolarizer
-    """The polarizer as it truly sits."""
-    camera: SimulatedCamera
-    """The camera as it truly is."""
-    effects: list[RenderingSection] = Field(default_factory=list)
-    """Effects that its pictures go through beside lens and detector."""
-    _file: Path | None = PrivateAttr(default=None)
+    name: Name
+    """Its name in the run. Example: `"air"`."""
+    driver: str
+    """What reads it: file, command, serial, or a plug-in's. Example: `"file"`."""
+    deadline_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    """A reading that takes longer is none. Example: `1.0`."""
+    follows_light: bool = False
+    """It grows with the light that the rig sees, as an irradiance does. Example: `true`."""
+    options: dict[str, bool | int | float | str | list[str]] = Field(default_factory=dict)
+    """What the driver takes. Example: `{ path = "/run/air.txt", unit = "deg C" }`."""
 
-    @property
-    def file(self) -> Path | None:
-        """The rig file that it stands in; None where it was not read from one."""
-        return self._file
 
-    def beside(self, file: Path) -> "SimulationSection":
-        """Return it as it stands in a rig file: its scene is sought beside that."""
-        self._file = file.resolve()  # copies have it too
-        return self.model_copy(update={"scene": (file.parent / self.scene).resolve()})
+class NotifySection(Section):
+    """Address that gets a notice as JSON by HTTP POST, command that gets it on its standard input, or both.
+
+    `events` says of what. A notice that cannot be delivered within `timeout_s` is dropped: no session waits for one.
+    """
+
+    webhook: Annotated[str, Field(pattern=r"^https?://[^\s]+$", max_length=2000)] | None = None
+    """Address that gets each notice as JSON by HTTP POST. Example: `"https://example.org/rig"`."""
+    command: Annotated[list[str], Field(min_length=1, max_length=100)] | None = None
+    """Program, with its arguments, that gets each notice on its standard input. Example: `["notify-send", "rig"]`."""
+    events: list[NoticeKind] = Field(default_factory=lambda: list(NOTICE_KINDS))
+    """Which events are told; all without. Example: `["finished", "failed"]`."""
+    timeout_s: Annotated[float, Field(gt=0, le=60)] = 5.0
+    """After which a notice is dropped. Example: `5.0`."""
 
     @model_validator(mode="after")
-    def _each_effect_once(self) -> "SimulationSection":
-        names = [section.effect for section in self.effects]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(f"effects names {', '.join(twice)} more than once")
+    def _somebody_is_told(self) -> "NotifySection":
+        if self.webhook is None and self.command is None:
+            raise ValueError('names nobody: give webhook = "https://..." or command = ["program", "argument"]')
         return self
 
 

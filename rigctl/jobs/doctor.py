@@ -9,8 +9,7 @@ from drivers.errors import DeviceError
 from rigctl.calibrations.rig_picks import store_doubts
 from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
 from rigctl.devices.rig_checkup import RigCheckup
-from rigctl.files.monitor_section import MonitorSection
-from rigctl.files.rig_file import load_rig, placeholder_doubt
+from rigctl.files.rig_file import MonitorSection, load_rig, placeholder_doubt
 from rigctl.files.session_file import load_session
 from rigctl.runs.monitor_readings import monitor_traces
 from rigctl.runs.run_events import RunEvent

@@ -12,7 +12,7 @@ from drivers.interfaces import Monitor, MonitorOptions
 from rigctl.console.terminal import warn
 from rigctl.devices.stages import find_driver
 from rigctl.errors import RunFolderError
-from rigctl.files.monitor_section import MonitorSection
+from rigctl.files.rig_file import MonitorSection
 from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.monitor_readings import MONITOR_EVENT, READINGS_EVENT, MonitorFacts, MonitorReadings
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pydantic import JsonValue
 
-from rigctl.files.notify_section import NotifySection
+from rigctl.files.rig_file import NotifySection
 from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.run_events import RunEvent, event_facts
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.errors import ConfigError
-from rigctl.files.rig_file import MOST_DEFOCUS_MM, SimulatedCamera, SimulationSection, load_rig
+from rigctl.files.rig_file import load_rig
+from rigctl.files.simulation_sections import MOST_DEFOCUS_MM, SimulatedCamera, SimulationSection
 from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.storage.durable_file import write_durably
 

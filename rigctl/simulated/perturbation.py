@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from model.atmosphere.transfer.phase import AerosolKind
 from rigctl.errors import ConfigError
 from rigctl.files.choices import PERTURBATIONS, Perturbation, RoofChange
-from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer
+from rigctl.files.rig_file import RigFile
+from rigctl.files.simulation_sections import SimulatedCamera, SimulatedPolarizer
 from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.scene.parameters import get, parameters, with_value
 from rigctl.scene.scene_record import Scene

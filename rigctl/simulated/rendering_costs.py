@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rigctl.files.rig_file import SimulationSection
+from rigctl.files.simulation_sections import SimulationSection
 from rigctl.simulated.stated_parts import stated_camera, stated_polarizer
 from sim_devices.rendering.effect import FloatArray, Place, RenderingEffect, Shot
 from sim_devices.world import World

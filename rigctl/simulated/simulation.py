@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RoofChange
-from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulationSection
+from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.files.simulation_sections import SimulatedCamera, SimulationSection
 from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.runs.simulated_light import SimulatedLight
 from rigctl.simulated.camera_address import (

@@ -10,18 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.files.regions import Region, masks
-from rigctl.files.rendering_sections import (
+from rigctl.files.rig_file import RigFile
+from rigctl.files.scene_file import SceneFile, SceneRegion
+from rigctl.files.simulation_sections import (
     BeamWanderSection,
     CosmicHitsSection,
     DriftSection,
     FixedPatternSection,
     PointSpreadSection,
     RenderingSection,
+    SimulatedCamera,
+    SimulatedPolarizer,
+    SimulationSection,
     SmearSection,
     VignettingSection,
 )
-from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer, SimulationSection
-from rigctl.files.scene_file import SceneFile, SceneRegion
 from rigctl.simulated.lens_position import LensPosition
 from rigctl.simulated.simulated_clock import SimulatedClock
 from sim_devices.camera import SimCamera

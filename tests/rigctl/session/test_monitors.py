@@ -12,8 +12,7 @@ from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, Pr
 from drivers.monitors import open_command_monitor, open_file_monitor, open_serial_monitor
 from rigctl.devices.rig import require_drivers
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.files.monitor_section import MonitorSection
-from rigctl.files.rig_file import RigFile
+from rigctl.files.rig_file import MonitorSection, RigFile
 from rigctl.jobs.doctor import monitor_findings
 from rigctl.jobs.summary import summarise_session
 from rigctl.jobs.verify import verify

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.cli import main
-from rigctl.files.notify_section import NotifySection
+from rigctl.files.rig_file import NotifySection
 from rigctl.session.notices import Notifier, notices
 from rigctl.session.take_session import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
