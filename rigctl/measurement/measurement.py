@@ -1,6 +1,6 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters
 from rigctl.calibrations.registration.registration_file import ImageRegistration
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
+from rigctl.measurement.corrected_frames import CorrectedFrames
 from rigctl.measurement.corrections import NOTHING, Corrections, FoundCorrections
 from rigctl.measurement.dark_level import DarkLevel, find_dark_level
 from rigctl.measurement.flat_division import FlatDivision, flat_division
@@ -24,7 +25,6 @@ from rigctl.measurement.image_registration import FrameShifts, frame_shifts
 from rigctl.measurement.polarization_images import PolarizationImages, polarization_images
 from rigctl.measurement.region_numbers import MeasuredRegion, measure_region, require_pixels
 from rigctl.measurement.throughput_division import throughput_of, together
-from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run
 
 FloatArray = NDArray[np.float64]
@@ -144,17 +144,8 @@ def measure(
     dark_level = _with_found(find_dark_level(run, grid, noise), grid, found)
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer, least_px=reach_px(run.session.interpolation))
-    corrections = Corrections(
-        throughput=together(
-            None if polarizer is None else throughput_of(grid, polarizer), None if found is None else found.throughput
-        ),
-        flat=None if flats is None else flat_division(grid, flats),
-        shifts=(None if found is None else found.shifts)
-        or (None if registration is None else frame_shifts(run, grid, registration)),
-        interpolated=variance_factor(run.session.interpolation),
-    )
-    frames = _Frames(run, grid, dark_level, corrections)
     areas = [_Area(name=name, outer=outer[name], inside=mask) for name, mask in inside.items()]
+    frames = CorrectedFrames(run, grid, dark_level, _corrections(run, grid, registration, flats, polarizer, found))
     measured, unmeasured = _measured_regions(areas, frames, _repeats(areas, frames, plan), plan, found)
     if unmeasured and not measured and not may_measure_none:
         raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
@@ -170,7 +161,28 @@ def measure(
         light=frames.light,
         regions=measured,
         unmeasured=unmeasured,
-        corrections=corrections,
+        corrections=frames.corrections,
+    )
+
+
+def _corrections(
+    run: Run,
+    grid: FrameGrid,
+    registration: ImageRegistration | None,
+    flats: FlatFields | None,
+    polarizer: PolarizerParameters | None,
+    found: FoundCorrections | None,
+) -> Corrections:
+    """Return what is done to frames by calibrations, and by what the run itself shows."""
+    throughput = None if polarizer is None else throughput_of(grid, polarizer)
+    shifts = None if found is None else found.shifts
+    if shifts is None and registration is not None:
+        shifts = frame_shifts(run, grid, registration)
+    return Corrections(
+        throughput=together(throughput, None if found is None else found.throughput),
+        flat=None if flats is None else flat_division(grid, flats),
+        shifts=shifts,
+        interpolated=variance_factor(run.session.interpolation),
     )
 
 
@@ -187,7 +199,7 @@ class _Area:
 _Repeats = Callable[[_Area], RepeatedPixels]
 
 
-def _repeats(areas: Sequence[_Area], frames: "_Frames", plan: Design) -> _Repeats:
+def _repeats(areas: Sequence[_Area], frames: CorrectedFrames, plan: Design) -> _Repeats:
     """Read every frame once, and return what gives the pixels of a region; where they are too many, read them again.
 
     Only when all frames were read is it known which pixels are usable in all of them.
@@ -214,7 +226,7 @@ def _repeats(areas: Sequence[_Area], frames: "_Frames", plan: Design) -> _Repeat
 
 
 def _measured_regions(
-    areas: Iterable[_Area], frames: "_Frames", repeats: _Repeats, plan: Design, found: FoundCorrections | None
+    areas: Iterable[_Area], frames: CorrectedFrames, repeats: _Repeats, plan: Design, found: FoundCorrections | None
 ) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
     """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
     usable = ~(frames.saturated | frames.missing)
@@ -255,61 +267,8 @@ def _with_found(level: DarkLevel, grid: FrameGrid, found: FoundCorrections | Non
 
 def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
     """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
-    frames = _Frames(measurement.run, measurement.grid, measurement.dark_level, measurement.corrections)
+    frames = CorrectedFrames(measurement.run, measurement.grid, measurement.dark_level, measurement.corrections)
     return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
-
-
-class _Frames:
-    """Reads frames one by one; keeps their sum by angle, mean by cycle, and which pixels were ever unusable."""
-
-    def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
-        shape = (grid.height, grid.width)
-        self._run, self.interpolation = run, run.session.interpolation
-        self.grid, self.dark_level, self.corrections = grid, dark_level, corrections
-        self.sums = np.zeros((grid.angles, *shape))
-        self.light = np.zeros(grid.cycles)
-        self.saturated = np.zeros(shape, dtype=np.bool_)
-        self.missing = np.zeros(shape, dtype=np.bool_)
-
-    def anew(self) -> "_Frames":
-        """Return a reader of the same frames that has seen none."""
-        return _Frames(self._run, self.grid, self.dark_level, self.corrections)
-
-    def pixels(self, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
-        """Return the signal of every frame in each region, shape (cycles, N, P)."""
-        pixels = {
-            name: np.empty((self.grid.cycles, self.grid.angles, int(mask.sum()))) for name, mask in inside.items()
-        }
-        for cycle in range(self.grid.cycles):
-            for name, found in self.cycle(cycle, inside).items():
-                pixels[name][cycle] = found
-        return pixels
-
-    def cycle(self, cycle: int, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
-        """Return the signal of the frames of a cycle in each region, shape (N, P)."""
-        pixels = {name: np.empty((self.grid.angles, int(mask.sum()))) for name, mask in inside.items()}
-        for angle in range(self.grid.angles):
-            signal = self.read(cycle, angle)
-            for name, mask in inside.items():
-                pixels[name][angle] = signal[mask]
-        return pixels
-
-    def read(self, cycle: int, angle: int) -> FloatArray:
-        record = self.grid.records[cycle][angle]
-        counts = self._run.counts(record)
-        self._note_unusable(record, counts)
-        signal = (counts - self.dark_level.level_dn[angle]) * self.grid.to_unit[angle]
-        signal = self.corrections.corrected(signal, record, angle)
-        self.sums[angle] += signal
-        self.light[cycle] += float(signal.mean()) / self.grid.angles
-        return np.asarray(signal)
-
-    def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
-        self.saturated |= self.corrections.touched(counts >= record.saturation_dn, record)
-        if self.corrections.is_any:
-            self.missing |= self.corrections.missing(record, self.missing.shape)
-        if record.missing_dn is not None:
-            self.missing |= self.corrections.touched(counts == record.missing_dn, record)
 
 
 def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
