@@ -4,6 +4,8 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from model.accuracy.accurate_prediction import ESTIMATES, AccuratePrediction
 from model.accuracy.estimates.error_budget import Budget, LitCase, error_budgets
 from model.accuracy.estimates.light_error import LightError, light_errors_of_all
@@ -184,15 +186,14 @@ def _evaluated(
 def _not_guaranteed(scene: LitScene, budget: Budget, tolerance: float, *, estimated_only: bool) -> dict[Reading, str]:
     if _has_spheres(scene) and not estimated_only:
         return dict.fromkeys(budget.total, SPHERES)
-    return {
-        key: f"estimated error {error:.2g}, the most of it by {_most(budget, key)}"
-        for key, error in budget.total.items()
-        if not error <= tolerance
-    }
+    return {key: _why(budget, key) for key, error in budget.total.items() if not error <= tolerance}
 
 
-def _most(budget: Budget, key: Reading) -> str:
-    return max(budget.by_setting, key=lambda setting: budget.by_setting[setting].get(key, 0.0))
+def _why(budget: Budget, key: Reading) -> str:
+    error, most = budget.total[key], max(budget.by_setting, key=lambda name: budget.by_setting[name].get(key, 0.0))
+    if np.isfinite(error):
+        return f"estimated error {error:.2g}, the most of it by {most}"
+    return f"its error has no bound: it is 0, or may not exist, within the errors of the light by {most}"
 
 
 def _has_spheres(scene: LitScene) -> bool:

@@ -207,7 +207,7 @@ def _between(pair: Pair, sky: Sky, every: Lines, source: Source) -> Errors:
     reflected = reflected_by_all(seen, sky)
     found = {}
     for place, (key, lines) in enumerate(every.items()):
-        through = pair.factor * (other[place].transmittance / one[place].transmittance - 1.0)
+        through = pair.factor * _changed(one[place].transmittance, other[place].transmittance)
         errors = {
             "reflected_sky": reflected[place],
             "path": pair.factor * (other[place].path - one[place].path),
@@ -215,6 +215,11 @@ def _between(pair: Pair, sky: Sky, every: Lines, source: Source) -> Errors:
         }
         found[key] = _error([sum((errors[part] for part in _PARTS[source]), np.zeros((1, 3)))])
     return found
+
+
+def _changed(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return by what share transmittances differ; by none where nothing is let through at all."""
+    return np.divide(other - one, one, out=np.zeros_like(one), where=one > 0.0)
 
 
 def _of_wavelengths(air: Air, settings: Settings, every: Lines, source: Source) -> Errors:

@@ -113,6 +113,16 @@ def test_stages_are_timed_by_the_clock_that_is_given():
     assert found.stage_s == dict.fromkeys((*STAGES, ESTIMATES), 1.0)
 
 
+def test_a_line_of_sight_without_transmittance_has_the_errors_of_its_path():
+    # At 89.999 deg from a height of 3 km nothing of the panels is let through.
+    scene = random_scene(4)
+    grazing = replace(scene.view, zenith_rad=np.radians(89.999), height_m=3000.0)
+    points = tuple(replace(region, part=None) for region in scene.regions)
+    found = predict(replace(scene, view=grazing, regions=points), tolerance=0.03)
+    assert found.not_guaranteed == {}
+    assert max(found.budget.total.values()) <= 0.03
+
+
 @pytest.mark.parametrize("tolerance", [0.0, 1e-7, 0.2, float("nan")])
 def test_a_tolerance_outside_its_range_is_refused(tolerance):
     with pytest.raises(ValueError, match=r"allowed is 1e-06 to 0\.1"):
