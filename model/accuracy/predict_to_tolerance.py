@@ -114,8 +114,7 @@ def predict_together(
     """
     if not SMALLEST <= tolerance <= LARGEST:
         raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
-    depth = optical_depth(scenes[0])
-    is_deep = depth > DEEPEST
+    is_deep = optical_depth(scenes[0]) > DEEPEST
     plan = {name: min(level, _OF_DEEP.get(name, level)) for name, level in start.items()} if is_deep else dict(start)
     ahead = kept_forecast(scenes[0], effects, store)
 
@@ -131,22 +130,8 @@ def predict_together(
             if finer == last.plan:
                 break
             rounds += of((scene,), finer)
-        why = _not_guaranteed(scene, rounds[-1].budget, tolerance, estimated_only=estimated_only)
-        missing = {key: f"{one}; {_DEEP.format(depth)}" if is_deep else one for key, one in why.items()}
-        found.append(
-            AccuratePrediction(
-                result=rounds[-1].result,
-                tolerance=tolerance,
-                plan=rounds[-1].plan,
-                budget=rounds[-1].budget,
-                light=rounds[-1].light,
-                not_guaranteed=missing,
-                stage_s={stage: sum(one.taken[stage] for one in rounds) for stage in first.taken},
-                rounds=len(rounds),
-                expected_s=expected_s(scene, rounds[-1].plan, ahead),
-                estimated_only=estimated_only and _has_spheres(scene),
-            )
-        )
+        expected = expected_s(scene, rounds[-1].plan, ahead)
+        found.append(_accurate(scene, rounds, tolerance, expected, estimated_only=estimated_only))
     return tuple(found)
 
 
@@ -159,6 +144,27 @@ class _Round:
     light: Mapping[str, Mapping[str, LightError]]
     budget: Budget
     taken: Mapping[str, float]
+
+
+def _accurate(
+    scene: LitScene, rounds: Sequence[_Round], tolerance: float, expected: float, *, estimated_only: bool
+) -> AccuratePrediction:
+    last, depth = rounds[-1], optical_depth(scene)
+    why = _not_guaranteed(scene, last.budget, tolerance, estimated_only=estimated_only)
+    if depth > DEEPEST:
+        why = {key: f"{one}; {_DEEP.format(depth)}" for key, one in why.items()}
+    return AccuratePrediction(
+        result=last.result,
+        tolerance=tolerance,
+        plan=last.plan,
+        budget=last.budget,
+        light=last.light,
+        not_guaranteed=why,
+        stage_s={stage: sum(one.taken[stage] for one in rounds) for stage in last.taken},
+        rounds=len(rounds),
+        expected_s=expected,
+        estimated_only=estimated_only and _has_spheres(scene),
+    )
 
 
 def _evaluated(

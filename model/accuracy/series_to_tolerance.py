@@ -172,15 +172,17 @@ class _Series:
     def _are_as_told(self, cells: Sequence[Cell]) -> dict[Cell, bool]:
         """Return whether the errors in the middle of each cell are within what its corners tell."""
         corners = {cell: self._evaluation.judge_all(cell.corners) for cell in cells}
-        plans = {cell: finest_plan([one.found.plan for one in around]) for cell, around in corners.items()}
-        for plan in {tuple(one.items()) for one in plans.values()}:
-            self._evaluation.judge_all(
-                (cell.middle for cell in cells if tuple(plans[cell].items()) == plan), dict(plan)
-            )
-        told = {}
+        by_plan: dict[tuple[tuple[str, int], ...], list[Index]] = {}
         for cell in cells:
-            told[cell] = cell.middle in cell.corners or self._holds(self._evaluation.judge(cell.middle), corners[cell])
             if cell.middle not in cell.corners:
+                plan = finest_plan([one.found.plan for one in corners[cell]])
+                by_plan.setdefault(tuple(plan.items()), []).append(cell.middle)
+        for levels, middles in by_plan.items():
+            self._evaluation.judge_all(middles, dict(levels))
+        told = dict.fromkeys(cells, True)
+        for cell in cells:
+            if cell.middle not in cell.corners:
+                told[cell] = self._holds(self._evaluation.judge(cell.middle), corners[cell])
                 self._spots.append(told[cell])
         return told
 
@@ -200,9 +202,9 @@ class _Series:
         self._found |= {place: one for place, one in between.items() if isinstance(one, SeriesCase)}
         refused = {place: one for place, one in between.items() if isinstance(one, _Refused)}
         is_grid = len([size for size in self._shape if size > 1]) > 1
-        alone = [place for place, one in refused.items() if one is _Refused.HARDER or is_grid]
-        for place, one in zip(alone, self._evaluation.judge_all(alone, share=1.0), strict=True):
-            self._found[place] = as_judged(one)
+        # They stand for no others.
+        last = [place for place, one in refused.items() if one is _Refused.HARDER or is_grid]
+        self._found |= zip(last, map(as_judged, self._evaluation.judge_all(last, share=1.0)), strict=True)
         if unsure := [place for place in refused if place not in self._found]:
             inside = _inside(cell, unsure[0])
             if not self._holds(self._evaluation.judge(inside), corners):
@@ -243,21 +245,19 @@ class _Series:
         open_results = {place: one for place, one in results.items() if place not in harder and not is_kept(place)}
         errors |= self._evaluation.carried_errors(open_results, corners)
         plan = finest_plan([corner.found.plan for corner in corners])
-        return {
-            place: SeriesCase(
-                result=result,
-                plan=plan,
-                errors=errors[place],
-                is_judged=False,
-                not_guaranteed={key: _BY_NEIGHBOUR for key in numbers[place] if key in unknown},
-                effects=effects[place],
-            )
-            if place not in harder and is_kept(place)
-            else _Refused.HARDER
-            if place in harder
-            else _Refused.UNSURE
-            for place, result in results.items()
-        }
+        found: dict[Index, SeriesCase | _Refused] = dict.fromkeys(results, _Refused.UNSURE)
+        found |= dict.fromkeys(harder, _Refused.HARDER)
+        for place in results.keys() - harder:
+            if is_kept(place):
+                found[place] = SeriesCase(
+                    result=results[place],
+                    plan=plan,
+                    errors=errors[place],
+                    is_judged=False,
+                    not_guaranteed={key: _BY_NEIGHBOUR for key in numbers[place] if key in unknown},
+                    effects=effects[place],
+                )
+        return found
 
     def _is_harder(self, place: Index, result: ChainResult, corners: Sequence[Judged]) -> bool:
         """Return whether the evaluation of a case tells more of its errors than its corners have."""
