@@ -115,12 +115,9 @@ def aperture_lights(
     ----------
     [MK14] eq. (1)-(7).
     """
-    heights_m = {view.height_m for view in views}
-    if len(heights_m) != 1:
-        raise ValueError(f"aperture_lights: views from heights {sorted(heights_m)} m, allowed is one height")
+    height_m = _height_m(views)
     zenith = np.array([view.zenith_rad for view in views])
     phi = illumination.sun_azimuth_rad - np.array([view.azimuth_rad for view in views])
-    (height_m,) = heights_m
     through = illumination.lighting.transmittance(height_m=height_m, zenith_rad=zenith)
     paths = np.zeros((len(views), 3))
     if path:
@@ -131,10 +128,7 @@ def aperture_lights(
         azimuth_rad=illumination.sun_azimuth_rad,
         irradiance=illumination.lighting.direct_irradiance,
     )
-    none = np.zeros((len(views), 3))
-    sky = ReflectedDiffuse(stokes=none, error=none[:, 0], rules=_NO_RULES, finest=_NO_RULES)
-    if skylight:
-        sky = _sky_part(panel, illumination.diffuse_radiance, tolerance, rules)
+    sky = _sky_part(panel, illumination.diffuse_radiance, tolerance, rules) if skylight else _no_sky(len(views))
     turn = np.array([view.roll_rad for view in views])
     reflected_sun, reflected_sky, added = (
         rotate_frame(part, turn) for part in (through[:, np.newaxis] * sun, through[:, np.newaxis] * sky.stokes, paths)
@@ -152,6 +146,18 @@ def aperture_lights(
         )
         for k, view in enumerate(views)
     )
+
+
+def _height_m(views: Sequence[View]) -> float:
+    heights_m = {view.height_m for view in views}
+    if len(heights_m) != 1:
+        raise ValueError(f"aperture_lights: views from heights {sorted(heights_m)} m, allowed is one height")
+    return heights_m.pop()
+
+
+def _no_sky(count: int) -> ReflectedDiffuse:
+    none = np.zeros((count, 3))
+    return ReflectedDiffuse(stokes=none, error=none[:, 0], rules=_NO_RULES, finest=_NO_RULES)
 
 
 def _sky_part(panel: PanelLight, light: DiffuseRadiance, tolerance: float, rules: Rules | None) -> ReflectedDiffuse:

@@ -1,12 +1,17 @@
 """``rigctl effects``: which effects a scene calls for, and why."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rigctl.console.terminal import print_json, progress, results, solving_shown
 from rigctl.files.choices import EffectRule
+from rigctl.reports.writers.terminal_table import terminal_table
+
+if TYPE_CHECKING:
+    from rigctl.jobs.effects import PlannedEffects
+    from rigctl.simulated.rendering_costs import RenderingCosts
 
 # A bound that does not hold is a fault of the program's own.
 _EXIT_VIOLATION = 70
@@ -49,23 +54,11 @@ def command(
     Example: rigctl effects examples/rig-effects.toml
     """
     from rigctl.jobs.effects import effects_of_rig, plan_scene_effects
-    from rigctl.reports.tables.effects_tables import (
-        effects_json,
-        effects_table,
-        rendering_json,
-        rendering_table,
-        saved_line,
-    )
-    from rigctl.reports.writers.terminal_table import terminal_table
 
     rendered = effects_of_rig(scene)
     if rendered is not None:
-        if as_json:
-            print_json(rendering_json(rendered))
-        else:
-            results().print(terminal_table(rendering_table(rendered)))
+        _show_rendered(rendered, as_json=as_json)
         return
-
     with solving_shown() as tell:
         planned = plan_scene_effects(
             scene,
@@ -77,16 +70,32 @@ def command(
             rule=rule,
             tell=tell,
         )
+    _show(planned, as_json=as_json)
     checked = planned.verification
-    if as_json:
-        print_json(effects_json(planned.plan, checked) | {"remarks": list(planned.remarks)})
-    else:
-        results().print(terminal_table(effects_table(planned.plan, checked)))
-        if checked is not None:
-            results().print(saved_line(checked))
-        for remark in planned.remarks:
-            progress().print(remark)
     if checked is not None and checked.violations:
         names = ", ".join(one.effect.value for one in checked.violations)
         progress().print(f"a bound does not hold: {names}. This is a fault of the program: please report the scene")
         raise typer.Exit(_EXIT_VIOLATION)
+
+
+def _show_rendered(rendered: "RenderingCosts", *, as_json: bool) -> None:
+    from rigctl.reports.tables.effects_tables import rendering_json, rendering_table
+
+    if as_json:
+        print_json(rendering_json(rendered))
+    else:
+        results().print(terminal_table(rendering_table(rendered)))
+
+
+def _show(planned: "PlannedEffects", *, as_json: bool) -> None:
+    from rigctl.reports.tables.effects_tables import effects_json, effects_table, saved_line
+
+    checked = planned.verification
+    if as_json:
+        print_json(effects_json(planned.plan, checked) | {"remarks": list(planned.remarks)})
+        return
+    results().print(terminal_table(effects_table(planned.plan, checked)))
+    if checked is not None:
+        results().print(saved_line(checked))
+    for remark in planned.remarks:
+        progress().print(remark)

@@ -126,19 +126,9 @@ def measure_region(
     channels_mean = _with_level_errors(scattered, level_std_error, relative_error, own_error)
     channels_mean = replace(channels_mean, cov=channels_mean.cov + pixels.repeatability.cov(channels_mean.mean))
     stokes_pixels = np.asarray(plan.inverse @ pixels.first)
-    of_noise = deviation_inflation(interpolation)
-    channels = _Vectors(names=channel_names, first=pixels.first, mean=pixels.mean, temporal=pixels.temporal)
-    stokes = _Vectors(
-        names=("s0", "s1", "s2"),
-        first=pixels.stokes_first,
-        mean=pixels.stokes_mean,
-        temporal=pixels.temporal_stokes,
-    )
-    stokes_mean = propagate_linear(channels_mean, plan.inverse)
-    quantities = _linear(channels, channels_mean, inflation, of_noise)
-    quantities |= _linear(stokes, stokes_mean, inflation, of_noise)
-    quantities |= _of_mean_stokes(stokes_mean)
-    quantities |= _of_pixel_dolp(stokes_pixels, inflation)
+    quantities = _of_vectors(
+        pixels, channel_names, channels_mean, plan, inflation, deviation_inflation(interpolation)
+    ) | _of_pixel_dolp(stokes_pixels, inflation)
     return MeasuredRegion(
         pixels=count,
         excluded=excluded,
@@ -192,6 +182,27 @@ class _Vectors:
     first: FloatArray
     mean: FloatArray
     temporal: tuple[Sample, ...]
+
+
+def _of_vectors(
+    pixels: RepeatedPixels,
+    channel_names: tuple[str, ...],
+    channels_mean: Moments,
+    plan: Design,
+    inflation: float,
+    of_noise: float,
+) -> MeasuredQuantities:
+    """Return the numbers of channels and Stokes parameters, and of the mean Stokes vector."""
+    channels = _Vectors(names=channel_names, first=pixels.first, mean=pixels.mean, temporal=pixels.temporal)
+    stokes = _Vectors(
+        names=("s0", "s1", "s2"),
+        first=pixels.stokes_first,
+        mean=pixels.stokes_mean,
+        temporal=pixels.temporal_stokes,
+    )
+    stokes_mean = propagate_linear(channels_mean, plan.inverse)
+    found = _linear(channels, channels_mean, inflation, of_noise)
+    return found | _linear(stokes, stokes_mean, inflation, of_noise) | _of_mean_stokes(stokes_mean)
 
 
 def _linear(vectors: _Vectors, mean: Moments, inflation: float, of_noise: float) -> MeasuredQuantities:

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.accurate_prediction import AccuratePrediction
-from model.accuracy.effect_check import kind_of
+from model.accuracy.effect_check import kind_of, readings_of
 from model.accuracy.estimates.error_budget import error_budget
 from model.accuracy.estimates.light_error import light_errors
 from model.accuracy.evaluation.chain import ChainResult, evaluate
 from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
+from model.accuracy.evaluation.quantities import Reading, Readings, Value, differences, readings
+from model.accuracy.evaluation.settings import Settings
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
 from model.accuracy.predict_to_tolerance import predict
 from model.prediction.rig_errors import predict_with_errors
@@ -145,18 +146,16 @@ def accuracy_curves(
         yield f"tolerance {tolerance:g}"
         predictions.append(_fastest(scene, tolerance, clock))
     yield "finest settings"
-    finest = _finer(predictions[-1].plan)
-    reference = evaluate(
-        scene, settings_at(finest, _FINER * min(tolerances), face_m=scene.sensor_height_m), clock=clock
-    )
-    truth = _readings(reference)
+    finest = _finer_settings(scene, predictions[-1], _FINER * min(tolerances))
+    reference = evaluate(scene, finest, clock=clock)
+    truth = readings_of(reference)
     points = [_of_chain(found, truth) for found in predictions]
     middle = predictions[(len(predictions) - 1) // 2]
     for name in NUMERICAL_SETTINGS:
         yield name
         points += _of_setting(scene, name, middle, truth, clock)
     yield "the paper's choices"
-    fine = settings_at(_finer(middle.plan), middle.tolerance, face_m=scene.sensor_height_m)
+    fine = _finer_settings(scene, middle, middle.tolerance)
     named = tuple(named_choices(scene, fine, truth, also, clock=clock))
     yield Curves(
         points=tuple(points),
@@ -196,10 +195,10 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
     used = np.flatnonzero(deviations > 0.0)
     coarse = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 1e-2)
 
-    def at(scene: Scene) -> dict[Reading, Value]:
+    def at(scene: Scene) -> Readings:
         result, errors = evaluate(predictor.lit_scene(scene), coarse, store=store), rig_errors(scene)
         if errors is None:
-            return _readings(result)
+            return readings_of(result)
         # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
         return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
 
@@ -220,8 +219,8 @@ def _slope(value: Value, above: Value | None, below: Value | None, step: float) 
     return (above.number - below.number) / (step * value.scale)
 
 
-def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePoint:
-    true = differences(_readings(found.result), truth)
+def _of_chain(found: AccuratePrediction, truth: Readings) -> CurvePoint:
+    true = differences(readings_of(found.result), truth)
     guaranteed = [key for key in true if key not in found.not_guaranteed]
     largest = max((true[key] for key in guaranteed), default=np.nan)
     return CurvePoint(
@@ -234,10 +233,10 @@ def _of_chain(found: AccuratePrediction, truth: dict[Reading, Value]) -> CurvePo
     )
 
 
-def _digits(found: AccuratePrediction, truth: dict[Reading, Value]) -> Iterator[DigitPoint]:
+def _digits(found: AccuratePrediction, truth: Readings) -> Iterator[DigitPoint]:
     """Yield the largest true error of each kind of number that is guaranteed."""
     seconds, worst = sum(found.stage_s.values()), dict.fromkeys(KINDS, 0.0)
-    for key, error in differences(_readings(found.result), truth).items():
+    for key, error in differences(readings_of(found.result), truth).items():
         if key not in found.not_guaranteed and np.isfinite(error):
             kind = kind_of(key)
             worst[kind] = max(worst[kind], error)
@@ -246,7 +245,7 @@ def _digits(found: AccuratePrediction, truth: dict[Reading, Value]) -> Iterator[
 
 
 def _of_setting(
-    scene: LitScene, varied: str, middle: AccuratePrediction, whole: dict[Reading, Value], clock: Clock
+    scene: LitScene, varied: str, middle: AccuratePrediction, whole: Readings, clock: Clock
 ) -> list[CurvePoint]:
     """One setting over its levels about that of a plan; the finest is the truth.
 
@@ -256,10 +255,10 @@ def _of_setting(
     levels = range(max(middle.plan[varied] - _BELOW, 0), top + 1)
     others = _finer(middle.plan)
     found = [_at_level(scene, {**others, varied: level}, middle.tolerance, clock) for level in levels]
-    truth = _readings(found[-1][0])
+    truth = readings_of(found[-1][0])
     points = []
     for level, (result, errors) in zip(levels, found[:-1], strict=False):
-        own = _readings(result)
+        own = readings_of(result)
         points.append(
             CurvePoint(
                 varied=varied,
@@ -273,7 +272,7 @@ def _of_setting(
     return points
 
 
-def _largest(own: dict[Reading, Value], truth: dict[Reading, Value]) -> float:
+def _largest(own: Readings, truth: Readings) -> float:
     """Largest difference of the readings that both have."""
     return max((error for error in differences(own, truth).values() if np.isfinite(error)), default=0.0)
 
@@ -294,5 +293,5 @@ def _finer(plan: Plan) -> dict[str, int]:
     return {name: min(plan[name] + more[name], len(one.levels) - 1) for name, one in NUMERICAL_SETTINGS.items()}
 
 
-def _readings(result: ChainResult) -> dict[Reading, Value]:
-    return readings(result.scenario, result.predictions, result.detections)
+def _finer_settings(scene: LitScene, found: AccuratePrediction, tolerance: float) -> Settings:
+    return settings_at(_finer(found.plan), tolerance, face_m=scene.sensor_height_m)
