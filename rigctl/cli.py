@@ -1,55 +1,25 @@
-"""The command line: which verbs there are, and how a failure becomes a message and an exit code."""
+"""The command line: which verbs there are, and how one is called."""
 
 import ctypes
-import errno
 import gc
 import importlib
 import logging
 import re
 import sys
-import tempfile
-import traceback
 from collections import Counter
 from collections.abc import Sequence
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from calibration.errors import CalibrationError
-from drivers.errors import DeviceError
 from rigctl.console.console_streams import lasting_streams, visible
 from rigctl.console.destination_options import with_tried_destinations
 from rigctl.console.exclusion_option import with_exclusion_option
-from rigctl.console.failure_json import failure_json
-from rigctl.errors import ConfigError, DataError
+from rigctl.console.failures import EXIT_INTERRUPTED, failure_json, failure_of
+from rigctl.errors import ConfigError
 from rigctl.numbers.number_range import with_options_in_range
-
-# 0 (done) and 130 (interrupted) are the command line library's own.
-EXIT_USAGE = 2
-EXIT_DEVICE = 3
-EXIT_DATA = 4
-EXIT_DISAGREES = 5
-EXIT_OWN_FAULT = 70
-EXIT_INTERRUPTED = 130
-# As sysexits.h has it: a temporary failure, try again. A session stopped before its end, a run that is unfinished.
-EXIT_INCOMPLETE = 75
-
-# Which exit code a failure has. The first class that fits decides.
-EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
-    (ConfigError, EXIT_USAGE),
-    (DeviceError, EXIT_DEVICE),
-    (DataError, EXIT_DATA),
-    (CalibrationError, EXIT_DATA),
-)
-
-# Of errors of the operating system, those that a disk is to blame for; the others are files that were named wrongly.
-_DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
-
-# Of a link that leads to itself Python before 3.13 says so in another kind of error.
-_LINK_LOOP = "Symlink loop"
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 64 << 20
@@ -57,15 +27,6 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 64 << 20
 # Objects made and not freed until Python looks for those that hold each other: imports make many that
 # stay, and looking through them each 700 takes a twentieth of a start.
 _COLLECT_AFTER = 50_000, 10, 10
-
-# Modules that the installation for acquisition alone (pyproject.toml, `acquisition`) does without: their packages.
-_LEFT_OUT = {
-    "astropy": "astropy",
-    "jinja2": "jinja2",
-    "matplotlib": "matplotlib",
-    "PIL": "pillow",
-    "reportlab": "reportlab",
-}
 
 # Verb -> (module that holds its `command` or `app`, one line of help). A module is imported when its verb is
 # called, so that `rigctl --help` starts at once.
@@ -287,28 +248,6 @@ def _run_for_programs(arguments: list[str]) -> int:
     return code
 
 
-def failure_of(error: Exception) -> tuple[int, str]:
-    """Return the exit code and the words of a failure."""
-    if isinstance(error, tuple(kind for kind, _ in EXIT_CODES)):
-        return next(code for kind, code in EXIT_CODES if isinstance(error, kind)), str(error)
-    if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # the command line library's own
-        return int(error.exit_code), str(error.format_message())
-    if isinstance(error, MemoryError):
-        return EXIT_DATA, "this needs more memory than there is; nothing was written"
-    if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):
-        return EXIT_USAGE, str(error)
-    if isinstance(error, OSError):
-        code = EXIT_DATA if error.errno in _DISK_FAULTS else EXIT_USAGE
-        return code, f"{error.filename or 'a file'}: {error.strerror or error}"
-    if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
-        return EXIT_USAGE, (
-            f"this needs {error.name}, which an installation for acquisition alone leaves out: "
-            f"pip install {' '.join(_LEFT_OUT.values())}"
-        )
-    text = f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}"
-    return EXIT_OWN_FAULT, text
-
-
 class _Remarks(logging.Handler):
     """Says on standard error what the rooms below remark of what they read, each remark once."""
 
@@ -326,9 +265,3 @@ class _Remarks(logging.Handler):
 
 def _say(message: str) -> None:
     sys.stderr.write(f"rigctl: {visible(message)}\n")
-
-
-def _log_traceback() -> Path:
-    with tempfile.NamedTemporaryFile("w", prefix="rigctl-", suffix=".log", delete=False, encoding="utf-8") as log:
-        traceback.print_exc(file=log)
-    return Path(log.name)

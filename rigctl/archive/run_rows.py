@@ -9,8 +9,8 @@ from typing import Literal
 from pydantic import TypeAdapter, ValidationError
 
 from rigctl.archive.run_facts import KEPT_FILES
-from rigctl.cli import EXIT_OWN_FAULT
 from rigctl.cluster.held_folder import PARTS_FOLDER
+from rigctl.console.failures import EXIT_OWN_FAULT
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import FRAMES_FOLDER
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded

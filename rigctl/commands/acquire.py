@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli import EXIT_INCOMPLETE
+from rigctl.console.failures import EXIT_INCOMPLETE
 from rigctl.console.options import CalibrationStore, time_option
 from rigctl.console.terminal import progress, results, warn
 from rigctl.files.choices import ROOF_CHANGES, Asked, RoofChange

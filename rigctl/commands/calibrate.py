@@ -8,14 +8,13 @@ from rich.progress import Progress
 
 from calibration.errors import RefusedFramesError
 from drivers.cameras.raw_planes import PLANES
-from rigctl.cli import EXIT_DATA
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
 from rigctl.commands.calibrate_lens import lens
 from rigctl.commands.calibrate_radiometric import radiometric
 from rigctl.commands.calibrate_registration import registration
-from rigctl.console.failure_json import failure_content
+from rigctl.console.failures import EXIT_DATA, failure_content
 from rigctl.console.options import MaxFrameMb, OptionTexts, frame_bytes
 from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli import EXIT_DATA
+from rigctl.console.failures import EXIT_DATA
 from rigctl.console.terminal import print_json, results, warn
 from rigctl.reports.table import Column, Table
 from rigctl.reports.writers.terminal_table import terminal_table

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli import EXIT_DATA, EXIT_DISAGREES
+from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES
 from rigctl.console.options import (
     CalibrationStore,
     Faults,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli import EXIT_DEVICE
+from rigctl.console.failures import EXIT_DEVICE
 from rigctl.console.terminal import print_json, results
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.cli import EXIT_DEVICE
+from rigctl.console.failures import EXIT_DEVICE
 from rigctl.console.terminal import progress, results
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)

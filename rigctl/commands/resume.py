@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli import EXIT_INCOMPLETE
 from rigctl.commands.acquire import say_outcome
+from rigctl.console.failures import EXIT_INCOMPLETE
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress, warn
 from rigctl.files.choices import Asked

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli import EXIT_DATA
+from rigctl.console.failures import EXIT_DATA
 from rigctl.console.options import (
     CalibrationStore,
     Faults,

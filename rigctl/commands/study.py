@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli import EXIT_INCOMPLETE
+from rigctl.console.failures import EXIT_INCOMPLETE
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import track
 
-from rigctl.cli import EXIT_DATA, EXIT_INCOMPLETE
+from rigctl.console.failures import EXIT_DATA, EXIT_INCOMPLETE
 from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import RunFolderError
 

@@ -11,9 +11,9 @@ from typing import Literal
 
 from rigctl.archive.run_rows import RunRow, inputs_hash, read_rows, write_rows
 from rigctl.calibrations.store import KINDS
-from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT
 from rigctl.cluster.held_folder import held_folder
 from rigctl.cluster.on_dask import client_of, code_version, compute_all, slots_of
+from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import load_regions

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from rigctl.archive.run_facts import facts_of
 from rigctl.archive.run_rows import RegionNumbers, RunRow, Verb
-from rigctl.cli import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, failure_of
 from rigctl.cluster.on_dask import Engine, code_version
 from rigctl.comparison.comparison import Comparison
+from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, failure_of
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene

@@ -19,7 +19,7 @@ from model.surface.material_library import MATERIALS
 from model.surface.materials import Property
 from rigctl import cli
 from rigctl.comparison.verdict import AGREES, VERDICT_WORDS, VerdictName
-from rigctl.console.failure_json import failure_content
+from rigctl.console import failures
 from rigctl.files.interlock_section import InterlockSection
 from rigctl.session.interlocks import Name
 from tests.docs.blocks import ROOT
@@ -114,22 +114,24 @@ def codes_page() -> str:
 
 
 _ENDS = {
-    cli.EXIT_USAGE: "usage, or a file that people write",
-    cli.EXIT_DEVICE: "a device",
-    cli.EXIT_DATA: "data unfit: refused, damaged, a checksum that fails; a comparison that cannot be judged",
-    cli.EXIT_DISAGREES: "model and measurement disagree",
-    cli.EXIT_OWN_FAULT: "a fault of rigctl itself: one line, and a log with the traceback",
-    cli.EXIT_INCOMPLETE: "a session stopped on request or by Ctrl-C, to be resumed; `verify`: an unfinished run",
-    cli.EXIT_INTERRUPTED: "interrupted; in `acquire` and `resume` by a second Ctrl-C",
+    failures.EXIT_USAGE: "usage, or a file that people write",
+    failures.EXIT_DEVICE: "a device",
+    failures.EXIT_DATA: "data unfit: refused, damaged, a checksum that fails; a comparison that cannot be judged",
+    failures.EXIT_DISAGREES: "model and measurement disagree",
+    failures.EXIT_OWN_FAULT: "a fault of rigctl itself: one line, and a log with the traceback",
+    failures.EXIT_INCOMPLETE: "a session stopped on request or by Ctrl-C, to be resumed; `verify`: an unfinished run",
+    failures.EXIT_INTERRUPTED: "interrupted; in `acquire` and `resume` by a second Ctrl-C",
 }
 
 
 def _exit_codes() -> str:
-    codes = sorted(value for name, value in vars(cli).items() if name.startswith("EXIT_") and isinstance(value, int))
+    codes = sorted(
+        value for name, value in vars(failures).items() if name.startswith("EXIT_") and isinstance(value, int)
+    )
     text = "\n## Exit codes\n\n| code | meaning | what to do |\n|---|---|---|\n"
     text += "| 0 | done; model and measurement agree, with reservations named where there are any | |\n"
     for code in codes:
-        step = str(failure_content(code, "", verb="VERB")["error"]["next"])
+        step = str(failures.failure_content(code, "", verb="VERB")["error"]["next"])
         text += f"| {code} | {_ENDS[code]} | {step} |\n"
     return (
         f'{text}\nWith `--json` a failure prints `{{"error": {{"code", "kind", "message", "key", "next"}}}}` to '

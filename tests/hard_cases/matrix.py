@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rigctl.cli import EXIT_CODES, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_CODES
 from rigctl.console.terminal import print_json
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.reports.tables.comparison_json import compared_json

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.files.regions import load_regions
 from tests.rigctl.outlines.marked_pictures import MOVED, panels, run_of, seen_after_move
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl.cli import EXIT_DATA, main
+from rigctl.cli import main
 from rigctl.comparison.checks import Check, registration_of, run_checks
 from rigctl.comparison.verdict import refusals
+from rigctl.console.failures import EXIT_DATA
 from rigctl.files.regions import Region
 from rigctl.measurement.measurement import measure
 from tests.rigctl.made_runs import at, make_run

@@ -11,11 +11,12 @@ from pydantic import TypeAdapter
 from calibration.errors import CalibrationError
 from calibration.free_scale import fit_free_scale
 from rigctl.calibrations.radiometric_file import RadiometricResponse
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
 from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.comparison.panel_response import panel_response
 from rigctl.comparison.rows import Row
 from rigctl.comparison.scale import with_panel_scale
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.jobs.calibrate_radiometric import radiometric_file

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import benchmarks.uncertain_panels as panels
-from rigctl.cli import EXIT_DATA, main
+from rigctl.cli import main
 from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.series import require_one_instrument
+from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.compare import CompareRequest
 from rigctl.jobs.series import compare_series

@@ -10,7 +10,8 @@ import pytest
 from model.surface.material_library import material
 from model.surface.pbrdf import Surface
 from model.surface.tilt import Tilt, tilted_mueller
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.files.material_file import load_material
 from rigctl.files.surface_fit_file import load_surface_fit
 from tests.rigctl.example_files import EXAMPLES

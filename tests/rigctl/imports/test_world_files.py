@@ -8,7 +8,8 @@ import pytest
 from astropy.io import fits
 from numpy.typing import NDArray
 
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.imports.image_border import constant_border
 from rigctl.runs.run_folder import read_run
 from tests.worldlike import Faults, World, expose

@@ -15,7 +15,8 @@ from model.prediction.prediction import as_processed
 from model.scene.scenario import Readout
 from model.sensor.channels import ChannelMoments
 from rigctl.calibrations.flat.flat_file import read_fitting_flats
-from rigctl.cli import EXIT_DATA, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.flat_division import flat_remarks

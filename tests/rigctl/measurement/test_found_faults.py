@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.live.frame_summary import coarse_picture, frame_summary
 from rigctl.live.live_numbers import LiveNumbers
 from rigctl.live.live_status import LiveStatus, read_status, write_status

@@ -9,7 +9,8 @@ import pytest
 from pydantic import TypeAdapter
 
 from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_fitting_polarizer
-from rigctl.cli import EXIT_DATA, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measurement.measurement import measure

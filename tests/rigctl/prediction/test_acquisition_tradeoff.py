@@ -8,6 +8,7 @@ import pytest
 from model.acquisition.session_design import Disturbances
 from model.acquisition.session_search import Wanted
 from rigctl import cli
+from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
@@ -176,7 +177,7 @@ def test_the_command_prints_tables_and_writes_files(scene_path, tmp_path, capsys
 
 @pytest.mark.parametrize("option", [("--pair", "left"), ("--pixels", "0"), ("--settling-time-ms", "-1")])
 def test_options_out_of_range_are_refused(scene_path, capsys, option):
-    assert cli.main(["tradeoff", str(scene_path), "--acquisition", *option]) == cli.EXIT_USAGE
+    assert cli.main(["tradeoff", str(scene_path), "--acquisition", *option]) == EXIT_USAGE
     assert "--" in capsys.readouterr().err
 
 

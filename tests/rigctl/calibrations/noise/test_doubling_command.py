@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from tests.rigctl.noise_sessions import write_noise_run
 
 

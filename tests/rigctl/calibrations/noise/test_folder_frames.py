@@ -13,7 +13,8 @@ from calibration.errors import RefusedFramesError
 from rigctl.calibrations.noise.folder_frames import folder_frames
 from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_file import QUANTITIES, read_noise_file
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError
 from tests.rigctl.noise_sessions import frames, write_noise_run
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.cli import EXIT_DATA, EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from tests.rigctl.calibrations.polarizer.polarizer_runs import (
     DIATTENUATION,
     DOLP,

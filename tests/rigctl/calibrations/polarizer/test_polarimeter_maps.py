@@ -11,7 +11,8 @@ from calibration.errors import CalibrationError
 from calibration.polarimeter.data_reduction import block_means
 from rigctl.calibrations.polarizer import polarimeter_maps as polarimeter_maps_module
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
-from rigctl.cli import EXIT_USAGE, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_USAGE
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.runs.run_writer import RunWriter

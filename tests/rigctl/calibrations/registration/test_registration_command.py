@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from rigctl.cli import EXIT_DATA, main
+from rigctl.cli import main
+from rigctl.console.failures import EXIT_DATA
 from rigctl.runs.run_writer import RunWriter
 from tests.rigctl.run_samples import make_record, write_run
 

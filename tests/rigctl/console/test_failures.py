@@ -3,7 +3,7 @@ import json
 import pytest
 
 from rigctl import cli
-from rigctl.console.failure_json import failure_json
+from rigctl.console.failures import failure_json
 from rigctl.devices.stages import find_driver
 from rigctl.errors import ConfigError
 from rigctl.simulated.camera_address import require_known_camera
