@@ -14,7 +14,7 @@ from rigctl.console.options import (
     PolarizerFile,
     RegistrationFile,
 )
-from rigctl.console.terminal import print_json, progress, results, warn
+from rigctl.console.terminal import print_json, progress, results, solving_shown, warn
 from rigctl.files.choices import EffectRule, ScaleKind
 from rigctl.reports.writers.terminal_table import terminal_table
 
@@ -122,7 +122,8 @@ def command(
     if len(runs) > 1:
         _compare_many(runs, request, out=out, as_json=as_json)
         return
-    compared = compare_run(runs[0], request, out=out)
+    with solving_shown():
+        compared = compare_run(runs[0], request, out=out)
     for line in () if compared.picked is None else compared.picked.lines:
         progress().print(line, markup=False)
     if as_json:
@@ -142,7 +143,8 @@ def _compare_many(runs: list[Path], request: "CompareRequest", *, out: Path, as_
     from rigctl.jobs.series import compare_series
     from rigctl.reports.tables.series_tables import series_json
 
-    series = compare_series(runs, request, out=out)
+    with solving_shown():
+        series = compare_series(runs, request, out=out)
     if as_json:
         print_json(series_json(series))
     else:

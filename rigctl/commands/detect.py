@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.console.terminal import print_json, progress, results, warn
+from rigctl.console.terminal import print_json, progress, results, solving_shown, warn
 from rigctl.reports.writers.terminal_table import terminal_table
 
 
@@ -33,7 +33,8 @@ def command(
     from rigctl.reports.tables.detection_tables import detection_json, round_roc_table
 
     request = DetectRequest(background=background, target=target, regions=regions, scene=scene, noise=noise)
-    detection = detect_target(run, request, out=out)
+    with solving_shown():
+        detection = detect_target(run, request, out=out)
     found, names = detection.found, detection.files
     for doubt in detection.doubts:
         warn(doubt)

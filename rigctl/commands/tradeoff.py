@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.console.terminal import print_json, progress, results
+from rigctl.console.terminal import print_json, progress, results, solving_shown
 from rigctl.errors import ConfigError
 from rigctl.reports.writers.terminal_table import terminal_table
 
@@ -85,7 +85,9 @@ def command(
         )
     except ValueError as error:
         raise ConfigError(f"--acquisition: {error}") from error
-    _show_acquisition(trade_acquisition(scene, request, noise=noise, out=out), out, as_json=as_json)
+    with solving_shown():
+        found = trade_acquisition(scene, request, noise=noise, out=out)
+    _show_acquisition(found, out, as_json=as_json)
 
 
 def _curves(

@@ -20,6 +20,8 @@ from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 StokesValues = tuple[Uncertain, Uncertain, Uncertain]
 Row = tuple[Uncertain, Uncertain, Uncertain]
 Limits = tuple[float, float]
+# Of products of numbers as they are written.
+_ROUNDING = 1e-9
 _CAMERA_ANGLES = ("camera_zenith_deg", "camera_azimuth_deg", "phi_deg", "camera_roll_deg")
 _PANEL_ANGLES = ("tilt_deg", "tilt_azimuth_deg")
 # Places of a covariance of S0, S1, S2 on and above its diagonal.
@@ -136,6 +138,18 @@ class RigSection(Section):
     """Former name of `errors.illumination_drift`. Example: `0.01`."""
 
 
+def _is_covariance(rows: list[list[float]]) -> bool:
+    """Return whether no principal minor of a symmetric matrix (3, 3) is below 0 but for rounding."""
+    (a, d, e), (_, b, f), (_, _, c) = rows
+    pairs = ((a, b, d), (a, c, e), (b, c, f))
+    volume = a * b * c + 2.0 * d * e * f - a * f * f - b * e * e - c * d * d
+    return (
+        min(a, b, c) >= 0.0
+        and all(one * other - shared**2 >= -_ROUNDING * one * other for one, other, shared in pairs)
+        and volume >= -_ROUNDING * a * b * c
+    )
+
+
 class SceneRegion(Region):
     """A region, by the radiance that comes from it to the aperture, or by what it is made of and how it stands.
 
@@ -182,6 +196,11 @@ class SceneRegion(Region):
         if rows is not None and any(rows[i][j] != rows[j][i] for i, j in COVARIANCE_PAIRS):
             raise ValueError(
                 "texture_covariance is not symmetric: [0][1] and [1][0], [0][2] and [2][0], ... are one number"
+            )
+        if rows is not None and not _is_covariance([[one.value for one in row] for row in rows]):
+            raise ValueError(
+                "texture_covariance is no covariance: along some direction of S0, S1, S2 its variance is below 0, "
+                "such as where [0][1] squared is above [0][0] times [1][1]"
             )
         return self
 

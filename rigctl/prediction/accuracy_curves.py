@@ -19,6 +19,7 @@ from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVEL
 from model.accuracy.predict_to_tolerance import predict
 from model.prediction.rig_errors import predict_with_errors
 from model.scene.lit_scene import LitScene
+from rigctl.errors import ConfigError
 from rigctl.prediction.paper_choices import NamedChoice, named_choices, settings_by
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameters import with_value
@@ -202,19 +203,27 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
         # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
         return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
 
+    def tried(name: str, value: float) -> dict[Reading, Value] | None:
+        try:
+            return at(with_value(predictor.scene, name, value))
+        except (ConfigError, ValueError):
+            return None
+
     base = at(predictor.scene)
     slopes = np.zeros((len(base), inputs.values.size))
     for place in used.tolist():
         name, value, step = inputs.names[place], float(inputs.values[place]), float(deviations[place])
         low = max(value - step, float(inputs.least[place]))
-        above, below = (at(with_value(predictor.scene, name, moved)) for moved in (value + step, low))
-        slopes[:, place] = [_slope(base[key], above.get(key), below.get(key), value + step - low) for key in base]
+        sides = [(moved, found) for moved in (value + step, low) if (found := tried(name, moved)) is not None]
+        # Where one side is not possible, such as an albedo above 1, the other tells alone.
+        (high, above), (low, below) = (*sides, (value, base))[:2]
+        slopes[:, place] = [_slope(base[key], above.get(key), below.get(key), high - low) for key in base]
     variances = np.einsum("qi,ij,qj->q", slopes, inputs.cov, slopes)
     return dict(zip(base, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True))
 
 
 def _slope(value: Value, above: Value | None, below: Value | None, step: float) -> float:
-    if above is None or below is None or value.scale == 0.0:
+    if above is None or below is None or value.scale == 0.0 or step == 0.0:
         return 0.0
     return (above.number - below.number) / (step * value.scale)
 

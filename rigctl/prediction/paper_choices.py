@@ -114,6 +114,8 @@ def settings_by(text: str, settings: Settings) -> Settings:
 
 def _whole(least: int, most: int, put: Callable[[Settings, int], Settings]) -> Callable[[Settings, str], Settings]:
     def read(settings: Settings, text: str) -> Settings:
+        if not text.removeprefix("-").isdecimal():
+            raise ValueError(f"must be a whole number, {least} to {most}")
         number = int(text)
         if not least <= number <= most:
             raise ValueError(f"allowed is {least} to {most}")
@@ -124,7 +126,10 @@ def _whole(least: int, most: int, put: Callable[[Settings, int], Settings]) -> C
 
 def _part(least: float, most: float, put: Callable[[Settings, float], Settings]) -> Callable[[Settings, str], Settings]:
     def read(settings: Settings, text: str) -> Settings:
-        number = float(text)
+        try:
+            number = float(text)
+        except ValueError as error:
+            raise ValueError(f"must be a number, {least:g} to {most:g}") from error
         if not least <= number <= most:
             raise ValueError(f"allowed is {least:g} to {most:g}")
         return put(settings, number)

@@ -79,7 +79,8 @@ def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
     own = p**2 * cov[..., 0, 0] + cos**2 * cov[..., 1, 1] + sin**2 * cov[..., 2, 2]
     shared = cos * sin * cov[..., 1, 2] - p * (cos * cov[..., 0, 1] + sin * cov[..., 0, 2])
     total = own + 2.0 * shared
-    if np.any(total < -_ROUNDING * own):
+    # Counts that are hardly polarized share all their fluctuation but for rounding, which is a share of that of S0.
+    if np.any(total < -_ROUNDING * np.trace(cov, axis1=-2, axis2=-1)):
         raise ValueError("stokes_cov gives a negative variance of DoLP: it is not positive semi-definite")
     variance = np.maximum(total, 0.0) / mean[..., 0] ** 2
     return Expansion(mean=np.broadcast_to(p, variance.shape)[()], variance=variance)

@@ -39,6 +39,11 @@ def test_a_scene_of_materials_is_read(tmp_path):
         ("band_nm = [400, 700]\n", "wavelength_nm = 550\n", "a band of the sensor"),
         ("band_nm = [400, 700]\n", "", "needs wavelength_nm, or a band"),
         ("texture_rms = 0.02", 'extent = "field"', r"also needs \[field_of_view\]"),
+        (
+            'material = "asphalt"',
+            "stokes_radiance = [1, 0, 0]\ntexture_covariance = [[1, 2, 0], [2, 1, 0], [0, 0, 1]]",
+            "texture_covariance is no covariance",
+        ),
         ('material = "asphalt"', "stokes_radiance = [1, 0, 0]\ntexture_diagonal = [0, 0, 0]", "is for a material"),
         ("azimuth_deg = 180.0\n", "", "also needs sun.azimuth_deg"),
     ],
