@@ -221,7 +221,8 @@ def _write(
         return
     from rigctl.reports.outputs.prediction_files import write_prediction  # half a second, wanted for plots only
 
-    written = write_prediction(content, predictions, rocs, shown.out, remarks=remarks)
+    with solving_shown():
+        written = write_prediction(content, predictions, rocs, shown.out, remarks=remarks)
     progress().print(f"{', '.join(written)} in {shown.out}", markup=False)
 
 

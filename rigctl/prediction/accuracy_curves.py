@@ -203,7 +203,7 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
         # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
         return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
 
-    def tried(name: str, value: float) -> dict[Reading, Value] | None:
+    def tried(name: str, value: float) -> Readings | None:
         try:
             return at(with_value(predictor.scene, name, value))
         except (ConfigError, ValueError):

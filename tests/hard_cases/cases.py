@@ -199,5 +199,6 @@ MET_CASES: tuple[tuple[HardCase, str, int], ...] = (
         "tradeoff SCENE --tolerances 0.1",
         0,
     ),
+    (_given("pictures of laws without noise", texture_rms=0.0, more=_QUIET), "predict SCENE --out OUT", 0),
     (_lit("analytic sky", tier='"analytic"'), "predict SCENE --tolerance 0.1", 0),
 )

@@ -148,7 +148,7 @@ def cell(case: HardCase, column: Column, folder: Path) -> Cell:
         (folder / "surface.toml").write_text(case.surface)
     if "RUN" in column.words and not run.exists():
         panel_run(run, seed=3)
-    paths = {"SCENE": str(scene), "RUN": str(run)}
+    paths = {"SCENE": str(scene), "RUN": str(run), "OUT": str(folder / "out")}
     words = [paths.get(word, word) for word in column.words]
     out, err = io.StringIO(), io.StringIO()
     start = time.perf_counter()

@@ -1,6 +1,7 @@
 """Predictions without a run as pictures: counts, laws of s1, s2 and DoLP, and sweeps."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import cycle
 
 import numpy as np
@@ -14,7 +15,15 @@ from model.processing import normalized_stokes
 from model.processing.dolp import pdf
 from rigctl.files.choices import SnrKind
 from rigctl.prediction.sweep import Sweep
-from rigctl.reports.figures.figure_style import LINE_STYLES, legend_below, legend_of_all, png, say_beneath, subplots
+from rigctl.reports.figures.figure_style import (
+    COLOURS,
+    LINE_STYLES,
+    legend_below,
+    legend_of_all,
+    png,
+    say_beneath,
+    subplots,
+)
 from rigctl.reports.tables.sweep_tables import SHOWN_RATE, shown_snr, warning_lines
 
 FloatArray = NDArray[np.float64]
@@ -54,7 +63,10 @@ def laws_png(predictions: Mapping[str, RegionPrediction], *, warnings: Sequence[
         if not one.stokes_dn.mean[0] > 0.0:
             continue
         for ax, (x, density) in zip(axes, laws_of(one), strict=True):
-            ax.plot(x, density, style, label=name)
+            if x.size > 1:
+                ax.plot(x, density, style, label=name)
+            else:
+                ax.plot(np.repeat(x, 2), (0.0, 1.0), style, label=name, transform=ax.get_xaxis_transform())
     for ax, label in zip(axes, ("s1 = S1/S0", "s2 = S2/S0", "DoLP"), strict=True):
         ax.set_xlabel(f"{label} of a pixel")
         ax.set_ylabel("density")
@@ -66,18 +78,31 @@ def laws_png(predictions: Mapping[str, RegionPrediction], *, warnings: Sequence[
 
 
 def laws_of(one: RegionPrediction) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return abscissa and density of s1, s2 and DoLP of a region's pixels; its S0 is above 0."""
+    """Return abscissa and density of s1, s2 and DoLP of a region's pixels; its S0 is above 0.
+
+    A number that does not fluctuate has no density: its abscissa is the one value that it has.
+    """
     mean, cov = one.stokes_dn.mean, one.stokes_dn.cov
+
+    def ratio(x: FloatArray, component: int) -> FloatArray:
+        return normalized_stokes.distribution(x, mean, cov, component=component).density
+
     found = []
-    for k, name in ((1, "s1n"), (2, "s2n")):
-        x = _around(one.quantities[name]["mean"], one.quantities[name]["std"])
-        found.append((x, normalized_stokes.distribution(x, mean, cov, component=k).density))
-    x = np.linspace(*_dolp_limits(one), _POINTS)
-    return (*found, (x, pdf(x, mean, cov)))
+    for component, name in ((1, "s1n"), (2, "s2n")):
+        value, std = one.quantities[name]["mean"], one.quantities[name]["std"]
+        limits = (value - _SPAN * std, value + _SPAN * std)
+        found.append(_law(partial(ratio, component=component), limits, value))
+    return (*found, _law(lambda x: pdf(x, mean, cov), _dolp_limits(one), one.quantities["dolp"]["mean"]))
 
 
-def _around(mean: float, std: float) -> FloatArray:
-    return np.linspace(mean - _SPAN * std, mean + _SPAN * std, _POINTS)
+def _law(
+    density: Callable[[FloatArray], FloatArray], limits: tuple[float, float], value: float
+) -> tuple[FloatArray, FloatArray]:
+    x = np.linspace(*limits, _POINTS)
+    try:
+        return x, density(x)
+    except ValueError:
+        return np.array([value]), np.array([np.nan])
 
 
 def _dolp_limits(one: RegionPrediction) -> tuple[float, float]:
