@@ -16,7 +16,6 @@ from model.processing.dolp import pdf
 from rigctl.files.choices import SnrKind
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.figure_style import (
-    COLOURS,
     LINE_STYLES,
     legend_below,
     legend_of_all,
@@ -99,10 +98,13 @@ def _law(
     density: Callable[[FloatArray], FloatArray], limits: tuple[float, float], value: float
 ) -> tuple[FloatArray, FloatArray]:
     x = np.linspace(*limits, _POINTS)
+    alone = np.array([value]), np.array([np.inf])
+    if not limits[0] < limits[1]:
+        return alone
     try:
         return x, density(x)
     except ValueError:
-        return np.array([value]), np.array([np.nan])
+        return alone
 
 
 def _dolp_limits(one: RegionPrediction) -> tuple[float, float]:
