@@ -110,7 +110,11 @@ def plan_beside(
     for key in dict.fromkeys(max(kept, key=lambda one: errors.get(one, 0.0)) for errors in several):
         found = _scales(ahead, neighbour.plan, neighbour.budget, key)
         scales = {name: 0.0 if name in left_out else scale for name, scale in found.items()}
-        plan = allocate(scene, ahead, scales, _AIM * tolerance, start=plan)
+        raised = allocate(scene, ahead, scales, _AIM * tolerance, start=plan)
+        if ahead.error(raised, scales) > _AIM * tolerance:
+            # No levels keep this number: those of the neighbour do as well as the finest of all, which take minutes.
+            raised = {name: max(level, neighbour.plan[name]) for name, level in plan.items()}
+        plan = raised
     return plan
 
 
