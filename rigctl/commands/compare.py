@@ -91,10 +91,9 @@ def command(
 
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
     """
-    from rigctl.jobs.compare import CompareRequest, compare_run
+    from rigctl.jobs.compare import CompareRequest
     from rigctl.measurement.found_faults import correctable
     from rigctl.measurement.picked_calibrations import calibration_paths
-    from rigctl.reports.tables.comparison_json import compared_json
 
     runs, scene = _runs_and_scene(paths, scene)
     request = CompareRequest(
@@ -121,9 +120,16 @@ def command(
     )
     if len(runs) > 1:
         _compare_many(runs, request, out=out, as_json=as_json)
-        return
+    else:
+        _compare_one(runs[0], request, out=out, as_json=as_json)
+
+
+def _compare_one(run: Path, request: "CompareRequest", *, out: Path, as_json: bool) -> None:
+    from rigctl.jobs.compare import compare_run
+    from rigctl.reports.tables.comparison_json import compared_json
+
     with solving_shown():
-        compared = compare_run(runs[0], request, out=out)
+        compared = compare_run(run, request, out=out)
     for line in () if compared.picked is None else compared.picked.lines:
         progress().print(line, markup=False)
     if as_json:

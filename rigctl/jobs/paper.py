@@ -75,14 +75,7 @@ def check_paper(request: PaperRequest, *, progress: Callable[[str], None] = lamb
     ConfigError
         A figure is not there, or a file is wrong.
     """
-    unknown = set(request.figures) - set(FIGURES)
-    if unknown:
-        raise ConfigError(f"--figure: {min(unknown)} is not computed; there are {', '.join(map(str, FIGURES))}")
-    if not _LEAST_HEIGHT_M <= request.height_m <= _MOST_HEIGHT_M:
-        limits = f"{_LEAST_HEIGHT_M:g} to {_MOST_HEIGHT_M:g}"
-        raise ConfigError(f"--height-m: is {request.height_m:g}, allowed is {limits}")
-    if request.search and request.figures:
-        raise ConfigError("--search: counts all statements; leave out --figure")
+    _require_possible(request)
     points = () if request.digitised is None else read_digitised(request.digitised)
     low_light = LowLight()
     sets = []
@@ -110,6 +103,17 @@ def check_paper(request: PaperRequest, *, progress: Callable[[str], None] = lamb
 
         write_paper(result, request.out)
     return result
+
+
+def _require_possible(request: PaperRequest) -> None:
+    unknown = set(request.figures) - set(FIGURES)
+    if unknown:
+        raise ConfigError(f"--figure: {min(unknown)} is not computed; there are {', '.join(map(str, FIGURES))}")
+    if not _LEAST_HEIGHT_M <= request.height_m <= _MOST_HEIGHT_M:
+        limits = f"{_LEAST_HEIGHT_M:g} to {_MOST_HEIGHT_M:g}"
+        raise ConfigError(f"--height-m: is {request.height_m:g}, allowed is {limits}")
+    if request.search and request.figures:
+        raise ConfigError("--search: counts all statements; leave out --figure")
 
 
 def _set(name: str, request: PaperRequest, low_light: LowLight) -> MaterialSet:

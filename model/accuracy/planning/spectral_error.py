@@ -1,7 +1,8 @@
 """Error by the number of wavelengths: the rule tried on functions that are known at all wavelengths."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,31 +113,37 @@ def spectral_errors(air: Air, several: Sequence[Settings]) -> tuple[SpectralErro
     lit = air.band.shares > 0.0
     everything = SpectralRule(wavelength_m=air.band.wavelength_m[lit], irradiance=(air.band.shares * ozone)[lit])
     ends_m = float(everything.wavelength_m[0]), float(everything.wavelength_m[-1])
-    aerosols = aerosol_spectra(state, shortest_m=ends_m[0], longest_m=ends_m[1])
-    all_of_it = _spectrum(state, aerosols, everything, mu0)
-    present = [k for k, part in enumerate(all_of_it.parts) if np.any(part > _ROUNDING)]
-    true = [all_of_it.sums(all_of_it.parts[k]) for k in present]
-
-    def found(settings: Settings) -> SpectralError:
-        rule = spectral_rule(
+    spectrum_of = partial(_spectrum, state, aerosol_spectra(state, shortest_m=ends_m[0], longest_m=ends_m[1]), mu0=mu0)
+    whole = spectrum_of(everything)
+    present = [k for k, part in enumerate(whole.parts) if np.any(part > _ROUNDING)]
+    true = {k: whole.sums(whole.parts[k]) for k in present}
+    kinks = kinks_m(state, aerosol=air.aerosol) if any(one.split_at_kinks for one in several) else ()
+    rules = [
+        spectral_rule(
             wavelength_m=everything.wavelength_m,
             irradiance=everything.irradiance,
-            count=settings.wavelengths,
-            kinks_m=kinks_m(state, aerosol=air.aerosol) if settings.split_at_kinks else (),
+            count=one.wavelengths,
+            kinks_m=kinks if one.split_at_kinks else (),
         )
-        few = _spectrum(state, aerosols, rule, mu0)
-        errors = np.stack([few.sums(few.parts[k]) / every - 1.0 for k, every in zip(present, true, strict=True)])
-        # Polarized light is of the molecules, or of both alike.
-        unlike = max(float(np.max(np.ptp(errors, axis=0))), float(np.max(np.ptp(errors, axis=1))))
-        return SpectralError(
-            scattered=_BEYOND * float(np.max(np.abs(errors))) + _ROUNDING,
-            by_component=_UNLIKE * unlike,
-            rule=rule,
-            _all=all_of_it,
-            _few=few,
-        )
+        for one in several
+    ]
+    return tuple(_error_of(rule, spectrum_of(rule), whole, true) for rule in rules)
 
-    return tuple(found(settings) for settings in several)
+
+def _error_of(
+    rule: SpectralRule, few: "_Spectrum", whole: "_Spectrum", true: Mapping[int, FloatArray]
+) -> SpectralError:
+    """Error of a rule by the sums of the parts that are there, beside what they are over all wavelengths."""
+    errors = np.stack([few.sums(few.parts[k]) / every - 1.0 for k, every in true.items()])
+    # Polarized light is of the molecules, or of both alike.
+    unlike = max(float(np.max(np.ptp(errors, axis=0))), float(np.max(np.ptp(errors, axis=1))))
+    return SpectralError(
+        scattered=_BEYOND * float(np.max(np.abs(errors))) + _ROUNDING,
+        by_component=_UNLIKE * unlike,
+        rule=rule,
+        _all=whole,
+        _few=few,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
