@@ -79,7 +79,8 @@ def swept(scene: LitScene, draw: np.random.Generator) -> tuple[str, tuple[int, .
     for name, size in zip(names, sizes, strict=True):
         _, low, high = _CHANGES[name]
         ends = np.sort(draw.uniform(low, high, 2))
-        axes.append(np.linspace(ends[0], max(ends[1], ends[0] + 0.2 * (high - low)), size))
+        first = min(ends[0], high - 0.2 * (high - low))
+        axes.append(np.linspace(first, max(ends[1], first + 0.2 * (high - low)), size))
     scenes = []
     for values in product(*axes):
         one = scene
