@@ -8,6 +8,8 @@ from model.special_functions import erfcx, gamma, gammainccinv, gammaincinv
 FloatArray = NDArray[np.float64]
 
 _POLISHES = 2  # Newton steps; the start is good to 1e-8 or better in every release of SciPy
+# Beyond so many degrees of freedom powers and factorials leave the range of a double: the start stays as it is.
+_MOST_POLISHED = 200
 
 _SERIES_TERMS = 30  # and two a degree of freedom: the last is below 1e-17 of the sum
 
@@ -30,7 +32,8 @@ def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
     Notes
     -----
     Accurate to rounding from 1e-300 to 1 - 1e-16: Newton's method on the logarithm of the probability, with
-    the residual taken from the closed form; above 1/2 on the lower tail 1 - probability, which is exact there.
+    the residual taken from the closed form; above 1/2 on the lower tail 1 - probability, which is exact there. Of more
+    than 200 degrees of freedom to 1e-8.
     """
     p = np.asarray(probability, dtype=np.float64)
     if degrees < 1:
@@ -45,6 +48,10 @@ def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
     if np.any(common):
         half[common] = _half_of_common(p[common], degrees)
     return 2.0 * half
+
+
+def _polishes(degrees: int) -> int:
+    return _POLISHES if degrees <= _MOST_POLISHED else 0
 
 
 def _scaled_tail(half: FloatArray, degrees: int) -> FloatArray:
@@ -67,7 +74,7 @@ def _density(half: FloatArray, degrees: int) -> FloatArray:
 
 def _half_of_rare(p: FloatArray, degrees: int) -> FloatArray:
     half = np.asarray(gammainccinv(0.5 * degrees, p), dtype=np.float64)
-    for _ in range(_POLISHES):
+    for _ in range(_polishes(degrees)):
         scaled = _scaled_tail(half, degrees)
         excess = (np.exp(-0.5 * half) / p) * (scaled * np.exp(-0.5 * half)) - 1.0
         half = half + np.log1p(excess) * scaled / _density(half, degrees)
@@ -77,7 +84,7 @@ def _half_of_rare(p: FloatArray, degrees: int) -> FloatArray:
 def _half_of_common(p: FloatArray, degrees: int) -> FloatArray:
     q = 1.0 - p
     half = np.asarray(gammaincinv(0.5 * degrees, q), dtype=np.float64)
-    for _ in range(_POLISHES):
+    for _ in range(_polishes(degrees)):
         scaled = _scaled_lower_tail(half, degrees)
         excess = np.exp(-half) * scaled / q - 1.0
         half = half * (1.0 - excess * scaled / (half * _density(half, degrees)))

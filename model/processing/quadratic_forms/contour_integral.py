@@ -13,6 +13,8 @@ ComplexArray = NDArray[np.complex128]
 # Asymptotes of the hyperbola stand atan(1/0.7) = 55 degrees off the real axis: 10 degrees on the safe side of
 # 45, where the modulus of every factor stops falling, and 35 from 90, where exp(-s level) stops falling.
 _SLOPE = 0.7
+# Of more, such as counts behind 500 angles, the product leaves the range of a double: their logarithms are summed.
+_MOST_FACTORS = 32
 _NEGLIGIBLE = 1e-17  # of the integrand at the saddle; the path ends there
 _NEAR_ENDS = np.arange(2.0, 9.0)  # sinh of 3 ends a Gaussian, of 7 a chi-square
 _FAR_ENDS = np.arange(9.0, 100.0)  # weights of both signs and a zero level: a power law is all that ends it
@@ -164,7 +166,7 @@ def _relative_integrand(contour: Contour, z: ComplexArray) -> ComplexArray:
         factor = 1.0 - step
         if np.any(contour.quadratic[:, j]):
             exponent += square * (contour.quadratic[:, j, None] / factor)
-        if degrees == 1.0:
+        if degrees == 1.0 and len(contour.degrees) <= _MOST_FACTORS:
             denominator *= np.sqrt(factor)
         else:
             exponent -= (0.5 * degrees) * _log_one_minus(step)

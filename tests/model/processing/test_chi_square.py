@@ -3,6 +3,7 @@
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy.special import gammaincc
 
 from model.processing.quadratic_forms import chi_square
 
@@ -37,3 +38,10 @@ def test_probabilities_outside_of_0_to_1_are_refused(p: float) -> None:
 def test_degrees_below_1_are_refused() -> None:
     with pytest.raises(ValueError, match="degrees"):
         chi_square.upper_quantile(0.5, 0)
+
+
+@pytest.mark.parametrize("degrees", [200, 201, 500, 2000])
+@pytest.mark.parametrize("p", [1e-12, 1e-3, 0.5, 0.999])
+def test_many_degrees_of_freedom_have_quantiles(p, degrees):
+    found = chi_square.upper_quantile(p, degrees)
+    assert gammaincc(0.5 * degrees, 0.5 * found) == pytest.approx(p, rel=1e-9)

@@ -7,6 +7,8 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from model.processing.detection import rx_p_detection, rx_p_miss, rx_roc, rx_threshold
+from model.processing.quadratic_forms import contour_integral
+from model.special_functions import erfc
 from tests.model.processing.quadratic_form_oracles import ray_log_tail
 from tests.model.processing.rx_reference import CASES, column, moments
 
@@ -186,3 +188,22 @@ def test_refusals_name_the_argument(change: dict[str, object], message: str) -> 
     }
     with pytest.raises(ValueError, match=message):
         rx_p_detection(**(arguments | change))
+
+
+def test_logarithms_of_many_factors_give_what_their_product_gives(monkeypatch):
+    draws = np.random.default_rng(3).normal(size=(60, 60))
+    background = np.eye(60) + draws @ draws.T / 60.0
+    seen = np.full(60, 0.2), 1.3 * np.eye(60), np.zeros(60), background
+    by_logarithms = rx_roc(np.array([1e-6, 1e-2]), *seen)
+    monkeypatch.setattr(contour_integral, "_MOST_FACTORS", 60)
+    np.testing.assert_allclose(by_logarithms.p_detection, rx_roc(np.array([1e-6, 1e-2]), *seen).p_detection, rtol=1e-10)
+
+
+def test_counts_behind_hundreds_of_angles_have_a_probability_of_detection():
+    scale = np.linspace(0.5, 2.0, 500)
+    found = rx_roc(np.array([1e-3]), np.zeros(500), np.diag(scale), np.zeros(500), np.eye(500))
+    # A sum of so many squares is as good as normal: mean sum(w), variance 2 sum(w^2); skewness leaves some 1e-2.
+    threshold = float(rx_threshold(1e-3, 500))
+    normal = 0.5 * erfc((threshold - scale.sum()) / np.sqrt(4.0 * np.sum(scale**2)))
+    assert found.p_detection[0] == pytest.approx(normal, abs=0.02)
+    assert np.isfinite(found.error[0])
