@@ -16,8 +16,8 @@ from pathlib import Path
 
 from model.accuracy.effect_check import change, readings_of
 from model.accuracy.evaluation.quantities import Readings
+from model.effects.decisions import EffectPlan
 from model.effects.names import EffectRule
-from model.effects.planner import EffectPlan
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
 

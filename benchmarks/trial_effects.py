@@ -28,8 +28,9 @@ from model.accuracy.evaluation.quantities import Readings
 from model.accuracy.evaluation.settings import Settings
 from model.accuracy.thin_sky import skylight_bound
 from model.effects.bound import Bound
+from model.effects.decisions import EffectPlan
 from model.effects.names import ALL, Effect, EffectRule
-from model.effects.planner import EffectPlan, plan
+from model.effects.planner import plan
 from model.scene.lit_scene import LitScene
 
 _SCENES = {"random": random_scene, "hostile": hostile_scene, "thin": thin_scene}

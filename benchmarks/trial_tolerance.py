@@ -26,8 +26,8 @@ from model.accuracy.evaluation.quantities import Reading, Value, differences, re
 from model.accuracy.evaluation.settings import Settings
 from model.accuracy.predict_to_tolerance import predict
 from model.atmosphere.lighting.fidelity import SolverSettings
+from model.prediction.pair_detection import detections_of_pairs
 from model.prediction.prediction import predict as predict_scenario
-from model.prediction.region_performance import detections_of_pairs
 from model.scene.lit_scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 

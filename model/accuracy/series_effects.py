@@ -3,8 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from model.effects.decisions import EffectPlan
 from model.effects.names import ALL, Effect, EffectRule
-from model.effects.planner import LIGHT, EffectPlan
+from model.effects.planner import LIGHT
 from model.scene.lit_scene import LitScene
 
 # What an estimate between judged scenes may be, over the largest of theirs.

@@ -15,8 +15,8 @@ from rigctl.files.choices import EffectRule, Engine, LightPart, SnrKind
 from rigctl.reports.writers.terminal_table import terminal_table
 
 if TYPE_CHECKING:
+    from model.prediction.pair_detection import PairDetection
     from model.prediction.prediction import Quantities, RegionPrediction
-    from model.prediction.region_performance import PairDetection
     from rigctl.calibrations.rig_picks import RigPicks
     from rigctl.files.choices import RocKind
     from rigctl.jobs.predict import PredictedScene, PredictedToTolerance, PredictRequest

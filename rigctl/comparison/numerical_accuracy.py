@@ -9,8 +9,9 @@ from model.accuracy.effect_check import kind_of
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
 from model.accuracy.predict_to_tolerance import SMALLEST, predict
+from model.effects.decisions import EffectPlan
 from model.effects.names import Effect, EffectRule
-from model.effects.planner import LIGHT, EffectPlan
+from model.effects.planner import LIGHT
 from model.prediction.prediction import Quantities, RegionPrediction
 from model.prediction.quantity_table import SHARES, angle_of, counts_name, is_counts
 from rigctl.comparison.rows import Row, error_of_both

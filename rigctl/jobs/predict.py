@@ -27,9 +27,9 @@ from rigctl.scene.skies.engine import require_engine
 if TYPE_CHECKING:
     from model.accuracy.accurate_prediction import AccuratePrediction
     from model.accuracy.series_prediction import SeriesPrediction
-    from model.effects.planner import EffectPlan
+    from model.effects.decisions import EffectPlan
+    from model.prediction.pair_detection import PairDetection
     from model.prediction.prediction import RegionPrediction
-    from model.prediction.region_performance import PairDetection
     from rigctl.calibrations.noise.noise_file import NoiseParameters
     from rigctl.prediction.sweep import Sweep
 

@@ -11,8 +11,8 @@ from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.quantities import Reading
 from model.accuracy.evaluation.settings import Settings
 from model.accuracy.predict_to_tolerance import predict as predict_to
+from model.prediction.pair_detection import PairDetection, pair_detection
 from model.prediction.prediction import RegionPrediction, predict
-from model.prediction.region_performance import PairDetection, pair_detection
 from model.processing.detection_draws import rx_draws
 from model.scene.scenario import RegionLight, Scenario
 from rigctl.errors import ConfigError, as_config_error

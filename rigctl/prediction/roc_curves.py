@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.prediction.region_performance import PairDetection, rocs_of_pair
+from model.prediction.pair_detection import PairDetection, rocs_of_pair
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ROC_KINDS, RocKind
 

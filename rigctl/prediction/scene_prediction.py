@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from model.accuracy.accurate_prediction import AccuratePrediction
     from model.accuracy.evaluation.chain import Clock
     from model.accuracy.series_prediction import SeriesPrediction
+    from model.effects.decisions import EffectPlan
     from model.effects.names import EffectRule
-    from model.effects.planner import EffectPlan
     from model.scene.field_light import FieldLight, Source
     from model.scene.lit_scene import LitScene
     from rigctl.calibrations.noise.noise_file import NoiseParameters

@@ -11,9 +11,10 @@ from model.accuracy.evaluation.chain import scenario_of
 from model.accuracy.planning.forecast import optical_depth
 from model.accuracy.predict_to_tolerance import SMALLEST
 from model.accuracy.thin_sky import skylight_bound
+from model.effects.decisions import EffectPlan
 from model.effects.light_bounds import may_be_small
 from model.effects.names import ALL, Effect, EffectRule
-from model.effects.planner import LIGHT, EffectPlan, plan, plan_of_all
+from model.effects.planner import LIGHT, plan, plan_of_all
 from rigctl.errors import as_config_error
 from rigctl.scene.effect_choice import forced_effects
 from rigctl.scene.model_records import settings_of

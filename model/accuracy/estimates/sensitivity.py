@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from model.accuracy.evaluation.chain import ChainResult
 from model.accuracy.evaluation.quantities import Reading, Readings, readings, signed_differences
+from model.prediction.pair_detection import PairDetection, detections_of_cases
 from model.prediction.prediction import RegionPrediction, predict_all
-from model.prediction.region_performance import PairDetection, detections_of_cases
 from model.scene.lit_scene import LitScene
 from model.scene.scenario import RegionLight
 

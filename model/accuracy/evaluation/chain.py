@@ -10,8 +10,8 @@ from model.accuracy.evaluation.lit_scenario import light_requests, lit_fields, l
 from model.accuracy.evaluation.settings import Settings
 from model.effects.acting import acting
 from model.effects.names import ALL, Effect
+from model.prediction.pair_detection import PairDetection, detections_of_pairs
 from model.prediction.prediction import RegionPrediction, predict_all
-from model.prediction.region_performance import PairDetection, detections_of_pairs
 from model.scene.field_light import FieldLight
 from model.scene.hemisphere import Rules
 from model.scene.illumination import Illumination

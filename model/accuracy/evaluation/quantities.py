@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from model.prediction.pair_detection import PairDetection
 from model.prediction.prediction import RegionPrediction
 from model.prediction.quantity_table import CIRCULAR, SHARES
-from model.prediction.region_performance import PairDetection
 from model.scene.scenario import Scenario
 
 # Of these S0 is the scale: each may be zero, and their sign is that of the frame.

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from model.prediction.pair_detection import PairDetection
 from model.prediction.prediction import RegionPrediction
-from model.prediction.region_performance import PairDetection
 from rigctl.console.json_text import Json
 from rigctl.files.choices import RocKind, SnrKind
 from rigctl.prediction.accuracy_curves import Curves

@@ -14,9 +14,9 @@ from rigctl.prediction.performance import NO_NOISE, Performance
 from rigctl.reports.writers.data_files import finite
 
 if TYPE_CHECKING:
+    from model.prediction.pair_detection import PairDetection
     from model.prediction.polarization_strength import PolarizationStrength
     from model.prediction.prediction import RegionPrediction
-    from model.prediction.region_performance import PairDetection
     from model.processing.texture import Texture
     from rigctl.measurement.measurement import Measurement
     from rigctl.measurement.region_numbers import MeasuredRegion

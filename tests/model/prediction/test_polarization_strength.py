@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from model.prediction.polarization_strength import noise_equivalent, polarization_strength
-from tests.model.prediction.test_region_performance import predicted
+from tests.model.prediction.test_pair_detection import predicted
 
 
 def test_half_of_the_pixels_lie_below_the_median():

@@ -1,5 +1,5 @@
 from model.prediction.prediction import reason_missing
-from tests.model.prediction.test_region_performance import predicted
+from tests.model.prediction.test_pair_detection import predicted
 
 
 def test_what_a_region_lacks_has_its_reason():

@@ -8,8 +8,8 @@ from model.accuracy.estimates.sensitivity import Alternatives, Texture, changes,
 from model.accuracy.evaluation.chain import evaluate
 from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
 from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
+from model.prediction.pair_detection import pair_detection
 from model.prediction.prediction import predict
-from model.prediction.region_performance import pair_detection
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-3
