@@ -17,6 +17,9 @@ FloatArray = NDArray[np.float64]
 
 # Less polarised light than this share of S0 is the rounding of none, and has no direction.
 _ROUNDING = 1e-12
+# Moments of DoLP exist if they do to this tolerance, whatever looser one they are computed to: what a coarse prediction
+# gives no finer one takes away, down to fifty times this.
+_EXISTING_TO = 1e-6
 
 # quantity -> statistic -> number. Quantities: dn_ANGLE, and those of `model.prediction.quantity_table`.
 # Statistics: "mean"; "std" over the pixels of one frame or cycle; "std_temporal" of one pixel from repeat to repeat;
@@ -267,7 +270,7 @@ def _distributions(several: Sequence[Moments], tolerance: float) -> list[_Distri
     laws = [_dark(float(one.mean[0])) for one in several]
     if lit:
         means, covs = (np.stack([getattr(several[k], name) for k in lit]) for name in ("mean", "cov"))
-        found = dolp.moments(means, covs, tolerance=tolerance)
+        found = dolp.moments(means, covs, tolerance=tolerance, existing_to=_EXISTING_TO)
         for place, k in enumerate(lit):
             laws[k] = _Distribution(
                 mean=float(found.mean[place]),

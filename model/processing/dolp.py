@@ -84,7 +84,9 @@ class _Columns:
     method: NDArray[np.str_]
 
 
-def moments(stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float = 1e-9) -> DolpMoments:
+def moments(
+    stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float = 1e-9, existing_to: float | None = None
+) -> DolpMoments:
     """Return mean, standard deviation and signal-to-noise ratio of DoLP to a stated relative tolerance.
 
     Parameters
@@ -96,6 +98,8 @@ def moments(stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float =
     tolerance
         Relative error allowed of mean and standard deviation, > 0. The cheapest of three ways that meets it is
         taken: expansion to first order, to second order, or quadrature (error about 1e-13).
+    existing_to
+        Tolerance to which moments have to exist, where that is below the other; None for the same.
 
     Returns
     -------
@@ -123,12 +127,12 @@ def moments(stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float =
         raise ValueError(f"tolerance = {tolerance}; allowed is above 0")
     frame, shape = dolp_frame(stokes_mean, stokes_cov)
     columns = _expanded(frame, stokes_mean, stokes_cov, shape, tolerance)
-    doubt = ambiguity(frame)
-    pending = np.flatnonzero((columns.method == NONE) & (frame.mean_0 > 0.0) & (doubt.dark <= tolerance))
+    doubt, existing_to = ambiguity(frame), tolerance if existing_to is None else min(existing_to, tolerance)
+    pending = np.flatnonzero((columns.method == NONE) & (frame.mean_0 > 0.0) & (doubt.dark <= existing_to))
     for refinement in range(_REFINEMENTS + 1):
         _quadrature(columns, frame, pending, refinement)
         pending = pending[~_within(columns, pending, tolerance)]
-    return _result(columns, frame, doubt, shape, tolerance)
+    return _result(columns, frame, doubt, shape, existing_to)
 
 
 def _expanded(
@@ -211,12 +215,12 @@ def _within(columns: _Columns, index: NDArray[np.int64], tolerance: float) -> ND
 
 
 def _result(
-    columns: _Columns, frame: DolpFrame, doubt: Ambiguity, shape: tuple[int, ...], tolerance: float
+    columns: _Columns, frame: DolpFrame, doubt: Ambiguity, shape: tuple[int, ...], existing_to: float
 ) -> DolpMoments:
     with np.errstate(invalid="ignore", divide="ignore"):
         std_doubt = np.where(doubt.square > 0.0, doubt.square / (2.0 * columns.std), 0.0)
-        defined = (doubt.mean <= tolerance * columns.mean) & (std_doubt <= tolerance * columns.std)
-        exists = defined & (doubt.dark <= tolerance) & (frame.mean_0 > 0.0)
+        defined = (doubt.mean <= existing_to * columns.mean) & (std_doubt <= existing_to * columns.std)
+        exists = defined & (doubt.dark <= existing_to) & (frame.mean_0 > 0.0)
         snr = columns.mean / columns.std
 
     def shaped(values: FloatArray) -> FloatArray:
@@ -230,7 +234,7 @@ def _result(
         mean_error=shaped(columns.mean_error + doubt.mean),
         std_error=shaped(columns.std_error + std_doubt),
         exists=exists.reshape(shape)[()],
-        reason=_reasons(frame, exists, tolerance).reshape(shape)[()],
+        reason=_reasons(frame, exists, existing_to).reshape(shape)[()],
     )
 
 

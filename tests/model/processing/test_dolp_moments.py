@@ -164,6 +164,8 @@ def test_existence_depends_on_the_tolerance():
     cov = np.eye(3) / 25.0
     assert dolp.moments((1.0, 0.3, 0.0), cov, tolerance=1e-2).exists
     assert not dolp.moments((1.0, 0.3, 0.0), cov, tolerance=1e-6).exists
+    assert not dolp.moments((1.0, 0.3, 0.0), cov, tolerance=1e-2, existing_to=1e-6).exists
+    assert dolp.moments((1.0, 0.3, 0.0), cov, tolerance=1e-2, existing_to=0.1).exists
 
 
 def test_regions_are_computed_together_as_apart():
