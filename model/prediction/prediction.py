@@ -17,6 +17,8 @@ FloatArray = NDArray[np.float64]
 
 # Less polarised light than this share of S0 is the rounding of none, and has no direction.
 _ROUNDING = 1e-12
+# Less is no light: squares of what is divided by it would not be numbers.
+LEAST_S0_DN = 1e-100
 # Moments of DoLP exist if they do to this tolerance, whatever looser one they are computed to: what a coarse prediction
 # gives no finer one takes away, down to fifty times this.
 _EXISTING_TO = 1e-6
@@ -184,7 +186,7 @@ def _linear_moments(
 def _completed(moments: _LinearMoments, distribution: "_Distribution") -> RegionPrediction:
     """Prediction of a region with the law of its DoLP."""
     quantities, stokes = moments.quantities, moments.stokes
-    if stokes.mean[0] > 0.0:
+    if stokes.mean[0] > LEAST_S0_DN:
         quantities |= _ratios(stokes)
     if distribution.exists:
         quantities["dolp_pixels"] = {"mean": distribution.mean, "std": distribution.std}
@@ -214,9 +216,9 @@ def reason_missing(prediction: RegionPrediction) -> dict[str, str]:
         Of the region.
     """
     s0 = float(prediction.stokes_dn.mean[0])
-    if not s0 > 0.0:
+    if not s0 > LEAST_S0_DN:
         lost = ("s1n", "s2n", "dolp", "aolp_deg", "dolp_pixels", "dolp_snr")
-        return dict.fromkeys(lost, f"the mean of S0 is {s0:.3g} DN, not above 0")
+        return dict.fromkeys(lost, _no_light(s0))
     found = {}
     if "aolp_deg" not in prediction.quantities:
         found["aolp_deg"] = found["dolp.std"] = "unpolarised light has no angle, and no first-order deviation of DoLP"
@@ -266,7 +268,7 @@ class _Distribution:
 
 def _distributions(several: Sequence[Moments], tolerance: float) -> list[_Distribution]:
     """Law of DoLP of each, all at once; none where there is no light."""
-    lit = [k for k, one in enumerate(several) if one.mean[0] > 0.0]
+    lit = [k for k, one in enumerate(several) if one.mean[0] > LEAST_S0_DN]
     laws = [_dark(float(one.mean[0])) for one in several]
     if lit:
         means, covs = (np.stack([getattr(several[k], name) for k in lit]) for name in ("mean", "cov"))
@@ -284,6 +286,10 @@ def _distributions(several: Sequence[Moments], tolerance: float) -> list[_Distri
     return laws
 
 
+def _no_light(s0: float) -> str:
+    return f"the mean of S0 is {s0:.3g} DN, {'as good as' if s0 > 0.0 else 'not above'} 0"
+
+
 def _dark(s0: float) -> _Distribution:
     return _Distribution(
         mean=np.nan,
@@ -292,7 +298,7 @@ def _dark(s0: float) -> _Distribution:
         std_error=np.nan,
         method="none",
         exists=False,
-        reason=f"the mean of S0 is {s0:.3g} DN, not above 0",
+        reason=_no_light(s0),
     )
 
 

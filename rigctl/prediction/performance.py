@@ -46,8 +46,9 @@ def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance
 
 def _strength(prediction: "RegionPrediction") -> "PolarizationStrength | None":
     from model.prediction.polarization_strength import polarization_strength
+    from model.prediction.prediction import LEAST_S0_DN
 
-    if not prediction.stokes_dn.mean[0] > 0.0:
+    if not prediction.stokes_dn.mean[0] > LEAST_S0_DN:
         return None
     try:
         return polarization_strength(prediction)

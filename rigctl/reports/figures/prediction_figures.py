@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from model.prediction.prediction import RegionPrediction
+from model.prediction.prediction import LEAST_S0_DN, RegionPrediction
 from model.processing import normalized_stokes
 from model.processing.dolp import pdf
 from rigctl.files.choices import SnrKind
@@ -59,7 +59,7 @@ def laws_png(predictions: Mapping[str, RegionPrediction], *, warnings: Sequence[
     """Return the laws of s1, s2 and DoLP of single pixels, as [MK14] Fig. 8b has them, by the exact distributions."""
     figure, axes = subplots(1, 3, size=(14.0, 4.4))
     for (name, one), style in zip(predictions.items(), cycle(LINE_STYLES)):
-        if not one.stokes_dn.mean[0] > 0.0:
+        if not one.stokes_dn.mean[0] > LEAST_S0_DN:
             continue
         for ax, (x, density) in zip(axes, laws_of(one), strict=True):
             if x.size > 1:
