@@ -23,7 +23,7 @@ from model.scene.lit_scene import LitScene
 OF_TOLERANCE = 0.65
 # Cases that begin together, with the plan of the one that needs most, aim at this share of that: a sky and tiles that
 # many share cost less than judging more cases for want of room.
-_OF_AIM_TOGETHER = 0.25
+_OF_AIM_TOGETHER = 0.5
 # Effects are planned of so many cases, and of all others only if these left something out.
 _PLANNED = 2
 
