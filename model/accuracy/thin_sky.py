@@ -21,7 +21,7 @@ from model.atmosphere.lighting.compute_lighting import compute_lighting
 from model.atmosphere.lighting.fidelity import STANDARD_SETTINGS, Fidelity
 from model.atmosphere.profile import Column
 from model.atmosphere.transfer.phase import henyey_greenstein
-from model.effects.air_bounds import bound_air
+from model.effects.air_bounds import is_narrow
 from model.effects.bound import Bound
 from model.effects.bound_of_change import bound_of
 from model.effects.light_bounds import added
@@ -159,7 +159,7 @@ def _scattered_once(air: Air) -> BandLighting:
         albedo=air.ground_albedo,
         aerosol=air.aerosol,
         settings=_COARSE_LAYERS,
-        wavelengths=1 if bound_air(air).is_narrow else _WAVELENGTHS,
+        wavelengths=1 if is_narrow(air.band) else _WAVELENGTHS,
     )
     if not isinstance(lighting, BandLighting):
         raise TypeError(f"light scattered once is a {type(lighting).__name__}")

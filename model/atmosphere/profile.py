@@ -104,6 +104,16 @@ class Column:
             raise ValueError(f"height_m = {np.min(height)!r} m, allowed is 0 (the ground) or more")
         return np.asarray(self._rayleigh_above(height) + self._aerosol_between(height, np.asarray(np.inf)))
 
+    def depth_above(self, height_m: float) -> float:
+        """Return what `tau_above` does of one height, computed once: bounds ask for the camera's for every region."""
+        if height_m not in self._depths_above:
+            self._depths_above[height_m] = float(self.tau_above(height_m))
+        return self._depths_above[height_m]
+
+    @cached_property
+    def _depths_above(self) -> dict[float, float]:
+        return {}
+
     def layers(
         self,
         *,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.atmosphere.lighting.fidelity import Fidelity
 from model.atmosphere.profile import Column, column
+from model.atmosphere.sun import SolarBand
 from model.scene.adjacency import BACKSCATTER
 from model.scene.lit_scene import Air
 from model.special_functions import expn
@@ -77,11 +78,6 @@ class AirBounds:
     ground_albedo: float
     alternative: "AirBounds | None" = None
 
-    @property
-    def is_narrow(self) -> bool:
-        """True of a band in which the air is all but the same."""
-        return len(self.slices) == 1
-
     @cached_property
     def received(self) -> float:
         """Irradiance of the ground by sun and sky [W m-2]."""
@@ -110,7 +106,7 @@ class AirBounds:
     def depth_below(self, height_m: float) -> float:
         """Return the largest optical depth in the band between the ground and a height [m]."""
         return self._worst(
-            lambda air: max((one.depth - float(one.thick.tau_above(height_m)) for one in air.slices), default=np.inf)
+            lambda air: max((one.depth - one.thick.depth_above(height_m) for one in air.slices), default=np.inf)
         )
 
     def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
@@ -185,8 +181,8 @@ class AirBounds:
         def each(air: AirBounds) -> float:
             found = np.full(angle.shape, 0.0 if air.slices else np.inf)
             for part in air.slices:
-                above = min(float(column.tau_above(height_m)) for column in (part.thick, part.thin))
-                below = part.depth - float(part.thick.tau_above(height_m))
+                above = min(column.depth_above(height_m) for column in (part.thick, part.thin))
+                below = part.depth - part.thick.depth_above(height_m)
                 found = found + air.source_of(part, angle, above) * -np.expm1(-below * slant)
             return float(np.max(found))
 
@@ -269,11 +265,23 @@ def bound_air(air: Air) -> AirBounds:
     return AirBounds(slices=_slices(air), mu=float(np.cos(air.sun_zenith_rad)), ground_albedo=air.ground_albedo)
 
 
+def is_narrow(band: SolarBand) -> bool:
+    """Return whether a band is one in which the air is all but the same.
+
+    Parameters
+    ----------
+    band
+        Wavelengths and irradiance.
+    """
+    shortest, longest = band.limits_m
+    return bool(longest <= _NARROW * shortest)
+
+
 def _slices(air: Air) -> tuple[BandSlice, ...]:
     if air.state is None:
         raise ValueError("air without a state has no optical depth")
     shortest, longest = air.band.limits_m
-    edges = np.linspace(shortest, longest, 2 if longest <= _NARROW * shortest else _SLICES + 1)
+    edges = np.linspace(shortest, longest, 2 if is_narrow(air.band) else _SLICES + 1)
     columns = [column(air.state, wavelength_m=float(edge)) for edge in edges]
     place = np.clip(np.searchsorted(edges, air.band.wavelength_m, side="right") - 1, 0, edges.size - 2)
     outside = np.bincount(place, weights=air.band.shares, minlength=edges.size - 1)

@@ -171,8 +171,8 @@ def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -
     noise = scene.sensor.noise
     s0, polarised = s0 + region.crosstalk * max(s0, polarised), polarised + region.crosstalk * max(s0, polarised)
     counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
-    variance = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * counts)
-    share = region.temporal_share(variance) if noise.shot_noise else 0.0
+    variance = noise.noise_factor**2 * noise.gain_dn_per_e * counts
+    share = variance * region.share_of_noise if noise.shot_noise and variance > 0.0 else 0.0
     texture = _of_texture(scene, region, float(np.hypot(s0, polarised)))
     return Disturbance(
         s0=s0,
@@ -193,7 +193,5 @@ def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
     one, noise = region.region, scene.sensor.noise
     over_field = 0.0 if one.part is None else 1.0
     relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal) + over_field)
-    if relative == 0.0:
-        return 0.0
-    cov = region.to_channels((relative * shift * region.s0_high) ** 2 * np.eye(3))
-    return float(np.sqrt(region.spatial_share(cov, is_part=False)))
+    size = relative * shift * region.s0_high
+    return size * float(np.sqrt(region.share_of_light)) if size > 0.0 else 0.0

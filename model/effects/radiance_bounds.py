@@ -1,7 +1,7 @@
 """Bounds of the radiance and the covariance of a region, known before anything is solved."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,16 @@ class RegionBounds:
         system = np.linalg.pinv(self.inverse)
         return np.asarray(system @ cov @ system.T)
 
+    @cached_property
+    def share_of_noise(self) -> float:
+        """Share of a temporal variance of 1 DN^2 of every channel; of another it is as much larger."""
+        return self.temporal_share(np.ones_like(self.signal_low))
+
+    @cached_property
+    def share_of_light(self) -> float:
+        """Ratio of a variance of 1 DN^2 of every Stokes parameter to the least noise of a mean over the cycles."""
+        return self.spatial_share(self.to_channels(np.eye(3)), is_part=False)
+
     def temporal_share(self, variances: FloatArray, *, bright: bool = False) -> float:
         """Return the share of a part of the temporal variance, in any direction and channel.
 
@@ -93,7 +103,11 @@ class RegionBounds:
         """
         whole, each = (self.noise_high, self.variance_high) if bright else (self.noise_low, self.variance_low)
         in_stokes = share_of(_of_channels(self.inverse, variances), whole)
-        return max(in_stokes, share_of(np.diag(variances), np.diag(each)))
+        # Of channels that vary apart the largest ratio is that of one of them.
+        if not np.all(np.isfinite(each)) or np.any((each <= 0.0) & (variances > 0.0)):
+            return np.inf
+        ratios = np.divide(variances, each, out=np.zeros_like(variances), where=variances > 0.0)
+        return max(in_stokes, float(np.max(ratios)))
 
     def spatial_share(self, cov: FloatArray, *, is_part: bool = True) -> float:
         """Return the share of a part of the covariance over pixels, of channels, shape (N, N) [DN^2].

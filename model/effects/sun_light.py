@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from model import geometry
 from model.atmosphere.lighting.compute_lighting import compute_lighting
+from model.atmosphere.lighting.fidelity import SolverSettings
 from model.atmosphere.lighting.lighting import Lighting
 from model.atmosphere.lighting.unlit import unlit_solution
-from model.effects.air_bounds import AirBounds, bound_air
+from model.effects.air_bounds import AirBounds, bound_air, is_narrow
 from model.effects.light_limits import LightLimits, known_light
 from model.effects.pbrdf_grid import PbrdfGrid
 from model.scene.aperture_radiance import aperture_lights
@@ -35,6 +36,8 @@ _NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
 _BETWEEN = 2.0
 # How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
 SKY_ROOM = 5.0
+# The beam sees the depth of all layers and no more.
+_FEWEST_LAYERS = SolverSettings(fine_layers=False, nodes=4, element_depth=0.1, tolerance=1e-3)
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
 
 
@@ -51,7 +54,7 @@ def light_limits(scene: LitScene) -> dict[str, LightLimits]:
     if not materials or scene.air is None:
         return found
     limits = bound_air(scene.air)
-    lighting = beam_lighting(scene.air, limits)
+    lighting = beam_lighting(scene.air)
     return found | {one.name: sun_light(scene, one, lighting, limits) for one in materials}
 
 
@@ -65,15 +68,13 @@ def _as_given(region: LitRegion) -> RegionLight:
     )
 
 
-def beam_lighting(air: Air, limits: AirBounds) -> Lighting:
+def beam_lighting(air: Air) -> Lighting:
     """Return the light of the beam alone; nothing is solved.
 
     Parameters
     ----------
     air
         The air.
-    limits
-        Of its light, which tell whether the band is narrow.
 
     Raises
     ------
@@ -91,9 +92,10 @@ def beam_lighting(air: Air, limits: AirBounds) -> Lighting:
         mu0=float(np.cos(air.sun_zenith_rad)),
         albedo=air.ground_albedo,
         aerosol=air.aerosol,
-        wavelengths=2 if limits.is_narrow else 4,
+        wavelengths=2 if is_narrow(air.band) else 4,
         dolp_max=air.dolp_max,
         solver=unlit_solution,
+        settings=_FEWEST_LAYERS,
     )
 
 

@@ -1,5 +1,6 @@
 """Spheres of documented aerosols: their sizes and indices, and how they grow with humidity."""
 
+from functools import lru_cache
 from math import log1p
 
 import numpy as np
@@ -50,6 +51,8 @@ _SECOND_HAND = "numbers not checked against the original report"
 _GIVES_TABLE = f"{_SECOND_HAND}, but they give back its table of optical properties"
 
 
+# Asked for at every wavelength of a band, whatever it be.
+@lru_cache(maxsize=32)
 def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol:
     """Spheres of a documented aerosol.
 
