@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from pathlib import Path
 
 import cv2
@@ -131,10 +132,11 @@ def test_a_session_has_curves_of_its_cycles(tmp_path: Path) -> None:
 
 
 def _curves(reader: RunReader) -> Curves:
-    for _ in range(500):
-        curves = reader.curves()
-        if curves.frames_read == curves.frames_there:
-            break
+    # Frames are read in a thread of its own, which a busy machine lets wait.
+    deadline_s = time.monotonic() + 60.0
+    while (curves := reader.curves()).frames_read < curves.frames_there:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
     return curves
 
 
