@@ -60,11 +60,8 @@ def first_plan(
         Scenes under its sky. Where they are many it is solved so that it will do for all of them: a sky that is made
         once costs less than one that is made again, finer, for the next of them.
     """
-    ahead, left_out, are_many = (
-        kept_forecast(scene, effects, store, under_sky=under_sky),
-        unused(effects),
-        under_sky >= _MANY,
-    )
+    ahead, left_out = kept_forecast(scene, effects, store, under_sky=under_sky), unused(effects)
+    are_many = under_sky >= _MANY
     likely = {} if are_many else _LIKELY
     scales = {name: 0.0 if name in left_out else likely.get(name, 1.0) for name in NUMERICAL_SETTINGS}
     plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)

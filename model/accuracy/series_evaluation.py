@@ -20,7 +20,7 @@ from model.scene.field_light import known_rules
 from model.scene.lit_scene import LitScene
 
 # Cases that stand for others are predicted to this share of the tolerance, so that the margin has room below it.
-OF_TOLERANCE = 0.65
+_OF_TOLERANCE = 0.65
 # Cases that begin together, with the plan of the one that needs most, aim at this share of that: a sky and tiles that
 # many share cost less than judging more cases for want of room.
 _OF_AIM_TOGETHER = 0.5
@@ -62,7 +62,7 @@ class SeriesEvaluation:
         return self.judge_all((place,))[0]
 
     def judge_all(
-        self, places: Iterable[Index], plan: Plan | None = None, *, share: float = OF_TOLERANCE
+        self, places: Iterable[Index], plan: Plan | None = None, *, share: float = _OF_TOLERANCE
     ) -> list[Judged]:
         """Return cases that are judged: predicted with their errors, which are held against the whole tolerance.
 

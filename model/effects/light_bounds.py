@@ -172,7 +172,7 @@ def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -
     s0, polarised = s0 + region.crosstalk * max(s0, polarised), polarised + region.crosstalk * max(s0, polarised)
     counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
     variance = noise.noise_factor**2 * noise.gain_dn_per_e * counts
-    share = variance * region.share_of_noise if noise.shot_noise and variance > 0.0 else 0.0
+    share = _times(variance, region.share_of_noise) if noise.shot_noise else 0.0
     texture = _of_texture(scene, region, float(np.hypot(s0, polarised)))
     return Disturbance(
         s0=s0,
@@ -193,5 +193,11 @@ def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
     one, noise = region.region, scene.sensor.noise
     over_field = 0.0 if one.part is None else 1.0
     relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal) + over_field)
-    size = relative * shift * region.s0_high
-    return size * float(np.sqrt(region.share_of_light)) if size > 0.0 else 0.0
+    return _times(relative * shift * region.s0_high, float(np.sqrt(region.share_of_light))) if relative > 0.0 else 0.0
+
+
+def _times(size: float, share: float) -> float:
+    """Return so many times the share of a unit: none of nothing, and no limit where the size has none."""
+    if size == 0.0:
+        return 0.0
+    return size * share if np.isfinite(size) else np.inf

@@ -101,6 +101,8 @@ class RegionBounds:
         bright
             Whether the share is largest where the light is.
         """
+        if not np.any(variances):
+            return 0.0
         whole, each = (self.noise_high, self.variance_high) if bright else (self.noise_low, self.variance_low)
         in_stokes = share_of(_of_channels(self.inverse, variances), whole)
         # Of channels that vary apart the largest ratio is that of one of them.

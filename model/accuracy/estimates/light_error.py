@@ -130,7 +130,7 @@ def light_errors_of_all(
     Parameters
     ----------
     cases
-        Scenes under one sky, from one height, and what one plan found of them.
+        Scenes under one sky, from one height, of one source of light, and what one plan found of them.
     plan, store, tolerance
         As in `light_errors`.
     """
