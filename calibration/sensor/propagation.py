@@ -46,16 +46,8 @@ def measured_covariance(
 
     Parameters
     ----------
-    flats, darks
-        Statistics of each level.
-    transfer
-        The fitted curve.
-    dark
-        The fitted dark signal.
-    match
-        Which darks are of which flat.
-    spatial
-        Levels from which non-uniformity is taken.
+    flats, darks, transfer, dark, match, spatial
+        As in `calibration.sensor.measured_levels.measure`.
 
     Notes
     -----
