@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.skipped_before import SkippedTests, add_options
+
 _HOME = "RIGCTL_TEST_HOME"
 
 # As the program asks for, before anything imports numpy: on matrices this small, threads wait for each other.
@@ -25,9 +27,11 @@ def pytest_configure(config: pytest.Config) -> None:
     for name, folder in (("XDG_STATE_HOME", home / "state"), ("XDG_CACHE_HOME", home / "cache")):
         folder.mkdir(exist_ok=True)  # astropy warns of one that is not there
         os.environ[name] = str(folder)
+    config.pluginmanager.register(SkippedTests(config))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    add_options(parser)
     parser.addoption(
         "--stage",
         metavar="ADDRESS",

@@ -1,4 +1,5 @@
 import importlib.util
+import sys
 
 import numpy as np
 import pytest
@@ -21,8 +22,8 @@ MU = np.cos(np.radians([20.0, 40.0, 75.0]))[:, np.newaxis]
 PHI = np.radians([0.0, 70.0, 180.0])
 
 
-@pytest.mark.skipif(INSTALLED, reason="sasktran2 is installed here")
-def test_without_the_package_it_says_what_to_install():
+def test_without_the_package_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sasktran2", None)
     with pytest.raises(ValueError, match="pip install"):
         sasktran2_solution(LAYERS, mu0=0.6, albedo=0.1)
 

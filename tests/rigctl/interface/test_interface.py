@@ -108,7 +108,6 @@ def test_regions_that_nobody_names_are_asked_for(run_path):
 
 
 def test_a_run_is_an_xarray_dataset(run_path):
-    pytest.importorskip("xarray", reason="pip install 'rigctl[notebook]'")
     dataset = rigctl.open_run(run_path).to_xarray()
     assert dataset.counts.dims == ("frame", "y", "x")
     assert dataset.dolp.dims == ("y", "x")
