@@ -8,7 +8,7 @@ from importlib.metadata import entry_points
 from drivers.errors import DeviceError
 from drivers.serial_port import BytePort, open_serial_port
 from drivers.serial_ports import PortInfo
-from drivers.stages.probes import Answer, StageProbe
+from drivers.stages.serial_stage import Answer, StageProbe
 
 STAGES = "rigctl.stages"
 """Group of entry points of the drivers of stages."""

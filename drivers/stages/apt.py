@@ -4,15 +4,12 @@ import time
 from collections.abc import Callable
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
-from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
+from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort, SerialPort
 from drivers.stages import apt_protocol as protocol
-from drivers.stages.approach import approach, reachable_tolerance_deg
 from drivers.stages.apt_link import AptLink, ask_apt
 from drivers.stages.apt_models import AptModel, HomeParameters, VelocityParameters, find_model
-from drivers.stages.probes import StageProbe
-from drivers.stages.stage_port import open_stage_on
-from drivers.stages.turning import distance_deg, require_finite, target_within_deg
+from drivers.stages.serial_stage import SerialStage, StageProbe, open_stage_on, target_within_deg, two_agree
 
 # How `rigctl devices` finds one.
 PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x0403, 0xFAF0),), ask=ask_apt)
@@ -27,7 +24,7 @@ _AFTER_ENABLE_S = 1.0  # a TDC001 locks up when it is told to home right after
 _HIGHEST_COUNTS = (1 << 31) - 1
 
 
-class AptStage:
+class AptStage(SerialStage):
     """The stage behind a link. `open_apt` and `connect_apt` make one.
 
     Notes
@@ -38,16 +35,10 @@ class AptStage:
     """
 
     def __init__(self, link: AptLink, identity: DeviceIdentity, model: AptModel, *, tolerance_deg: float) -> None:
+        super().__init__(link, tolerance_deg=tolerance_deg, count_deg=1.0 / model.counts_per_deg)
         self._link = link
         self._identity = identity
         self._model = model
-        self._tolerance_deg = reachable_tolerance_deg(tolerance_deg, count_deg=1.0 / model.counts_per_deg)
-
-    def __enter__(self) -> "AptStage":
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
 
     def identify(self) -> DeviceIdentity:
         """Return what the controller said of itself when the connection was made."""
@@ -72,32 +63,6 @@ class AptStage:
             "0x400). Switch it off and on, and check its home parameters in the maker's program"
         )
 
-    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
-        """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
-
-        Raises
-        ------
-        DeviceFaultError
-            The stage reports a fault, such as a motion error (status bit 0x4000).
-        DeviceTimeoutError
-            The controller is silent, or the stage slower than its deadline: 2 s, and 0.2 s for each degree.
-        ProtocolError
-            Its answers are damaged, six times in a row.
-        LimitError
-            The stage was not homed since its power-up; or the angle is not finite; or the readback stays further from
-            the target than the tolerance.
-        """
-        require_finite(angle_deg)
-        return approach(
-            lambda chosen: self._turn(angle_deg, way=chosen),
-            angle_deg,
-            way=way,
-            tolerance_deg=self._tolerance_deg,
-            name=self._link.name,
-            now_s=self._link.now_s,
-            take_notes=self._link.notes.take,
-        )
-
     def position(self) -> StagePosition:
         """Return the position, once two in a row agree: a message carries no checksum.
 
@@ -106,15 +71,7 @@ class AptStage:
         ProtocolError
             Readings keep differing by more than the tolerance: the line is bad, or the stage turns.
         """
-        reading = self._read_position()
-        for _ in range(_TRIES):
-            before, reading = reading, self._read_position()
-            if distance_deg(before.angle_deg, reading.angle_deg) <= self._tolerance_deg:
-                return reading
-        raise ProtocolError(
-            f"{self._link.name}: readings of the position differ, at last {before.counts} and {reading.counts} counts. "
-            "Check the cable, and that nothing turns the stage"
-        )
+        return self._agreed_position(self._read_position)
 
     def status(self) -> StageStatus:
         """Ask the controller what the stage is doing; the code is its status bits."""
@@ -126,10 +83,6 @@ class AptStage:
         """Stop any motion."""
         self._link.tell(protocol.stop())
         self._await_rest(deadline_s=self._link.now_s() + _START_S)
-
-    def close(self) -> None:
-        """Release the port. May be called twice."""
-        self._link.close()
 
     def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
         self._require_homed()
@@ -186,12 +139,12 @@ class AptStage:
 
     def _agreed(self, what: Callable[[protocol.Status], int]) -> int:
         """Return something of the status, once two in a row agree on it: a message carries no checksum."""
-        latest = what(self._ask_status())
-        for _ in range(_TRIES):
-            before, latest = latest, what(self._ask_status())
-            if before == latest:
-                return latest
-        raise ProtocolError(f"{self._link.name}: its status is otherwise each time. Check the cable")
+        return two_agree(
+            lambda: what(self._ask_status()),
+            name=self._link.name,
+            tries=_TRIES,
+            differ=lambda *_: "its status is otherwise each time. Check the cable",
+        )
 
     def _raise_fault(self, faults: int) -> None:
         if faults:

@@ -9,13 +9,12 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.errors import DeviceError, DeviceFaultError, DeviceTimeoutError, ProtocolError
+from drivers.errors import DeviceFaultError, ProtocolError
 from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
 from drivers.stages import apt_protocol as protocol
 from drivers.stages.apt_models import HomeParameters, VelocityParameters
-from drivers.stages.probes import Answer, events_after
-from drivers.stages.stage_port import Notes
+from drivers.stages.serial_stage import Answer, Line, events_after, two_agree
 
 _PROBE_ANSWER_S = 0.3
 _TRIES = 6
@@ -34,34 +33,13 @@ AnswerT = TypeVar(
 )
 
 
-class AptLink:
-    """The line to one controller.
-
-    Parameters
-    ----------
-    port : BytePort
-        Open, at 115200 bits/s. The link closes it.
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-
-    Attributes
-    ----------
-    notes : Notes
-        What was noticed: repeated questions, damaged answers.
-    """
+class AptLink(Line):
+    """The line to one controller, open at 115200 bits/s; its notes are of repeated questions and damaged answers."""
 
     def __init__(self, port: BytePort, *, now_s: Callable[[], float], sleep: Callable[[float], None]) -> None:
-        self.name = f"APT stage on {port.name}"
-        self._port = port
-        self.now_s = now_s
-        self.sleep = sleep
-        self._parser = protocol.MessageParser()
+        self._parser: protocol.MessageParser
+        super().__init__(port, protocol.MessageParser(), name=f"APT stage on {port.name}", now_s=now_s, sleep=sleep)
         self._in_step = False
-        self.notes = Notes()
-
-    def close(self) -> None:
-        """Release the port. May be called twice."""
-        self._port.close()
 
     def tell(self, message: bytes) -> None:
         """Send a message that nothing answers."""
@@ -79,30 +57,19 @@ class AptLink:
         DeviceFaultError
             It reports trouble.
         """
-        for _ in range(_TRIES - 1):
-            try:
-                return self._exchange(question, answer)
-            except (ProtocolError, DeviceTimeoutError) as error:
-                self.notes.add(f"tried again: {error}")
-        return self._exchange(question, answer)
+        return self.repeated(lambda: self._exchange(question, answer), tries=_TRIES)
 
     def ask_until_two_agree(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
-        """Return the answer to a question about something that does not change, once two in a row are the same.
-
-        Raises
-        ------
-        ProtocolError
-            It answers something else each time; for others see `ask`.
-        """
-        latest = self.ask(question, answer)
-        for _ in range(_TRIES):
-            before, latest = latest, self.ask(question, answer)
-            if before == latest:
-                return latest
-        raise ProtocolError(f"{self.name}: it answers {question.hex(' ')} otherwise each time: {before}, {latest}")
+        """Return the answer to a question about something that does not change, once two in a row are the same."""
+        return two_agree(
+            lambda: self.ask(question, answer),
+            name=self.name,
+            tries=_TRIES,
+            differ=lambda before, latest: f"it answers {question.hex(' ')} otherwise each time: {before}, {latest}",
+        )
 
     def _exchange(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
-        self._listen(quiet_s=0.0 if self._in_step else _QUIET_S)
+        self.drain(quiet_s=0.0 if self._in_step else _QUIET_S, limit_s=_QUIET_LIMIT_S)
         self._in_step = False
         self._port.write(question)
         event = self._await(question, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
@@ -133,22 +100,8 @@ class AptLink:
                 return event
             if isinstance(event, protocol.Trouble):
                 raise self._trouble(event)
-            if event is None and not self._take_in(deadline_s):
-                raise self._unanswered(question, damaged)
-
-    def _take_in(self, deadline_s: float) -> bool:
-        """Wait for bytes; return whether any came in time."""
-        remaining_s = deadline_s - self.now_s()
-        data = self._port.read_some(timeout_s=remaining_s) if remaining_s > 0.0 else b""
-        self._parser.feed(data)
-        return bool(data)
-
-    def _unanswered(self, question: bytes, damaged: ProtocolError | None) -> DeviceError:
-        if damaged is not None:
-            return ProtocolError(f"{self.name}: after {question.hex(' ')}: {damaged}")
-        return DeviceTimeoutError(
-            f"{self.name}: no answer to {question.hex(' ')} in time. Check the supply and the cable"
-        )
+            if event is None and not self.take_in(deadline_s):
+                raise self.unanswered(question.hex(" "), damaged, check="and the cable")
 
     def _trouble(self, event: protocol.Trouble) -> DeviceFaultError:
         meaning = event.text or "not told"
@@ -157,13 +110,6 @@ class AptLink:
             code=event.code,
             meaning=meaning,
         )
-
-    def _listen(self, *, quiet_s: float) -> None:
-        """Read until nothing comes for a while; what comes answers nothing any more."""
-        end_s = self.now_s() + _QUIET_LIMIT_S
-        while self._port.read_some(timeout_s=quiet_s) and self.now_s() < end_s:
-            pass
-        self._parser.reset()
 
 
 def ask_apt(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:

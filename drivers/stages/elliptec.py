@@ -5,14 +5,11 @@ from collections.abc import Callable
 from functools import partial
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
-from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
+from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort
 from drivers.stages import elliptec_protocol as protocol
-from drivers.stages.approach import approach, reachable_tolerance_deg
 from drivers.stages.elliptec_link import EllxLink, ask_elliptec
-from drivers.stages.probes import StageProbe
-from drivers.stages.stage_port import open_stage_on
-from drivers.stages.turning import distance_deg, require_finite, route_deg
+from drivers.stages.serial_stage import SerialStage, StageProbe, open_stage_on, route_deg, two_agree
 
 # How `rigctl devices` finds one: behind the FT230X of its interface board.
 PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x0403, 0x6015),), ask=ask_elliptec)
@@ -23,7 +20,7 @@ _START_S = 2.0
 _FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
 
 
-class EllxStage:
+class EllxStage(SerialStage):
     """The stage behind a link. `open_elliptec` and `connect_elliptec` make one.
 
     Notes
@@ -39,15 +36,9 @@ class EllxStage:
         self._link = link
         self._information = information
         self._pulses = _plausible_pulses(link.name, information)
-        self._tolerance_deg = reachable_tolerance_deg(tolerance_deg, count_deg=360.0 / self._pulses)
+        super().__init__(link, tolerance_deg=tolerance_deg, count_deg=360.0 / self._pulses)
         self._homed = False
         self._last_counts: int | None = None
-
-    def __enter__(self) -> "EllxStage":
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
 
     def identify(self) -> DeviceIdentity:
         """Return what the stage said of itself when the connection was made."""
@@ -78,37 +69,6 @@ class EllxStage:
             + "; ".join(self._link.notes.take())
         )
 
-    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
-        """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
-
-        Where the wanted way leads through zero, the first try is a relative move; an absolute one does not lead
-        there. The stage is commanded anew, at most three times in all, until a readback taken after the move lies
-        within the tolerance of the target.
-
-        Raises
-        ------
-        DeviceFaultError
-            The stage reports a fault, such as a stall (code 2).
-        DeviceTimeoutError
-            The stage is silent, or slower than its deadline: 2 s, and 1 s for each 10 degrees of the way.
-        ProtocolError
-            Its answers are damaged, three times in a row.
-        LimitError
-            The stage was not homed on this connection, or was seen to restart since; or the angle is not finite;
-            or the readback stays further from the target than the tolerance.
-        """
-        require_finite(angle_deg)
-        self._require_homed()
-        return approach(
-            lambda chosen: self._turn(angle_deg, way=chosen),
-            angle_deg,
-            way=way,
-            tolerance_deg=self._tolerance_deg,
-            name=self._link.name,
-            now_s=self._link.now_s,
-            take_notes=self._link.notes.take,
-        )
-
     def position(self) -> StagePosition:
         """Return the encoder's reading, once two in a row agree: a single reply carries no checksum.
 
@@ -117,15 +77,7 @@ class EllxStage:
         ProtocolError
             Readings keep differing by more than the tolerance: the line is bad, or something turns the stage.
         """
-        reading = self._read_encoder()
-        for _ in range(_TRIES):
-            before, reading = reading, self._read_encoder()
-            if distance_deg(before.angle_deg, reading.angle_deg) <= self._tolerance_deg:
-                return reading
-        raise ProtocolError(
-            f"{self._link.name}: readings of the position differ, at last {before.counts} and {reading.counts} "
-            "counts. Check the cable, and that nothing turns the stage"
-        )
+        return self._agreed_position(self._read_encoder)
 
     def status(self) -> StageStatus:
         """Ask the stage what it is doing; a fault that it remembers is told, and by that forgotten by the stage."""
@@ -147,10 +99,6 @@ class EllxStage:
         if code not in (protocol.OK, protocol.BUSY):
             raise self._link.fault(code, command)
 
-    def close(self) -> None:
-        """Release the port. May be called twice."""
-        self._link.close()
-
     def _require_homed(self) -> None:
         if not self._homed or self._link.restarted:
             since = "it was restarted" if self._link.restarted else "the connection was made"
@@ -165,7 +113,8 @@ class EllxStage:
         return StagePosition(angle_deg=angle_deg, counts=counts)
 
     def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
-        """Turn, by an absolute move where that leads the wanted way; return the readback of a stage still homed."""
+        """Turn, by an absolute move where that leads the wanted way (none leads through zero)."""
+        self._require_homed()
         here = self._read_encoder().counts if self._last_counts is None else self._last_counts
         by = self._route(here, angle_deg, way=way)
         target = protocol.counts_from_angle(angle_deg, pulses=self._pulses)
@@ -244,12 +193,12 @@ def open_elliptec(
 def _ask_information(link: EllxLink) -> protocol.Information:
     """Return what the stage says of itself, twice in a row alike: one damaged digit would bend every angle."""
     command = protocol.identify(link.address)
-    information = link.ask(command, protocol.Information)
-    for _ in range(_TRIES):
-        before, information = information, link.ask(command, protocol.Information)
-        if before == information:
-            return information
-    raise ProtocolError(f"{link.name}: it says something else of itself each time: {before}, {information}")
+    return two_agree(
+        lambda: link.ask(command, protocol.Information),
+        name=link.name,
+        tries=_TRIES,
+        differ=lambda before, latest: f"it says something else of itself each time: {before}, {latest}",
+    )
 
 
 def _plausible_pulses(name: str, information: protocol.Information) -> int:

@@ -14,8 +14,7 @@ from drivers.errors import DeviceFaultError, DeviceTimeoutError, ProtocolError
 from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
 from drivers.stages import elliptec_protocol as protocol
-from drivers.stages.probes import Answer, events_after
-from drivers.stages.stage_port import Notes
+from drivers.stages.serial_stage import Answer, Line, events_after
 
 _PROBE_ANSWER_S = 0.15  # an answer takes 36 ms on the line, a USB adapter adds 16 ms
 _TRIES = 3
@@ -28,29 +27,11 @@ _GAP_S = 0.1  # a move sent sooner after the one before "can move to 0 instead",
 AnswerT = TypeVar("AnswerT", protocol.Information, protocol.Status, protocol.Position)
 
 
-class EllxLink:
-    """The line to one stage.
+class EllxLink(Line):
+    """The line to one stage (address 0-9 or A-F), open at 9600 bits/s.
 
-    Parameters
-    ----------
-    port : BytePort
-        Open, at 9600 bits/s. The link closes it.
-    address : str
-        One character, 0-9 or A-F.
-    busy_timeout_s : float
-        How long a stage may stay busy with what another asked of it [s].
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-
-    Attributes
-    ----------
-    restarted : bool
-        Whether the stage was seen initialising since somebody last set this to False.
-
-    Attributes
-    ----------
-    notes : Notes
-        What was noticed: buttons, repeated questions, late answers.
+    `busy_timeout_s` is how long it may stay busy with what another asked of it; `restarted` whether it was seen
+    initialising since somebody last set this to False; notes are of buttons, repeated questions and late answers.
     """
 
     def __init__(
@@ -62,21 +43,14 @@ class EllxLink:
         now_s: Callable[[], float],
         sleep: Callable[[float], None],
     ) -> None:
+        self._parser: protocol.ReplyParser
         self.address = protocol.check_address(address)
-        self.name = f"Elliptec stage {address} on {port.name}"
-        self._port = port
+        name = f"Elliptec stage {address} on {port.name}"
+        super().__init__(port, protocol.ReplyParser(), name=name, now_s=now_s, sleep=sleep)
         self._busy_timeout_s = busy_timeout_s
-        self.now_s = now_s
-        self._sleep = sleep
-        self._parser = protocol.ReplyParser()
         self.restarted = False
         self._in_step = False
         self._last_heard_s = now_s()
-        self.notes = Notes()
-
-    def close(self) -> None:
-        """Release the port. May be called twice."""
-        self._port.close()
 
     def begin(self) -> None:
         """Get in step with a stage in an unknown state; an error left from before is noted and cleared."""
@@ -122,7 +96,7 @@ class EllxLink:
             It reports a fault, such as a stall.
         """
         self._get_in_step()
-        self._sleep(max(0.0, self._last_heard_s + _GAP_S - self.now_s()))
+        self.sleep(max(0.0, self._last_heard_s + _GAP_S - self.now_s()))
         deadline_s = self.now_s() + timeout_s
         try:
             self._exchange(command, protocol.Position, deadline_s=deadline_s)
@@ -244,7 +218,7 @@ class EllxLink:
                     f"{self.name}: still at status {_in_words(code)} after its deadline; its angle is not known "
                     "until it rests. If it is turning too slowly, it is worn or hindered"
                 )
-            self._sleep(_POLL_S)
+            self.sleep(_POLL_S)
         self._in_step = True
         return code
 

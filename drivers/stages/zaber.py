@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from drivers.errors import DeviceTimeoutError, LimitError, ProtocolError
-from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
+from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort
 from drivers.stages import zaber_protocol as protocol
-from drivers.stages.approach import approach, reachable_tolerance_deg
-from drivers.stages.probes import StageProbe
-from drivers.stages.stage_port import open_stage_on
-from drivers.stages.turning import require_finite, target_within_deg
+from drivers.stages.serial_stage import SerialStage, StageProbe, open_stage_on, target_within_deg
 from drivers.stages.zaber_link import ZaberLink, ask_zaber
 
 # How `rigctl devices` finds one. A plain FT232R (0403:6001), which some cables have, is in thousands of other devices.
@@ -49,7 +46,7 @@ class Scale:
     reading: str
 
 
-class ZaberStage:
+class ZaberStage(SerialStage):
     """The stage behind a link. `open_zaber` and `connect_zaber` make one.
 
     Notes
@@ -59,16 +56,10 @@ class ZaberStage:
     """
 
     def __init__(self, link: ZaberLink, identity: DeviceIdentity, scale: Scale, *, tolerance_deg: float) -> None:
+        super().__init__(link, tolerance_deg=tolerance_deg, count_deg=360.0 / scale.counts_per_turn)
         self._link = link
         self._identity = identity
         self._scale = scale
-        self._tolerance_deg = reachable_tolerance_deg(tolerance_deg, count_deg=360.0 / scale.counts_per_turn)
-
-    def __enter__(self) -> "ZaberStage":
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
 
     def identify(self) -> DeviceIdentity:
         """Return what the stage said of itself when the connection was made."""
@@ -92,32 +83,6 @@ class ZaberStage:
             )
         return self.position()
 
-    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
-        """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
-
-        Raises
-        ------
-        DeviceFaultError
-            The stage reports a fault, such as FS (stalled and stopped), or refuses the command.
-        DeviceTimeoutError
-            The stage is silent, or slower than its deadline: 2 s, and three times what its top speed makes of the way.
-        ProtocolError
-            Its answers are damaged, six times in a row.
-        LimitError
-            The stage was not homed since its power-up; or the angle is not finite, or outside of the stage's limits;
-            or the readback stays further from the target than the tolerance.
-        """
-        require_finite(angle_deg)
-        return approach(
-            lambda chosen: self._turn(angle_deg, way=chosen),
-            angle_deg,
-            way=way,
-            tolerance_deg=self._tolerance_deg,
-            name=self._link.name,
-            now_s=self._link.now_s,
-            take_notes=self._link.notes.take,
-        )
-
     def position(self) -> StagePosition:
         """Return the reading of the encoder, or of the motor's own count where there is no encoder."""
         counts = protocol.whole_number(self._link.ask(f"get {self._scale.reading}").data)
@@ -139,10 +104,6 @@ class ZaberStage:
         """Stop any motion."""
         self._link.ask("stop")
         self._await_rest(deadline_s=self._link.now_s() + _START_S)
-
-    def close(self) -> None:
-        """Release the port. May be called twice."""
-        self._link.close()
 
     def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
         self._require_homed()

@@ -7,12 +7,11 @@ right one at once. Any command used here may be sent again: none of them moves b
 import time
 from collections.abc import Callable
 
-from drivers.errors import DeviceError, DeviceFaultError, DeviceTimeoutError, ProtocolError
+from drivers.errors import DeviceFaultError, DeviceTimeoutError, ProtocolError
 from drivers.interfaces import DeviceIdentity
 from drivers.serial_port import BytePort
 from drivers.stages import zaber_protocol as protocol
-from drivers.stages.probes import Answer, events_after
-from drivers.stages.stage_port import Notes
+from drivers.stages.serial_stage import Answer, Line, events_after
 from drivers.stages.zaber_protocol import Reply
 
 _PROBE_ANSWER_S = 0.2
@@ -23,39 +22,17 @@ _AGAIN_PAUSE_S = 0.1
 _WORTH_ANOTHER_TRY = frozenset({"AGAIN", "BADAXIS", "BADCOMMAND", "BADDATA", "BADMESSAGEID"})
 
 
-class ZaberLink:
-    """The line to one device.
-
-    Parameters
-    ----------
-    port : BytePort
-        Open, at 115200 bits/s. The link closes it.
-    address : str
-        1 to 99.
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-
-    Attributes
-    ----------
-    notes : Notes
-        What was noticed: flags, repeated questions, late answers.
-    """
+class ZaberLink(Line):
+    """The line to one device (address 1 to 99) at 115200 bits/s; its notes are flags and repeated questions."""
 
     def __init__(
         self, port: BytePort, *, address: str, now_s: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
+        self._parser: protocol.ReplyParser
         self._device = protocol.check_address(address)
-        self.name = f"Zaber stage {address} on {port.name}"
-        self._port = port
-        self.now_s = now_s
-        self.sleep = sleep
-        self._parser = protocol.ReplyParser()
+        name = f"Zaber stage {address} on {port.name}"
+        super().__init__(port, protocol.ReplyParser(), name=name, now_s=now_s, sleep=sleep)
         self._next_id = 0
-        self.notes = Notes()
-
-    def close(self) -> None:
-        """Release the port. May be called twice."""
-        self._port.close()
 
     def begin(self) -> None:
         """Make the device add a checksum to all that it says from now on.
@@ -109,7 +86,7 @@ class ZaberLink:
         return self._exchange(words, axis=axis, unchecked=unchecked)
 
     def _exchange(self, words: str, *, axis: int, unchecked: bool) -> Reply:
-        self._drain()
+        self.drain(quiet_s=0.0, limit_s=_REPLY_TIMEOUT_S)
         message_id, self._next_id = self._next_id, (self._next_id + 1) % protocol.IDS
         sent = protocol.command(words, device=self._device, axis=axis, message_id=message_id)
         self._port.write(sent)
@@ -131,29 +108,8 @@ class ZaberLink:
                 continue
             if isinstance(event, Reply) and event.device == self._device and event.message_id == message_id:
                 return event
-            if event is None and not self._take_in(deadline_s):
-                raise self._unanswered(sent, damaged)
-
-    def _take_in(self, deadline_s: float) -> bool:
-        """Wait for bytes; return whether any came in time."""
-        remaining_s = deadline_s - self.now_s()
-        data = self._port.read_some(timeout_s=remaining_s) if remaining_s > 0.0 else b""
-        self._parser.feed(data)
-        return bool(data)
-
-    def _unanswered(self, sent: bytes, damaged: ProtocolError | None) -> DeviceError:
-        if damaged is not None:
-            return ProtocolError(f"{self.name}: after {sent!r}: {damaged}")
-        return DeviceTimeoutError(
-            f"{self.name}: no answer to {sent!r} in time. Check the supply, the cable and the address"
-        )
-
-    def _drain(self) -> None:
-        """Take in what waits to be read; it answers nothing any more."""
-        end_s = self.now_s() + _REPLY_TIMEOUT_S
-        while self._port.read_some(timeout_s=0.0) and self.now_s() < end_s:
-            pass
-        self._parser.reset()
+            if event is None and not self.take_in(deadline_s):
+                raise self.unanswered(f"{sent!r}", damaged, check="the cable and the address")
 
 
 def ask_zaber(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:

@@ -9,7 +9,7 @@ from typing import TextIO
 
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus, Way
-from drivers.stages.turning import distance_deg, require_finite
+from drivers.stages.serial_stage import distance_deg, require_finite
 
 _TRIES = 3
 _DIVISIONS_PER_DEG = 12  # a vernier of 5 arc minutes

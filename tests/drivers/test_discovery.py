@@ -13,7 +13,7 @@ from drivers.serial_port import BytePort
 from drivers.serial_ports import PortInfo
 from drivers.stages.apt_link import ask_apt
 from drivers.stages.elliptec_link import ask_elliptec
-from drivers.stages.probes import Answer, StageProbe
+from drivers.stages.serial_stage import Answer, StageProbe
 from drivers.stages.zaber_link import ask_zaber
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address

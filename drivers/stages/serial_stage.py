@@ -1,0 +1,363 @@
+"""Shared by all families of stages on serial ports: opening, finding, the line, angles, and the way to an angle.
+
+A family states its language (`*_protocol`), how it asks (a `Line`) and what its stage does (a `SerialStage`).
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, Self, TypeVar
+
+from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, ProtocolError
+from drivers.interfaces import DeviceIdentity, Move, StagePosition, Way
+from drivers.serial_port import BytePort, SerialPort, open_serial_port
+
+_NOTES_KEPT = 20
+_TURN_DEG = 360.0
+_TRIES = 3
+
+T = TypeVar("T")
+StageT = TypeVar("StageT")
+EventT = TypeVar("EventT", covariant=True)
+
+
+def open_stage_on(path: str, *, baud: int, connect: Callable[[SerialPort], StageT]) -> StageT:
+    """Return the stage on a serial port; the port is closed again where none can be made.
+
+    Parameters
+    ----------
+    path : str
+        Of the port.
+    baud : int
+        Bit rate of the family [1/s].
+    connect : callable
+        Makes the stage on the open port, and closes it with the stage.
+
+    Raises
+    ------
+    NotConnectedError
+        There is no such port, or it may not be opened, or another program holds it.
+    DeviceError
+        What `connect` raises.
+    """
+    port = open_serial_port(path, baud=baud)
+    try:
+        return connect(port)
+    except BaseException:
+        port.close()
+        raise
+
+
+class Notes:
+    """Remarks on what was noticed on a line, the newest 20, for the next move."""
+
+    def __init__(self) -> None:
+        self._texts: deque[str] = deque(maxlen=_NOTES_KEPT)
+
+    def add(self, text: str) -> None:
+        """Keep a remark."""
+        self._texts.append(text)
+
+    def take(self) -> tuple[str, ...]:
+        """Return the remarks since the last call."""
+        texts = tuple(self._texts)
+        self._texts.clear()
+        return texts
+
+
+class Parser(Protocol[EventT]):
+    """Parser of a family's language."""
+
+    def feed(self, data: bytes) -> None:
+        """Take in received bytes."""
+
+    def next_event(self) -> EventT | None:
+        """Return the next complete event; None if more bytes are needed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """A stage that answered: at which address of its line (None where there is but one), and what it is."""
+
+    address: str | None
+    identity: DeviceIdentity
+
+
+class ResettableParser(Protocol):
+    """Parser that can discard a partly received message."""
+
+    def feed(self, data: bytes) -> None:
+        """Take in received bytes."""
+
+    def reset(self) -> None:
+        """Discard what was received in part."""
+
+
+Clock = Callable[[], float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageProbe:
+    """Means of finding a family; its module, which the entry point names, holds one as ``PROBE``.
+
+    Attributes
+    ----------
+    baud : int
+        Bit rate [1/s].
+    usb_ids : tuple of (int, int or None)
+        Vendor and product behind which hardly anything else can be; a product of None is any of the vendor's.
+    ask : callable
+        Returns the stages on an open line.
+    """
+
+    baud: int
+    usb_ids: tuple[tuple[int, int | None], ...]
+    ask: Callable[[BytePort], list[Answer]]
+
+
+def events_after(
+    port: BytePort, question: bytes, parser: Parser[EventT], *, wait_s: float, enough: int | None, now_s: Clock
+) -> list[EventT]:
+    """Ask; return what is understood of the answers, until enough came or the time is over."""
+    port.write(question)
+    events: list[EventT] = []
+    deadline_s = now_s() + wait_s
+    while (remaining_s := deadline_s - now_s()) > 0.0 and (enough is None or len(events) < enough):
+        data = port.read_some(timeout_s=remaining_s)
+        events += _understood(parser, data)
+    return events
+
+
+def _understood(parser: Parser[EventT], data: bytes) -> list[EventT]:
+    events: list[EventT] = []
+    try:
+        parser.feed(data)
+    except ProtocolError:
+        return events
+    while True:
+        try:
+            event = parser.next_event()
+        except ProtocolError:
+            continue  # something else speaks on this line, or speaks too: what is not understood is no answer
+        if event is None:
+            return events
+        events.append(event)
+
+
+class Line:
+    """The line to one stage: what waits is read or thrown away, and every wait has a deadline.
+
+    Parameters
+    ----------
+    port : BytePort
+        Open; the line closes it.
+    name : str
+        What messages call the stage.
+    parser
+        Of the family's language; it can `reset`.
+    now_s, sleep : callables
+        A clock that never goes back [s], and a pause [s].
+    """
+
+    def __init__(
+        self, port: BytePort, parser: ResettableParser, *, name: str, now_s: Clock, sleep: Callable[[float], None]
+    ) -> None:
+        self._port, self._parser = port, parser
+        self.name, self.now_s, self.sleep = name, now_s, sleep
+        self.notes = Notes()
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+        self._port.close()
+
+    def repeated(self, exchange: Callable[[], T], *, tries: int) -> T:
+        """Return what an exchange gives, repeated where the line is silent or damaged."""
+        for _ in range(tries - 1):
+            try:
+                return exchange()
+            except (ProtocolError, DeviceTimeoutError) as error:
+                self.notes.add(f"tried again: {error}")
+        return exchange()
+
+    def take_in(self, deadline_s: float) -> bool:
+        """Wait for bytes; return whether any came in time."""
+        remaining_s = deadline_s - self.now_s()
+        data = self._port.read_some(timeout_s=remaining_s) if remaining_s > 0.0 else b""
+        self._parser.feed(data)
+        return bool(data)
+
+    def drain(self, *, quiet_s: float, limit_s: float) -> None:
+        """Read until nothing comes for a while; what comes answers nothing any more."""
+        end_s = self.now_s() + limit_s
+        while self._port.read_some(timeout_s=quiet_s) and self.now_s() < end_s:
+            pass
+        self._parser.reset()
+
+    def unanswered(self, question: str, damaged: ProtocolError | None, *, check: str) -> DeviceError:
+        """Return the error of a question without an answer."""
+        if damaged is not None:
+            return ProtocolError(f"{self.name}: after {question}: {damaged}")
+        return DeviceTimeoutError(f"{self.name}: no answer to {question} in time. Check the supply, {check}")
+
+
+class SerialStage:
+    """What all stages behind a line have in common; a family adds home, position, status, stop, and how it turns."""
+
+    def __init__(self, link: Line, *, tolerance_deg: float, count_deg: float) -> None:
+        half_count_deg = count_deg / 2.0
+        if not half_count_deg < tolerance_deg < 180.0:
+            raise LimitError(
+                f"tolerance {tolerance_deg:g} deg: must be above half an encoder count, {half_count_deg:.3g} deg, "
+                "and below 180 deg"
+            )
+        self._line, self._tolerance_deg = link, tolerance_deg
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+        self._line.close()
+
+    def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
+        raise NotImplementedError
+
+    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
+        """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
+
+        It turns, reads back and corrects itself by the short way, three times at most.
+
+        Raises
+        ------
+        DeviceFaultError
+            The stage reports a fault, such as a stall, or refuses the command.
+        DeviceTimeoutError
+            The stage is silent, or slower than its family's deadline.
+        ProtocolError
+            Its answers are damaged, time after time.
+        LimitError
+            The stage was not homed; or the angle is not finite, or outside of the stage's limits; or the readback
+            stays further from the target than the tolerance.
+        """
+        require_finite(angle_deg)
+        start_s = self._line.now_s()
+        for tries in range(1, _TRIES + 1):
+            position = self._turn(angle_deg, way=way if tries == 1 else "short")
+            if distance_deg(position.angle_deg, angle_deg) <= self._tolerance_deg:
+                return Move(
+                    target_deg=angle_deg,
+                    position=position,
+                    tries=tries,
+                    duration_s=self._line.now_s() - start_s,
+                    remarks=self._line.notes.take(),
+                )
+        raise LimitError(
+            f"{self._line.name}: sent to {angle_deg:g} deg {_TRIES} times, it stays at {position.angle_deg:.4f} deg, "
+            f"further off than the tolerance of {self._tolerance_deg:g} deg. Clean its track and check its load, or "
+            "allow more"
+        )
+
+    def _agreed_position(self, read: Callable[[], StagePosition]) -> StagePosition:
+        """Return a position once two readings in a row agree: a single answer carries no checksum."""
+
+        def differ(before: StagePosition, latest: StagePosition) -> str:
+            return (
+                f"readings of the position differ, at last {before.counts} and {latest.counts} counts. Check the "
+                "cable, and that nothing turns the stage"
+            )
+
+        def near(before: StagePosition, latest: StagePosition) -> bool:
+            return distance_deg(before.angle_deg, latest.angle_deg) <= self._tolerance_deg
+
+        return two_agree(read, name=self._line.name, tries=_TRIES, differ=differ, alike=near)
+
+
+def two_agree(
+    read: Callable[[], T],
+    *,
+    name: str,
+    tries: int,
+    differ: Callable[[T, T], str],
+    alike: Callable[[T, T], bool] = lambda before, latest: before == latest,
+) -> T:
+    """Return a reading once two in a row are alike, else raise ProtocolError: one answer alone may be damaged."""
+    latest = read()
+    for _ in range(tries):
+        before, latest = latest, read()
+        if alike(before, latest):
+            return latest
+    raise ProtocolError(f"{name}: {differ(before, latest)}")
+
+
+def wrapped_deg(angle_deg: float) -> float:
+    """Return an angle, such as a difference of two, brought into [-180, 180) deg."""
+    return (angle_deg + 180.0) % _TURN_DEG - 180.0
+
+
+def distance_deg(a_deg: float, b_deg: float) -> float:
+    """Return the angle between two directions [deg], in [0, 180]."""
+    return abs(wrapped_deg(a_deg - b_deg))
+
+
+def require_finite(angle_deg: float) -> float:
+    """Return the angle unchanged if it is a finite number, else raise LimitError."""
+    if not math.isfinite(angle_deg):
+        raise LimitError(f"angle {angle_deg} deg: must be a finite number")
+    return angle_deg
+
+
+def route_deg(from_deg: float, angle_deg: float, *, way: Way, near_deg: float) -> float:
+    """Return by how much to turn [deg] to get from one angle to another.
+
+    Parameters
+    ----------
+    from_deg, angle_deg : float
+        Any finite angles [deg].
+    way : {"short", "forward", "backward"}
+        Which way round.
+    near_deg : float
+        Angles that are as near as this are reached by the short way, whatever was asked for.
+    """
+    short_deg = wrapped_deg(angle_deg - from_deg)
+    if abs(short_deg) <= near_deg or way == "short":
+        return short_deg
+    if way == "forward":
+        return short_deg if short_deg > 0.0 else short_deg + _TURN_DEG
+    return short_deg if short_deg < 0.0 else short_deg - _TURN_DEG
+
+
+def target_within_deg(
+    from_deg: float, angle_deg: float, *, way: Way, near_deg: float, lowest_deg: float, highest_deg: float
+) -> float:
+    """Return where to go on a scale that counts on through full turns [deg], within the limits of that scale.
+
+    Parameters
+    ----------
+    from_deg : float
+        Where the stage is on that scale.
+    angle_deg : float
+        Where it is to point; any finite angle.
+    way, near_deg
+        See `route_deg`. The short way gives in to the limits; a way that was asked for does not.
+    lowest_deg, highest_deg : float
+        The limits.
+
+    Raises
+    ------
+    LimitError
+        The limits do not let it point there, or not by that way.
+    """
+    target_deg = from_deg + route_deg(from_deg, angle_deg, way=way, near_deg=near_deg)
+    if lowest_deg <= target_deg <= highest_deg:
+        return target_deg
+    turns = math.ceil((lowest_deg - target_deg) / _TURN_DEG) if target_deg < lowest_deg else 0
+    turns = math.floor((highest_deg - target_deg) / _TURN_DEG) if target_deg > highest_deg else turns
+    if way == "short" and lowest_deg <= target_deg + turns * _TURN_DEG <= highest_deg:
+        return target_deg + turns * _TURN_DEG
+    raise LimitError(
+        f"angle {angle_deg:g} deg ({way} way) is outside of the stage's limits, {lowest_deg:g} to {highest_deg:g} deg"
+    )
