@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceFaultError, DeviceTimeoutError
 from drivers.interfaces import Camera, ReportingCamera
 from model.processing.mosaic import samples_per_pixel
-from rigctl.devices.cell_check import cell_problem
 from rigctl.devices.rig import REQUESTS, Rig
 from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile
@@ -19,18 +18,14 @@ from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_events import TALLY_EVENT
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.captured_frame import CapturedFrame, record_of
-from rigctl.session.cycle_interlocks import SumRule, drift_violation
-from rigctl.session.frame_interlocks import FrameAsTaken, frame_violations
 from rigctl.session.frame_store import FrameStore, StoredFrame, WriterThread
-from rigctl.session.guard import Guard
-from rigctl.session.interlocks import InterlockViolation
+from rigctl.session.interlocks import FrameAsTaken, Interlocks, InterlockViolation, Thermometer
 from rigctl.session.metering import RoundExposures
 from rigctl.session.monitors import Monitors
 from rigctl.session.planning.session_steps import BYTES_BESIDE_PIXELS, Step, exposures_of
 from rigctl.session.rig_work import RigWork
 from rigctl.session.session_clock import SteadyUtc
 from rigctl.session.session_context import SessionContext
-from rigctl.session.surroundings import Surroundings, Thermometer
 from rigctl.session.timing import Pause, StopAskedError, Timing
 
 Progress = Callable[[Step], None]
@@ -124,14 +119,12 @@ class _Acquisition:
         self._pause = Pause(context.control, context.clock, writer.event)
         self._utc = SteadyUtc(context.clock) if context.utc is None else context.utc
         self._timing = Timing(context, self._utc, self._pause, writer)
-        self._guard = Guard(context.interlocks, self._pause, writer)
         self._work = RigWork(rig, rig_file, writer, self._hold_for if context.asks_by_hold else rig.ask)
         self._thermometer = Thermometer(rig.camera, context.clock)
-        self._surroundings = Surroundings(writer.path, self._guard, self._utc, self._thermometer, note=writer.event)
+        self._locks = Interlocks(context.interlocks, self._pause, writer, self._utc, self._thermometer, context.noise)
         self._exposures = RoundExposures(
             steps, self._work, writer, metering=context.metering, metered_s=context.metered_s
         )
-        self._sum_rule = SumRule(context.interlocks, context.noise)
         self._last_counts: tuple[NDArray[np.uint16], ...] | None = None
         self._is_cell_looked_at = False
         self._was_queue_full = False
@@ -140,16 +133,16 @@ class _Acquisition:
 
     def run(self) -> int:
         """Go through the steps; return how many rounds were missed."""
-        self._home()
+        self._locks.look_at_home(self._work.home)
         if self._rig.origin == "device":
-            self._surroundings.look_first(self._context.clock)
+            self._locks.look_at_clock(self._context.clock)
         if self._context.sun is not None:
             # The first position loads the libraries that know it, which takes a second: not between two frames.
             self._context.sun.at(self._utc.now_ns())
         try:
             for exposure in exposures_of(self._steps):
                 self._pause.answer()
-                self._surroundings.look()
+                self._locks.look_around()
                 if self._timing.is_time_for(exposure[0]):
                     self._work.begin_step(exposure[0].sequence // len(exposure))
                     self._monitors.look(exposure[0].sequence)
@@ -157,11 +150,6 @@ class _Acquisition:
         finally:
             self._monitors.finish()
         return self._timing.missed
-
-    def _home(self) -> None:
-        violation = self._work.home()
-        for watched in self._guard.watched(() if violation is None else (violation,)):
-            self._guard.react(watched, cleared=lambda: self._work.home() is None)
 
     def _hold_for(self, kind: FrameKind) -> None:
         """Hold until somebody has put something before the camera, and says to go on from wherever they are."""
@@ -177,19 +165,18 @@ class _Acquisition:
         violations: list[InterlockViolation] = []
         for part_step, captured in zip(exposure, parts, strict=True):
             record = self._record(part_step, captured, remarks)
-            found = self._guard.watched(self._cycle_violations(part_step, record, captured))
+            found = self._cycle_violations(part_step, record, captured)
             record = replace(record, remarks=(*record.remarks, *(violation.message for violation in found)))
             frames.append(StoredFrame(record=record, counts=captured.frame.counts))
             violations += found
         if self._last_counts is None:
             frame_bytes = frames[0].counts.nbytes + BYTES_BESIDE_PIXELS
-            self._surroundings.look_ahead(len(self._steps), frame_bytes=frame_bytes)
+            self._locks.look_ahead(len(self._steps), frame_bytes=frame_bytes)
         self._last_counts = tuple(frame.counts for frame in frames)
         self._note_full_queue()
         self._thread.put(*frames)
-        for violation in violations:
-            # Only now: the frame is as good as its cycle, and is not lost by a stop.
-            self._guard.react(violation, cleared=lambda: False)
+        # Only now: the frame is as good as its cycle, and is not lost by a stop.
+        self._locks.react_all(tuple(violations))
 
     def _record(self, step: Step, captured: CapturedFrame, remarks: tuple[str, ...]) -> FrameRecord:
         sun = self._context.sun
@@ -201,10 +188,12 @@ class _Acquisition:
             sun=None if sun is None else sun.at(self._utc.at_ns(captured.frame.start_monotonic_ns)),
             site=None if sun is None else sun.site,
             camera_temperature_c=self._thermometer.temperature_c(),
-            remarks=(*self._surroundings.remarks, *remarks),
+            remarks=(*self._locks.remarks, *remarks),
         )
 
-    def _cycle_violations(self, step: Step, record: FrameRecord, captured: CapturedFrame) -> list[InterlockViolation]:
+    def _cycle_violations(
+        self, step: Step, record: FrameRecord, captured: CapturedFrame
+    ) -> tuple[InterlockViolation, ...]:
         """Tell whoever watches of a frame; return what is wrong with its cycle where it ends one."""
         seen = frame_summary(
             record,
@@ -214,72 +203,58 @@ class _Acquisition:
             coarse=coarse_picture(captured.frame.counts, record) if step.kind == "scene" else None,
         )
         drift = self._context.live.add(seen, ends_cycle=step.ends_cycle)
-        found = (self._sum_rule.add(seen, ends_cycle=step.ends_cycle), drift_violation(drift, self._guard.locks))
-        return [violation for violation in found if violation is not None]
+        return self._locks.of_cycle(seen, drift, ends_cycle=step.ends_cycle)
 
     def _satisfying_parts(self, step: Step, exposure_s: float) -> tuple[tuple[CapturedFrame, ...], tuple[str, ...]]:
-        tries_left = self._guard.locks.retries
+        tries_left = self._locks.section.retries
         while True:
             captured = self._captured_or_none(step, exposure_s, tries_left)
             if captured is not None:
-                self._look_at_cell(step, captured)
+                if step.kind == "scene" and not self._is_cell_looked_at:
+                    self._is_cell_looked_at = True
+                    self._locks.look_at_cell(captured, self._rig_file.camera.mosaic_deg)
                 parts = captured.parts(self._rig_file.camera)
-                violations = self._frame_violations(step, parts)
-                again = [self._guard.wants_again(violation, step, tries_left=tries_left) for violation in violations]
+                violations = self._locks.of_frames(self._as_taken(step, parts))
+                again = [self._locks.wants_again(violation, step, tries_left=tries_left) for violation in violations]
                 if not any(again):
                     return parts, tuple(violation.message for violation in violations)
                 self._work.distrust()
             tries_left -= 1
 
     def _captured_or_none(self, step: Step, exposure_s: float, tries_left: int) -> CapturedFrame | None:
-        locks = self._guard.locks
+        locks = self._locks.section
         try:
             return self._work.capture(exposure_s=exposure_s, polarizer_angle_deg=step.polarizer_angle_deg)
         except DeviceTimeoutError as error:
-            self._guard.note(InterlockViolation(name="gone", message=str(error)), sequence=step.sequence)
+            self._locks.note(InterlockViolation(name="gone", message=str(error)), sequence=step.sequence)
             if locks.gone == "stop" or tries_left <= 0:
                 raise
         except DeviceFaultError as error:
-            self._guard.note(InterlockViolation(name="fault", message=str(error)), sequence=step.sequence)
+            self._locks.note(InterlockViolation(name="fault", message=str(error)), sequence=step.sequence)
             if locks.fault == "stop" or (locks.fault == "retry" and tries_left <= 0):
                 raise
             if locks.fault == "hold":
                 self._pause.hold(str(error), cleared=lambda: False)
             # What it knew of its place may be wrong after a fault.
-            self._home()
+            self._locks.look_at_home(self._work.home)
         return None
 
-    def _look_at_cell(self, step: Step, captured: CapturedFrame) -> None:
-        """Hold the cell of polarizers against the light of the first picture of a scene, where it tells."""
-        cell_deg = self._rig_file.camera.mosaic_deg
-        if cell_deg is None or step.kind != "scene" or self._is_cell_looked_at:
-            return
-        self._is_cell_looked_at = True
-        problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
-        found = [] if problem is None else [InterlockViolation(name="cell", message=problem)]
-        for violation in self._guard.watched(found):
-            self._guard.react(violation, cleared=lambda: False)
-
-    def _frame_violations(self, step: Step, parts: tuple[CapturedFrame, ...]) -> tuple[InterlockViolation, ...]:
-        """Return what is wrong with an exposure; of the parts of a cell the first that violates an interlock."""
-        stage = self._rig_file.stage
-        before = self._last_counts
-        found: dict[str, InterlockViolation] = {}
-        for place, captured in enumerate(parts):
-            taken = FrameAsTaken(
+    def _as_taken(self, step: Step, parts: tuple[CapturedFrame, ...]) -> tuple[FrameAsTaken, ...]:
+        stage, before = self._rig_file.stage, self._last_counts
+        return tuple(
+            FrameAsTaken(
                 kind=step.kind,
                 captured=captured,
                 tolerance_deg=0.0 if stage is None else stage.tolerance_deg,
                 last_counts=None if before is None else before[place],
             )
-            for violation in frame_violations(taken, self._guard.locks):
-                found.setdefault(violation.name if len(parts) > 1 else str(len(found)), violation)
-        return self._guard.watched(found.values())
+            for place, captured in enumerate(parts)
+        )
 
     def _note_full_queue(self) -> None:
         is_full = self._thread.is_full
         if is_full and not self._was_queue_full:
             text = f"{self._thread.waiting} frames wait for the disk: the session waits for it"
-            for violation in self._guard.watched([InterlockViolation(name="queue", message=text)]):
-                self._guard.note(violation)
+            for violation in self._locks.found("queue", text):
+                self._locks.note(violation)
         self._was_queue_full = is_full

@@ -13,7 +13,6 @@ from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import CameraSection, RigFile
 from rigctl.numbers.utc_time import utc_text
 from rigctl.runs.frame_record import FrameRecord
-from rigctl.session.interlocks import InterlockViolation
 from rigctl.session.planning.session_steps import Step
 from rigctl.session.planning.sun_track import SunAngles
 
@@ -32,15 +31,21 @@ class CapturedFrame:
         The last move of the stage.
     is_new_move : bool
         It was made for this frame.
-    violations : tuple of InterlockViolation
-        What was wrong with settings and frame counter.
+    asked : (float, float)
+        Exposure [s] and gain [dB] that it was told.
+    number_before : int or None
+        The camera's number of the frame before, where it is known.
+    is_triggered : bool
+        The camera's numbers follow each other.
     """
 
     frame: Frame
     settings: CameraSettings
     move: Move | None
     is_new_move: bool
-    violations: tuple[InterlockViolation, ...] = ()
+    asked: tuple[float, float]
+    number_before: int | None = None
+    is_triggered: bool = True
 
     @cached_property
     def saturated_fraction(self) -> float:

@@ -1,19 +1,52 @@
-"""Interlocks on devices, disk and clocks: each says what it found where something is not as it must be."""
+"""Interlocks: what a session is held against, when, and what it does about it.
 
+`TABLE` names each interlock once: when it is checked, the error that ends a session for it, and the check. What is done
+stands under the same name in the table [interlocks] of the session file. A new interlock is a key there and a row here.
+"""
+
+import math
 import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, LimitError, ProtocolError
-from drivers.interfaces import CameraSettings, StageStatus
+from drivers.interfaces import Camera, StageStatus
+from rigctl.console.terminal import warn
+from rigctl.devices.cell_check import cell_problem
 from rigctl.errors import DataError, RunFolderError
-from rigctl.files.interlock_section import InterlockSection
+from rigctl.files.interlock_section import Action, InterlockSection
+from rigctl.files.session_file import PICTURE
+from rigctl.live.drift import Drift
+from rigctl.live.frame_summary import FrameSummary
+from rigctl.live.mean_noise import MeanNoise
+from rigctl.numbers.angles import wrapped
+from rigctl.numbers.utc_time import NS_PER_S
+from rigctl.runs.run_events import HOST_CLOCK_EVENT
+from rigctl.runs.run_writer import RunWriter
+from rigctl.session.captured_frame import CapturedFrame
+from rigctl.session.planning.session_steps import Step
+from rigctl.session.session_clock import SessionClock, SteadyUtc
+from rigctl.session.timing import Pause
 
 # A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
 _EXPOSURE_TOLERANCE = 0.01
 _BYTES_PER_MB = 1_000_000
-_OF_THE_DATA = ("cell", "clock", "disk", "drift", "low_signal", "saturated", "sum_rule", "synchronised")
+_ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+_SIGMAS = 5.0
+# A frame has room for some remarks only; the events have all of them.
+_MOST_REMARKS = 5
+# What a scene is like, frame after frame: an event once a round is enough, beside the remark in each frame.
+_LASTING = ("low_signal", "saturated")
+# As GenICam names them, that of the sensor itself first; a camera warms up within minutes, and each reading is a
+# question over the network.
+_TEMPERATURES = ("SensorTemperature", "DeviceTemperature")
+_TEMPERATURE_EACH_S = 10.0
 
 Name = Literal[
     "angle",
@@ -40,66 +73,370 @@ Name = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class InterlockViolation:
-    """An interlock that is not satisfied.
-
-    Attributes
-    ----------
-    name : str
-        Which; its action stands under this name in the session file.
-    message : str
-        What was found, and what to try.
-    """
+    """An interlock that is not satisfied: its name, and what was found and what to try."""
 
     name: Name
     message: str
 
 
-def settings_violation(*, exposure_s: float, gain_db: float, read_back: CameraSettings) -> InterlockViolation | None:
-    """Return a violation where a camera says that it took other settings than it was told."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameAsTaken:
+    """One frame as it came, with what was asked for: kind, readback tolerance, cell [deg], and the frame before."""
+
+    kind: str
+    captured: CapturedFrame
+    tolerance_deg: float = 0.0
+    last_counts: NDArray[np.uint16] | None = None
+
+    @cached_property
+    def is_flat(self) -> bool:
+        """Whether all pixels have one value."""
+        counts = self.captured.frame.counts
+        return bool(counts.min() == counts.max())
+
+    @cached_property
+    def is_blank(self) -> bool:
+        """Whether no picture came: one value, neither saturated nor the 0 of a dark."""
+        counts = self.captured.frame.counts
+        if self.kind != "scene":
+            return not counts.any()
+        return self.is_flat and bool(counts.flat[0] < 2**self.captured.settings.bit_depth - 1)
+
+
+Messages = Iterator[str]
+
+
+def _angle(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+    move = taken.captured.move
+    if move is None or not taken.captured.is_new_move:
+        return
+    if abs(wrapped(move.position.angle_deg - move.target_deg, turn=360.0)) > taken.tolerance_deg:
+        text = f"stage: asked for {move.target_deg:g} deg it stands at {move.position.angle_deg:g} deg"
+        yield f"{text}, allowed are {taken.tolerance_deg:g} deg"
+
+
+def _button(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+    move = taken.captured.move
+    if move is not None and taken.captured.is_new_move and move.remarks:
+        yield f"stage: {'; '.join(move.remarks)}: was it touched?"
+
+
+def _settings(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+    captured = taken.captured
+    (exposure_s, gain_db), read_back = captured.asked, captured.settings
     if abs(read_back.exposure_s - exposure_s) > _EXPOSURE_TOLERANCE * exposure_s:
-        text = f"asked for an exposure of {exposure_s:g} s it says that it took {read_back.exposure_s:g} s"
-        return InterlockViolation(name="settings", message=f"camera: {text}")
-    if read_back.gain_db != gain_db:
-        text = f"asked for a gain of {gain_db:g} dB it says that it took {read_back.gain_db:g} dB"
-        return InterlockViolation(name="settings", message=f"camera: {text}")
-    return None
+        yield f"camera: asked for an exposure of {exposure_s:g} s it says that it took {read_back.exposure_s:g} s"
+    elif read_back.gain_db != gain_db:
+        yield f"camera: asked for a gain of {gain_db:g} dB it says that it took {read_back.gain_db:g} dB"
+    if captured.frame.settings != read_back:
+        text = f"camera: was set to {read_back} and took the frame with {captured.frame.settings}"
+        yield f"{text}: switch its automatic exposure and gain off"
 
 
-def homed_violation(status: StageStatus) -> InterlockViolation | None:
-    """Return a violation where a stage does not say, after its search, that it has found its reference mark."""
-    if status.homed:
-        return None
-    text = f"stage: after its search for the reference mark it says {status.meaning} ({status.code})"
-    return InterlockViolation(name="homed", message=f"{text}, and not that it has found it: its angles mean nothing")
+def _counter(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+    """Give an old picture (number stands still) or lost ones (gap); a free-running camera counts others, too."""
+    number, last = taken.captured.frame.sequence, taken.captured.number_before
+    if last is None:
+        return
+    said, missing = f"camera: its frame counter says {number} after {last}", number - last - 1
+    if missing < 0:
+        yield f"{said}: it sent an old picture, or was restarted"
+    elif missing and taken.captured.is_triggered:
+        yield f"{said}: {missing} pictures were lost on their way"
 
 
-def temperature_violation(temperature_c: float | None, section: InterlockSection) -> InterlockViolation | None:
-    """Return a violation where a camera is too cold or too warm; one that tells no temperature is neither."""
-    least_c, most_c = section.temperature_least_c, section.temperature_most_c
-    if temperature_c is None or least_c <= temperature_c <= most_c:
-        return None
-    text = f"camera: it is at {temperature_c:.1f} deg C, allowed are {least_c:g} to {most_c:g} deg C"
-    return InterlockViolation(
-        name="temperature", message=f"{text}: its dark current is not the calibrated one. Shade or warm it"
-    )
+def _identical(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+    """Give a picture with the very noise of the one before; one of a single value has none."""
+    counts = taken.captured.frame.counts
+    if taken.last_counts is not None and not taken.is_flat and np.array_equal(counts, taken.last_counts):
+        text = f"camera: frame {taken.captured.frame.sequence} is identical to the one before, down to the noise"
+        yield f"{text}: it sent an old picture again. Restart the camera"
 
 
-def disk_violation(run: Path, section: InterlockSection) -> InterlockViolation | None:
-    """Return a violation where the disk of a run is nearly full."""
+def _black(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+    frame = taken.captured.frame
+    if taken.is_blank:
+        text = f"camera: frame {frame.sequence} has the value {frame.counts.flat[0]} everywhere"
+        yield f"{text}: no picture came. Check cable, bandwidth and lens cap"
+
+
+def _saturated(taken: FrameAsTaken, section: InterlockSection) -> Messages:
+    share = taken.captured.saturated_fraction
+    if taken.kind == "scene" and not taken.is_blank and share > section.saturated_fraction:
+        yield f"{100 * share:.2f} % of the pixels are saturated, allowed are {100 * section.saturated_fraction:g} %"
+
+
+def _low_signal(taken: FrameAsTaken, section: InterlockSection) -> Messages:
+    if taken.kind != "scene" or taken.is_blank:
+        return
+    frame = taken.captured.frame
+    level_dn = section.low_signal_level * (2**frame.settings.bit_depth - 1)
+    low = float(np.count_nonzero(frame.counts < level_dn) / frame.counts.size)
+    if low > section.low_signal_fraction:
+        text = f"{100 * low:.1f} % of the pixels have less than {level_dn:.0f} DN"
+        yield f"{text}, allowed are {100 * section.low_signal_fraction:g} %: expose longer, or bracket"
+
+
+def _homed(status: StageStatus, _: InterlockSection) -> Messages:
+    if not status.homed:
+        text = f"stage: after its search for the reference mark it says {status.meaning} ({status.code})"
+        yield f"{text}, and not that it has found it: its angles mean nothing"
+
+
+def _synchronised(problem: str | None, _: InterlockSection) -> Messages:
+    if problem is not None:
+        yield f"the host's clock is {problem}: times and the sun's place rest on it"
+
+
+def _clock(jump_s: float, section: InterlockSection) -> Messages:
+    if abs(jump_s) > section.clock_jump_s:
+        yield f"the host's clock was set by {jump_s:+.1f} s; the schedule keeps to the time by which it began"
+
+
+def _disk(run: Path, section: InterlockSection) -> Messages:
     free_mb = _free_bytes(run) / _BYTES_PER_MB
-    if free_mb >= section.disk_free_mb:
-        return None
-    text = f"{run}: {free_mb:.0f} MB are free on this disk, {section.disk_free_mb:g} MB are to stay so"
-    return InterlockViolation(name="disk", message=f"{text}: make room")
+    if free_mb < section.disk_free_mb:
+        yield (f"{run}: {free_mb:.0f} MB are free on this disk, {section.disk_free_mb:g} MB are to stay so: make room")
 
 
-def disk_shortage(run: Path, *, frames: int, frame_bytes: int, section: InterlockSection) -> str | None:
-    """Return in words that the disk of a run has no room for so many frames more, or None."""
-    room = int((_free_bytes(run) - section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
-    if room >= frames:
-        return None
-    need_mb = frames * frame_bytes / _BYTES_PER_MB
-    return f"{run}: {frames} frames are to come, {need_mb:.0f} MB; the disk has room for {max(room, 0)} of them"
+def _temperature(temperature_c: float | None, section: InterlockSection) -> Messages:
+    least_c, most_c = section.temperature_least_c, section.temperature_most_c
+    if temperature_c is not None and not least_c <= temperature_c <= most_c:
+        text = f"camera: it is at {temperature_c:.1f} deg C, allowed are {least_c:g} to {most_c:g} deg C"
+        yield f"{text}: its dark current is not the calibrated one. Shade or warm it"
+
+
+def _sum_rule(cycle: Mapping[float, tuple[float, float]], section: InterlockSection) -> Messages:
+    """Of mean and noise variance by angle. Black levels cancel between the sums: weaker where there is little light."""
+    if not set(_ANGLES_DEG) <= set(cycle):
+        return
+    i0, i45, i90, i135 = (cycle[angle][0] for angle in _ANGLES_DEG)
+    noise_dn = math.sqrt(sum(cycle[angle][1] for angle in _ANGLES_DEG))
+    allowed = section.sum_rule_tolerance * (i0 + i45 + i90 + i135) / 2.0 + _SIGMAS * noise_dn
+    if abs(i0 + i90 - i45 - i135) > allowed:
+        sums = f"I0 + I90 is {i0 + i90:.1f} DN and I45 + I135 is {i45 + i135:.1f} DN"
+        yield f"{sums}, allowed are {allowed:.1f} DN apart: light, exposure or an angle changed within the cycle"
+
+
+def _drift(drift: Drift | None, section: InterlockSection) -> Messages:
+    if drift is None or abs(drift.change) <= section.drift_tolerance + _SIGMAS * (drift.sigma or 0.0):
+        return
+    text = f"the light changed by {100 * drift.change:+.2f} % in {drift.over_s:.1f} s"
+    allowed = f"allowed are {100 * section.drift_tolerance:g} % from cycle to cycle"
+    yield f"{text}, {allowed}: polarization of this cycle is doubtful"
+
+
+def _told(problem: str | None, _: InterlockSection) -> Messages:
+    """Found where it happens: a driver's error, a full queue, a cell that contradicts the light."""
+    if problem is not None:
+        yield problem
+
+
+class Interlock(NamedTuple):
+    """One row: its name, when it is checked, the error that ends a session for it, and the check."""
+
+    name: Name
+    when: Literal["start", "between frames", "frame", "cycle", "as it happens"]
+    error: type[DeviceError] | type[DataError]
+    check: Callable[..., Messages]
+
+
+TABLE: Mapping[str, Interlock] = {
+    row.name: row
+    for row in (
+        Interlock("homed", "start", LimitError, _homed),
+        Interlock("synchronised", "start", DataError, _synchronised),
+        Interlock("clock", "between frames", DataError, _clock),
+        Interlock("disk", "between frames", DataError, _disk),
+        Interlock("temperature", "between frames", LimitError, _temperature),
+        Interlock("angle", "frame", LimitError, _angle),
+        Interlock("button", "frame", LimitError, _button),
+        Interlock("settings", "frame", LimitError, _settings),
+        Interlock("counter", "frame", LimitError, _counter),
+        Interlock("identical", "frame", ProtocolError, _identical),
+        Interlock("black", "frame", ProtocolError, _black),
+        Interlock("saturated", "frame", DataError, _saturated),
+        Interlock("low_signal", "frame", DataError, _low_signal),
+        Interlock("sum_rule", "cycle", DataError, _sum_rule),
+        Interlock("drift", "cycle", DataError, _drift),
+        Interlock("cell", "as it happens", DataError, _told),
+        Interlock("queue", "as it happens", LimitError, _told),
+        Interlock("gone", "as it happens", LimitError, _told),
+        Interlock("fault", "as it happens", LimitError, _told),
+    )
+}
+
+
+@runtime_checkable
+class TellsFeatures(Protocol):
+    """A camera that tells more of itself than every camera has to."""
+
+    def features(self) -> Mapping[str, str]:
+        """Return what it is set to and what it measures, under its own names."""
+
+
+class Thermometer:
+    """Asks a camera for its temperature, every ten seconds at most."""
+
+    def __init__(self, camera: Camera, clock: SessionClock) -> None:
+        self._camera, self._clock = camera, clock
+        self._read_ns: int | None = None
+        self._temperature_c: float | None = None
+
+    def temperature_c(self) -> float | None:
+        """Return the temperature by the last reading [deg C]; None if the camera tells none."""
+        now_ns = self._clock.monotonic_ns()
+        if self._read_ns is None or now_ns - self._read_ns >= _TEMPERATURE_EACH_S * NS_PER_S:
+            told = self._camera.features() if isinstance(self._camera, TellsFeatures) else {}
+            self._read_ns = now_ns
+            self._temperature_c = next((float(told[name]) for name in _TEMPERATURES if name in told), None)
+        return self._temperature_c
+
+
+class Interlocks:
+    """Holds a session against the table, and retries, holds, stops or notes as its file says.
+
+    What `react` and the `look`s raise: DeviceError or DataError where an interlock stops the session, StopAskedError
+    where somebody asks to stop while one holds it.
+    """
+
+    def __init__(
+        self,
+        section: InterlockSection,
+        pause: Pause,
+        writer: RunWriter,
+        utc: SteadyUtc,
+        thermometer: Thermometer,
+        noise: MeanNoise | None,
+    ) -> None:
+        self.section = section
+        self._pause, self._writer, self._utc = pause, writer, utc
+        self._thermometer, self._noise = thermometer, noise
+        self._told_in: set[tuple[str, int]] = set()
+        self._is_temperature_off = False
+        self._means: dict[float, dict[float, tuple[float, float]]] = {}
+        self.remarks: tuple[str, ...] = ()
+        """For every frame from here on."""
+
+    def found(self, name: Name, facts: object) -> tuple[InterlockViolation, ...]:
+        """Return what violates one interlock, unless it is switched off."""
+        if self._action(name) == "off":
+            return ()
+        messages = TABLE[name].check(facts, self.section)
+        return tuple(InterlockViolation(name=name, message=message) for message in messages)
+
+    def of_frames(self, frames: tuple[FrameAsTaken, ...]) -> tuple[InterlockViolation, ...]:
+        """Return what is wrong with an exposure; of the parts of a cell the first that violates an interlock."""
+        names = [row.name for row in TABLE.values() if row.when == "frame"]
+        if len(frames) == 1:
+            return tuple(violation for name in names for violation in self.found(name, frames[0]))
+        each = (violation for taken in frames for name in names for violation in self.found(name, taken))
+        first: dict[str, InterlockViolation] = {}
+        for violation in each:
+            first.setdefault(violation.name, violation)
+        return tuple(first.values())
+
+    def of_cycle(self, seen: FrameSummary, drift: Drift | None, *, ends_cycle: bool) -> tuple[InterlockViolation, ...]:
+        """Take in a frame; return what is wrong with its cycle where it ends one."""
+        sums: tuple[InterlockViolation, ...] = ()
+        if seen.kind == "scene" and seen.angle_deg is not None:
+            mean, exposure_s, noise = seen.means[PICTURE], seen.exposure_s, self._noise
+            dn2 = 0.0 if noise is None else noise.variance_dn2(mean.mean_dn, exposure_s=exposure_s, pixels=mean.pixels)
+            self._means.setdefault(exposure_s, {}).setdefault(seen.angle_deg, (mean.mean_dn, dn2))
+            if ends_cycle:
+                cycles, self._means = self._means, {}
+                sums = tuple(found for cycle in cycles.values() for found in self.found("sum_rule", cycle))[:1]
+        return sums + self.found("drift", drift)
+
+    def look_at_clock(self, clock: SessionClock) -> None:
+        """Look at what does not change in the middle of a session."""
+        self._writer.event(HOST_CLOCK_EVENT, utc_error_s=clock.utc_error_s())
+        self._react_while("synchronised", clock.problem)
+
+    def look_at_home(self, home: Callable[[], StageStatus | None]) -> None:
+        """Home the stage, again where a hold asks for that."""
+
+        def found() -> tuple[InterlockViolation, ...]:
+            status = home()
+            return () if status is None else self.found("homed", status)
+
+        for violation in found():
+            self.react(violation, cleared=lambda: not found())
+
+    def look_at_cell(self, captured: CapturedFrame, cell_deg: Sequence[float] | None) -> None:
+        """Hold the cell of polarizers against the light of a picture of a scene."""
+        if cell_deg is not None:
+            problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
+            self.react_all(self.found("cell", problem))
+
+    def look_ahead(self, frames: int, *, frame_bytes: int) -> None:
+        """Tell of a disk that will be full before so many frames are on it; they are taken as long as there is room."""
+        run = self._writer.path
+        room = int((_free_bytes(run) - self.section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
+        if room < frames:
+            need_mb = frames * frame_bytes / _BYTES_PER_MB
+            short = (
+                f"{run}: {frames} frames are to come, {need_mb:.0f} MB; the disk has room for {max(room, 0)} of them"
+            )
+            warn(short)
+            self._writer.event("disk is short", found=short)
+
+    def look_around(self) -> None:
+        """Look at clock, disk and temperature between two frames."""
+        for violation in self.found("clock", self._utc.jump_s()):
+            self.remarks = (*self.remarks, violation.message)[-_MOST_REMARKS:]
+            self.react(violation)
+        self._react_while("disk", lambda: self._writer.path)
+        temperature_c = self._thermometer.temperature_c
+        was_off = self._is_temperature_off
+        self._is_temperature_off = any(_temperature(temperature_c(), self.section))
+        if self._is_temperature_off and not was_off:
+            self._react_while("temperature", temperature_c)
+
+    def note(self, violation: InterlockViolation, **facts: int) -> None:
+        """Write down a violation and what is done about it."""
+        action = self._action(violation.name)
+        self._writer.event("interlock", interlock=violation.name, action=action, message=violation.message, **facts)
+
+    def react(self, violation: InterlockViolation, *, cleared: Callable[[], bool] = lambda: False) -> None:
+        """Note a violation, and hold until it is cleared, or stop, where that is asked for."""
+        self.note(violation)
+        if self._action(violation.name) == "stop":
+            raise _failure_of(violation)
+        if self._action(violation.name) == "hold":
+            self._pause.hold(violation.message, cleared=cleared)
+
+    def react_all(self, violations: tuple[InterlockViolation, ...]) -> None:
+        """React to each of several."""
+        for violation in violations:
+            self.react(violation)
+
+    def wants_again(self, violation: InterlockViolation, step: Step, *, tries_left: int) -> bool:
+        """Note a violation of a frame; return whether to take the frame again, or stop where that has not helped."""
+        action = self._action(violation.name)
+        if action != "note" or violation.name not in _LASTING or (violation.name, step.round) not in self._told_in:
+            self.note(violation, sequence=step.sequence)
+        self._told_in.add((violation.name, step.round))
+        if action == "stop" or (action == "retry" and tries_left <= 0):
+            raise _failure_of(violation)
+        if action == "hold":
+            self._pause.hold(violation.message, cleared=lambda: False)
+        return action in ("retry", "hold")
+
+    def _action(self, name: Name) -> Action:
+        action: Action = getattr(self.section, name)
+        return action
+
+    def _react_while(self, name: Name, facts: Callable[[], object]) -> None:
+        for violation in self.found(name, facts()):
+            self.react(violation, cleared=lambda: not self.found(name, facts()))
+
+
+def _failure_of(violation: InterlockViolation) -> DeviceError | DataError:
+    error = TABLE[violation.name].error
+    if error is DataError:
+        return DataError(f"{violation.message} (interlock {violation.name!r}); `rigctl resume` goes on")
+    return error(violation.message)
 
 
 def _free_bytes(run: Path) -> int:
@@ -108,29 +445,3 @@ def _free_bytes(run: Path) -> int:
     except OSError as error:
         text = "its folder was moved or deleted while the session ran, or its disk is gone"
         raise RunFolderError(f"{run}: {text}: {error.strerror}; what was taken until then is in it") from error
-
-
-def clock_violation(jump_s: float, section: InterlockSection) -> InterlockViolation | None:
-    """Return a violation where the host's clock was set."""
-    if abs(jump_s) <= section.clock_jump_s:
-        return None
-    text = f"the host's clock was set by {jump_s:+.1f} s; the schedule keeps to the time by which it began"
-    return InterlockViolation(name="clock", message=text)
-
-
-def synchronised_violation(problem: str | None) -> InterlockViolation | None:
-    """Return a violation where the host's clock follows no time server."""
-    if problem is None:
-        return None
-    return InterlockViolation(
-        name="synchronised", message=f"the host's clock is {problem}: times and the sun's place rest on it"
-    )
-
-
-def failure_of(violation: InterlockViolation) -> DeviceError | DataError:
-    """Return the error that ends a session for an interlock."""
-    if violation.name in _OF_THE_DATA:
-        return DataError(f"{violation.message} (interlock {violation.name!r}); `rigctl resume` goes on")
-    if violation.name in ("identical", "black"):
-        return ProtocolError(violation.message)
-    return LimitError(violation.message)

@@ -7,8 +7,7 @@ from drivers.interfaces import CameraFacts
 from rigctl.errors import DataError
 from rigctl.runs.run_folder import read_run
 from rigctl.session.control import ask
-from rigctl.session.rig_work import FrameCounter
-from tests.rigctl.session.made_rig import NS, MadeWorld, events_of, stalled, unplugged
+from tests.rigctl.session.made_rig import NS, MadeWorld, events_of, silent, stalled, unplugged
 from tests.rigctl.session.watched_sessions import assert_whole, take_watched, trips_of
 
 
@@ -50,19 +49,20 @@ def test_a_camera_that_runs_by_itself_counts_what_nobody_asked_for(tmp_path):
     assert trips_of(tmp_path) == []
 
 
-@pytest.mark.parametrize("numbers", [(4, 4), (4, 3)])
-def test_a_number_that_does_not_grow_is_an_old_picture_of_any_camera(numbers):
-    counter = FrameCounter(is_triggered=False)
-    assert counter.problem(numbers[0]) is None
-    assert "old picture" in counter.problem(numbers[1])
+@pytest.mark.parametrize("back", [-1, -2])
+def test_a_number_that_does_not_grow_is_an_old_picture_of_any_camera(tmp_path, back):
+    world = MadeWorld()
+    world.camera.lost = {5: back}
+    take_watched(world, tmp_path)
+    assert trips_of(tmp_path) == [("counter", "note")]
 
 
-def test_after_a_picture_that_did_not_come_the_next_number_is_taken_as_it_is():
-    counter = FrameCounter(is_triggered=True)
-    counter.problem(4)
-    counter.forget()
-    assert counter.problem(6) is None
-    assert counter.problem(7) is None
+def test_after_a_picture_that_did_not_come_the_next_number_is_taken_as_it_is(tmp_path):
+    world = MadeWorld(camera_faults={4: silent()})
+    world.camera.lost, world.camera.facts = {5: 1}, lambda: told(triggered=True)
+    take_watched(world, tmp_path)
+    assert trips_of(tmp_path) == [("gone", "retry")]
+    assert_whole(tmp_path)
 
 
 def test_a_camera_too_warm_is_noted_once_and_its_temperature_stands_in_every_frame(tmp_path):
