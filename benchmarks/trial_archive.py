@@ -34,9 +34,8 @@ from rigctl.jobs.archive_runs import ArchiveResult, run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.verify import verify
-from rigctl.runs.run_folder import Run, read_run
+from rigctl.runs.run_folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.wholeness import INPUTS_FOLDER
 from rigctl.session.take_session import take_session
 from tests.monkey.mutations import damage_run
 from tests.rigctl.example_files import small_rig, small_session

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from rigctl.errors import DataError
 from rigctl.runs.annotation_record import excluded_frames
-from rigctl.runs.annotations import ANNOTATIONS_FILE, read_annotation_lines, sound_annotations
+from rigctl.runs.annotations import read_annotation_lines, sound_annotations
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_events import EVENTS_FILE
-from rigctl.runs.run_folder import MANIFEST_FILE, read_contents
+from rigctl.runs.run_folder import ANNOTATIONS_FILE, MANIFEST_FILE, read_contents
 from rigctl.runs.session_record import DeviceAsTaken, SessionRecord
 from rigctl.runs.wholeness import wholeness
 

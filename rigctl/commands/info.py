@@ -30,10 +30,11 @@ def command(
 
     Example: rigctl info runs/2026-05-04
     """
+    from rigctl.console.exclusion_option import are_exclusions_ignored
     from rigctl.jobs.summarize_run import summarize_run
     from rigctl.runs.wholeness import used_run
 
-    summary = summarize_run(used_run(run))
+    summary = summarize_run(used_run(run, ignore_exclusions=are_exclusions_ignored()))
     if as_json:
         print_json(asdict(summary))
     else:

@@ -90,7 +90,9 @@ class FittedMaterial:
     assumptions: tuple[str, ...]
 
 
-def fit_regions(file: SurfaceFitFile, *, beside: Path, profile: bool = False) -> FittedMaterial:
+def fit_regions(
+    file: SurfaceFitFile, *, beside: Path, profile: bool = False, ignore_exclusions: bool = False
+) -> FittedMaterial:
     """Return the material that the regions of a fit file make.
 
     Parameters
@@ -101,6 +103,8 @@ def fit_regions(file: SurfaceFitFile, *, beside: Path, profile: bool = False) ->
         Folder from which a material file counts.
     profile : bool
         Intervals from the profile of chi-square, good at a bound too, instead of first-order ones.
+    ignore_exclusions : bool
+        Take excluded frames, too.
 
     Raises
     ------
@@ -110,7 +114,7 @@ def fit_regions(file: SurfaceFitFile, *, beside: Path, profile: bool = False) ->
         A run is unfit.
     """
     start, surface = _start(file, beside)
-    measured = _measured(file)
+    measured = _measured(file, ignore_exclusions=ignore_exclusions)
     observations = [
         _observation(section, moments, file.unmodelled_std)
         for section, moments in zip(file.observation, measured, strict=True)
@@ -144,7 +148,7 @@ def _start(file: SurfaceFitFile, beside: Path) -> tuple[Material, Surface]:
     return material, surface
 
 
-def _measured(file: SurfaceFitFile) -> list[Moments]:
+def _measured(file: SurfaceFitFile, *, ignore_exclusions: bool) -> list[Moments]:
     """Return the mean Stokes parameters of each observation's region in the camera's axes; each run is read once."""
     outlines = {region.name: region for region in load_regions(file.regions)}
     unknown = sorted({section.region for section in file.observation} - set(outlines))
@@ -153,12 +157,12 @@ def _measured(file: SurfaceFitFile) -> list[Moments]:
     by_run: dict[Path, dict[str, Moments]] = {}
     for run in {section.run for section in file.observation}:
         wanted = {section.region: outlines[section.region] for section in file.observation if section.run == run}
-        by_run[run] = _stokes_of_run(run, list(wanted.values()))
+        by_run[run] = _stokes_of_run(run, list(wanted.values()), ignore_exclusions=ignore_exclusions)
     return [by_run[section.run][section.region] for section in file.observation]
 
 
-def _stokes_of_run(path: Path, regions: list[Region]) -> dict[str, Moments]:
-    measurement = measure(used_run(path), regions=regions)
+def _stokes_of_run(path: Path, regions: list[Region], *, ignore_exclusions: bool) -> dict[str, Moments]:
+    measurement = measure(used_run(path, ignore_exclusions=ignore_exclusions), regions=regions)
     stokes = {
         name: propagate_linear(region.channels_mean, measurement.plan.inverse)
         for name, region in measurement.regions.items()

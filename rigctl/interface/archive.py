@@ -4,14 +4,12 @@ import json
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.console.exclusion_option import exclusions_ignored
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
 from rigctl.interface.run import FilePath
@@ -80,8 +78,7 @@ def open_archive(
         from dask import array
     except ImportError as error:
         raise ImportError(f"{error.name} is not installed; install it with: pip install 'rigctl[cluster]'") from error
-    with exclusions_ignored() if ignore_exclusions else nullcontext():
-        placed, left_out = _frames(Path(root), where, kind)
+    placed, left_out = _frames(Path(root), where, kind, ignore_exclusions=ignore_exclusions)
     height, width = _one_shape(Path(root), placed, shape)
     placed = [one for one in placed if (one[2].height, one[2].width) == (height, width)]
     if left_out:
@@ -103,12 +100,14 @@ def _read(folder: Path, record: FrameRecord) -> NDArray[np.uint16]:
     return read_frame(folder, record).counts[None]
 
 
-def _frames(root: Path, where: str | None, kind: FrameKind | None) -> tuple[list[_Placed], dict[str, str]]:
+def _frames(
+    root: Path, where: str | None, kind: FrameKind | None, *, ignore_exclusions: bool
+) -> tuple[list[_Placed], dict[str, str]]:
     placed: list[_Placed] = []
     left_out = {}
     for name in matching_runs(root, where):
         try:
-            run = annotated(read_run(root / name))
+            run = annotated(read_run(root / name), ignore_exclusions=ignore_exclusions)
         except DataError as error:
             left_out[name] = " ".join(str(error).split())
             continue

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -13,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.calibrations.picking import Choice
-from rigctl.console.exclusion_option import exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
@@ -215,9 +213,9 @@ class Run:
                 force_registration=force_registration,
             ),
             correct=tuple(correct),
+            ignore_exclusions=self.ignore_exclusions,
         )
-        with exclusions_ignored() if self.ignore_exclusions else nullcontext():
-            found = stokes_of_run(request)
+        found = stokes_of_run(request)
         for line in none_fits(() if found.picked is None else found.picked.choices):
             warnings.warn(line, stacklevel=2)
         return StokesResult(**vars(found))
@@ -307,8 +305,7 @@ def open_run(path: FilePath, *, ignore_exclusions: bool = False) -> Run:
     >>> run = rigctl.open_run("runs/panels")  # doctest: +SKIP
     >>> run.frames(kind="scene").counts.mean(axis=(1, 2))  # doctest: +SKIP
     """
-    with exclusions_ignored() if ignore_exclusions else nullcontext():
-        record = annotated(read_run(Path(path)))
+    record = annotated(read_run(Path(path)), ignore_exclusions=ignore_exclusions)
     for remark in (wholeness_remark(record), None if ignore_exclusions else exclusion_remark(record)):
         if remark is not None:
             warnings.warn(remark, stacklevel=2)

@@ -15,14 +15,20 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.doctor import DoctorRequest, check_up
 from rigctl.jobs.verify import verify
 from rigctl.live.live_status import STATUS_FILE
-from rigctl.runs.annotations import ANNOTATIONS_FILE
 from rigctl.runs.fits.fits_frame import encode_frame
 from rigctl.runs.fits.frame_header import header_cards
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_description import SESSION_FILE
 from rigctl.runs.run_events import EVENTS_FILE
-from rigctl.runs.run_folder import MANIFEST_FILE, Run, read_contents, read_frame, read_run
-from rigctl.runs.wholeness import INPUTS_FOLDER
+from rigctl.runs.run_folder import (
+    ANNOTATIONS_FILE,
+    INPUTS_FOLDER,
+    MANIFEST_FILE,
+    Run,
+    read_contents,
+    read_frame,
+    read_run,
+)
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.version import VERSION
 

@@ -17,6 +17,7 @@ from rigctl.calibrations.polarizer.polarizer_calibration import (
 from rigctl.calibrations.polarizer.polarizer_json import PolarizerNumbers, polarizer_file
 from rigctl.calibrations.polarizer.rig_writing import require_writable_rig, write_into_rig
 from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_scan
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.config import Uncertain
 from rigctl.files.regions import Region, load_regions
@@ -124,7 +125,7 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
         require_writable_rig(request.write)
     known = _known_light(request)
     areas = [None] if request.regions is None else list(load_regions(request.regions))
-    runs = [used_run(run) for run in request.runs]
+    runs = [used_run(run, ignore_exclusions=are_exclusions_ignored()) for run in request.runs]
     found, *_ = each = [_calibrate(runs, request, area, known) for area in areas]
     regions = {area.name: one for area, one in zip(areas, each, strict=True) if area}
     file = polarizer_file(found, runs, regions=regions, valid_days=request.valid_days)

@@ -6,6 +6,7 @@ from pathlib import Path
 from rigctl.calibrations.content_file import CalibrationFile, write_whole
 from rigctl.calibrations.flat.flat_file import FlatNumbers, flat_file, flat_npz
 from rigctl.calibrations.flat.run_flat import RunFlat, flat_of_run
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.runs.wholeness import used_run
 
 # A pattern of less is none.
@@ -38,7 +39,7 @@ def calibrate_flat(run: Path, out: Path, *, valid_days: float | None = None) -> 
     ConfigError, DataError, CalibrationError
         The file cannot be written, or the frames are unfit.
     """
-    folder = used_run(run)
+    folder = used_run(run, ignore_exclusions=are_exclusions_ignored())
     found = flat_of_run(folder)
     file = flat_file(found, folder, valid_days=valid_days)
     write_whole(out, flat_npz(found, file))

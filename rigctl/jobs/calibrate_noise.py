@@ -12,6 +12,7 @@ from rigctl.calibrations.noise.calibrate_files import FrameCalibration, LevelDon
 from rigctl.calibrations.noise.folder_frames import folder_frames
 from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ExposureUnit
@@ -122,7 +123,7 @@ def _frames(request: NoiseRequest) -> FrameSet:
             raise ConfigError(
                 "--exposure-unit: a run folder has its exposures in seconds, as they were taken; leave it"
             )
-        return run_frames(request.run)
+        return run_frames(request.run, ignore_exclusions=are_exclusions_ignored())
     if request.emva is not None:
         return emva_frames(request.emva, exposure_unit=unit, most_bytes=request.most_bytes)
     if request.bit_depth is None:

@@ -11,6 +11,7 @@ from rigctl.calibrations.content_file import CalibrationFile, header_of, source_
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.calibrations.radiometric_file import SCHEMA_VERSION, Response
 from rigctl.comparison.panel_response import PanelResponse, panel_response
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.files.rig_file import unset_polarizer
 from rigctl.files.scene_file import load_scene
 from rigctl.measurement.measurement import Measurement, measure
@@ -128,7 +129,7 @@ def calibrate_radiometric(request: RadiometricRequest) -> CalibratedResponse:
     ConfigError, DataError, CalibrationError
         A file is wrong or cannot be written, or the run is unfit.
     """
-    scene, run = load_scene(request.scene), used_run(request.run)
+    scene, run = load_scene(request.scene), used_run(request.run, ignore_exclusions=are_exclusions_ignored())
     noise, doubts = (None, ()) if request.noise is None else read_fitting_noise(request.noise, run)
     unset = unset_polarizer(run.path, placeholder=run.session.polarizer.placeholder)
     regions = [region for region in scene.regions if region.name == request.panel]

@@ -6,6 +6,7 @@ from pathlib import Path
 from rigctl.calibrations.content_file import CalibrationFile, write_content
 from rigctl.calibrations.registration.register_run import RunRegistration, register_run
 from rigctl.calibrations.registration.registration_file import Walk, registration_file
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.runs.wholeness import used_run
 
 
@@ -46,7 +47,7 @@ def calibrate_registration(
     ConfigError, DataError, CalibrationError
         The file cannot be written, or the pictures are unfit.
     """
-    folder = used_run(run)
+    folder = used_run(run, ignore_exclusions=are_exclusions_ignored())
     found = register_run(folder, cycle=cycle)
     file = registration_file(found, folder, valid_days=valid_days)
     is_refused = found.doubt is not None and not force

@@ -12,6 +12,7 @@ from rigctl.comparison.numerical_accuracy import FIRST_TOLERANCE, NumericalAccur
 from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registration
 from rigctl.comparison.verdict import refused_regions, without_decisions
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, ScaleKind
 from rigctl.files.regions import Region, load_regions
@@ -96,7 +97,7 @@ def compare_run(
     """
     require_possible(request)
     scene, regions = _outlined(request)
-    run = used_run(run_path)
+    run = used_run(run_path, ignore_exclusions=are_exclusions_ignored())
     picked = picked_for_run(request.calibrations, run, _KINDS if request.scale == "panel" else _KINDS[:-1])
     given = read_calibrations(picked.paths, run)
     seen = diagnosed(run, regions, given, correct=request.correct)

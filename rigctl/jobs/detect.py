@@ -9,6 +9,7 @@ from model.moments import Moments
 from rigctl.calibrations.noise.noise_file import read_fitting_noise
 from rigctl.comparison.run_prediction import run_predictor
 from rigctl.comparison.rx_detection import RxOnRun, detect
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.rig_file import unset_polarizer
@@ -79,7 +80,7 @@ def detect_target(run_path: Path, request: DetectRequest, *, out: Path | None = 
         raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")
     scene = None if request.scene is None else load_scene(request.scene)
     regions = _regions(scene, request.regions)
-    run = used_run(run_path)
+    run = used_run(run_path, ignore_exclusions=are_exclusions_ignored())
     noise, doubts = (None, ()) if request.noise is None else read_fitting_noise(request.noise, run)
     measurement = measure(run, regions=regions, noise=noise)
     predicted: dict[str, Moments] | None = None

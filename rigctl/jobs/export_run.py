@@ -3,6 +3,7 @@
 import tempfile
 from pathlib import Path
 
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ExportFormat
 from rigctl.runs.export_formats import export_hdf5, export_tiff, export_zarr
@@ -35,7 +36,7 @@ def export_run(path: Path, *, to: ExportFormat, out: Path) -> Run:
     """
     if out.exists():
         raise ConfigError(f"--out: {out} is there already; name a file or folder that does not exist yet")
-    run = used_run(path)
+    run = used_run(path, ignore_exclusions=are_exclusions_ignored())
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:_SHOWN]}-", suffix=PART_SUFFIX) as scratch:
         part = Path(scratch) / "part"
         _WRITERS[to](run, part)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from rigctl.comparison.surface_fit import FittedMaterial, fit_regions
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.material_file import material_toml
 from rigctl.files.surface_fit_file import load_surface_fit
@@ -28,7 +29,9 @@ def fit_surface_file(file: Path, *, profile: bool = False, out: Path | None = No
     """
     if out is not None and not out.parent.is_dir():
         raise ConfigError(f"--out: there is no folder {out.parent}")
-    fitted = fit_regions(load_surface_fit(file), beside=file.parent, profile=profile)
+    fitted = fit_regions(
+        load_surface_fit(file), beside=file.parent, profile=profile, ignore_exclusions=are_exclusions_ignored()
+    )
     if out is not None and fitted.material is not None:
         write_durably(out, material_toml(fitted.material).encode())
     return fitted

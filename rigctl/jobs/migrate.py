@@ -26,10 +26,9 @@ from rigctl.runs.run_description import (
     read_description,
 )
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closing_facts, read_journal
-from rigctl.runs.run_folder import MANIFEST_FILE, read_contents
+from rigctl.runs.run_folder import INPUTS_FOLDER, MANIFEST_FILE, read_contents
 from rigctl.runs.sealed_lines import read_lines, sealed_all
 from rigctl.runs.verification import verify_run
-from rigctl.runs.wholeness import INPUTS_FOLDER
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 from rigctl.version import VERSION
 

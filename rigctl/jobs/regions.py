@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import DataError
 from rigctl.files.choices import Dictionary
 from rigctl.files.config import describe, load
@@ -70,7 +71,7 @@ def draw_regions(run: Path, request: DrawRequest, *, out: Path, opened: Callable
     DataError
         The run gives no picture, or nothing was drawn in time.
     """
-    picture = grey_picture(used_run(run))
+    picture = grey_picture(used_run(run, ignore_exclusions=are_exclusions_ignored()))
     drawn = [] if request.start is None else _read(request.start).regions
     page = RegionsPage(
         picture, drawn=drawn, title=f"draw regions on {run.resolve().name}", file=out.name, port=request.port
@@ -174,7 +175,7 @@ def mark_regions(run: Path, regions: Path, *, dictionary: Dictionary, out: Path)
         A file is wrong, or no marker is seen.
     """
     drawn = _read(regions)
-    seen = search_markers(grey_picture(used_run(run)), dictionary)
+    seen = search_markers(grey_picture(used_run(run, ignore_exclusions=are_exclusions_ignored())), dictionary)
     if not seen:
         raise DataError(f"{run}: no marker of {dictionary} is seen. Print them large: 4x4 cells of six pixels at least")
     return _written(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
@@ -197,7 +198,7 @@ def find_regions(run: Path, regions: Path, *, out: Path) -> FoundRegions:
     """
     drawn = _read(regions)
     family = Dictionary.FOUR_50 if drawn.markers is None else drawn.markers.dictionary
-    now = search_markers(grey_picture(used_run(run)), family)
+    now = search_markers(grey_picture(used_run(run, ignore_exclusions=are_exclusions_ignored())), family)
     followed = tuple(follow_markers(drawn, now))
     file = RegionsFile(regions=[one.region for one in followed], markers=moved_markers(drawn, now))
     return FoundRegions(followed=followed, file=_written(out, file))

@@ -9,6 +9,7 @@ from rigctl.comparison.compared_run import ComparedRun, ComparedSeries, used_fil
 from rigctl.comparison.numerical_accuracy import FIRST_TOLERANCE
 from rigctl.comparison.run_geometry import scene_of_run
 from rigctl.comparison.series import SeriesPoint, drifts_of, require_one_instrument, trends_over_runs
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
@@ -40,7 +41,7 @@ def compare_series(run_paths: Sequence[Path], request: CompareRequest, *, out: P
     names = [path.resolve().name for path in run_paths]
     if len(set(names)) < len(names):
         raise ConfigError(f"run folders of a series need different names; found {', '.join(names)}")
-    require_one_instrument([used_run(path) for path in run_paths])
+    require_one_instrument([used_run(path, ignore_exclusions=are_exclusions_ignored()) for path in run_paths])
     scene = load_scene(request.scene)
     shared = replace(request, alpha=request.alpha / len(run_paths))
     runs = [compare_run(run_paths[0], shared)]

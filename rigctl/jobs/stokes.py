@@ -9,6 +9,7 @@ import numpy as np
 from model.processing.texture import Texture, estimate_texture
 from rigctl.comparison.checks import Check, registration_of, run_checks
 from rigctl.comparison.verdict import refused_regions
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.console.json_text import Json
 from rigctl.files.regions import Region, load_regions
 from rigctl.measurement.diagnosed_run import diagnosed
@@ -41,6 +42,8 @@ class StokesRequest:
         Files of calibrations.
     correct : tuple of str
         Faults that frames are corrected by, as the run itself shows them: "throughput", "dark-level", "shift".
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
     """
 
     run: Path
@@ -48,6 +51,7 @@ class StokesRequest:
     regions: Path | list[Region] | None = None
     calibrations: CalibrationPaths = field(default_factory=CalibrationPaths)
     correct: tuple[str, ...] = ()
+    ignore_exclusions: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,7 +116,8 @@ def stokes_of_run(request: StokesRequest) -> StokesOfRun:
     ConfigError, DataError
         A file is wrong, or the run is unfit.
     """
-    return stokes_of(used_run(request.run), request)
+    ignore_exclusions = request.ignore_exclusions or are_exclusions_ignored()
+    return stokes_of(used_run(request.run, ignore_exclusions=ignore_exclusions), request)
 
 
 def stokes_of(run: Run, request: StokesRequest) -> StokesOfRun:

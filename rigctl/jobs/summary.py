@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.files.rig_file import unset_polarizer
 from rigctl.live.session_history import SessionHistory, session_history
 from rigctl.measurement.run_diagnosis import RunDiagnosis, quick_diagnosis
@@ -32,7 +33,7 @@ def summarise_session(run: Path, page: Path) -> SummarisedSession:
     RunFolderError
         This is no run, a frame is damaged, or the events cannot be read.
     """
-    history = session_history(used_run(run))
+    history = session_history(used_run(run, ignore_exclusions=are_exclusions_ignored()))
     diagnosis = quick_diagnosis(history.run, most_pixels=_MOST_PIXELS)
     write_durably(page, report_file(run_report(history, diagnosis), page))
     doubts = unset_polarizer(run, placeholder=history.run.session.polarizer.placeholder)

@@ -9,17 +9,15 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.annotation_record import Annotation, excluded_frames, exclusions_text
 from rigctl.runs.journal import Journal
 from rigctl.runs.run_description import SESSION_FILE, explain_invalid, first_link, read_description
-from rigctl.runs.run_folder import Run
+from rigctl.runs.run_folder import ANNOTATIONS_FILE, Run
 from rigctl.runs.run_lock import locked_file
 from rigctl.runs.sealed_lines import Lines, journal_bytes, read_lines
 from rigctl.storage.durable_file import flush_folder
 
-ANNOTATIONS_FILE = "annotations.jsonl"
 # Of runs whose own journals have no seals; this file has them always.
 _LINK_OF_OLD = "annotations"
 
@@ -27,8 +25,15 @@ _LINK_OF_OLD = "annotations"
 _ANNOTATION = TypeAdapter(Annotation)
 
 
-def annotated(run: Run) -> Run:
+def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
     """Return a run with what is noted of it, and without the frames that are excluded.
+
+    Parameters
+    ----------
+    run : Run
+        As `read_run` returns it.
+    ignore_exclusions : bool
+        Keep excluded frames, also where the annotations are damaged.
 
     Raises
     ------
@@ -39,13 +44,13 @@ def annotated(run: Run) -> Run:
         return run
     journal = read_annotation_lines(run.path)
     problems = annotation_problems(journal)
-    if problems and not are_exclusions_ignored():
+    if problems and not ignore_exclusions:
         raise RunFolderError(
             f"{run.path / ANNOTATIONS_FILE}: {'; '.join(problems)}: which frames are excluded is not known; "
             "--ignore-exclusions reads the run with all of them"
         )
     annotations = sound_annotations(journal)
-    excluded = {} if are_exclusions_ignored() else excluded_frames(annotations)
+    excluded = {} if ignore_exclusions else excluded_frames(annotations)
     return replace(
         run,
         frames=tuple(record for record in run.frames if record.sequence not in excluded),

@@ -35,6 +35,8 @@ from rigctl.storage.bounded_file import MOST_OWN_FRAME_BYTES, MOST_RECORD_BYTES,
 _SAMPLE_BYTES, _MOST_HEADER_BYTES = 2, 1_000_000
 MANIFEST_FILE = "manifest.jsonl"
 FRAMES_FOLDER = "frames"
+INPUTS_FOLDER = "inputs"
+ANNOTATIONS_FILE = "annotations.jsonl"
 
 
 @dataclass(frozen=True, kw_only=True)

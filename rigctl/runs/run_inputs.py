@@ -10,8 +10,7 @@ from rigctl.files.config import describe
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.run_description import SESSION_FILE
-from rigctl.runs.run_folder import Run
-from rigctl.runs.wholeness import INPUTS_FOLDER
+from rigctl.runs.run_folder import INPUTS_FOLDER, Run
 from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 from rigctl.storage.durable_file import flush_folder, write_durably
 

@@ -8,7 +8,6 @@ from typing import Literal
 
 from rigctl.errors import RunFolderError
 from rigctl.runs.annotations import (
-    ANNOTATIONS_FILE,
     annotated,
     annotation_problems,
     exclusion_remark,
@@ -16,11 +15,18 @@ from rigctl.runs.annotations import (
 )
 from rigctl.runs.run_description import SESSION_FILE, RunDescription
 from rigctl.runs.run_events import EVENTS_FILE, RunEvent, closed_with, journal_problems, read_journal, sound_events
-from rigctl.runs.run_folder import MANIFEST_FILE, Contents, Run, read_contents, read_run
+from rigctl.runs.run_folder import (
+    ANNOTATIONS_FILE,
+    INPUTS_FOLDER,
+    MANIFEST_FILE,
+    Contents,
+    Run,
+    read_contents,
+    read_run,
+)
 from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
 
 State = Literal["whole", "unfinished", "damaged"]
-INPUTS_FOLDER = "inputs"
 _CLOSING_OF_OLD = ("finished", "imported")
 _LOG = logging.getLogger(__name__)
 
@@ -44,10 +50,11 @@ class Wholeness:
     unchecked: tuple[str, ...] = ()
 
 
-def used_run(path: Path) -> Run:
+def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
     """Return a run whose frames are to become numbers, without those that people have excluded.
 
-    What is not whole about it, and which frames are left out, is said in the log.
+    What is not whole about it, and which frames are left out, is said in the log. `ignore_exclusions` keeps the
+    excluded frames.
 
     Raises
     ------
@@ -55,7 +62,7 @@ def used_run(path: Path) -> Run:
         As `read_run`: a line, a frame or the session file is damaged or gone; or the annotations are damaged.
     """
     run = read_run(path)
-    used = annotated(run)
+    used = annotated(run, ignore_exclusions=ignore_exclusions)
     for remark in (wholeness_remark(run), exclusion_remark(used)):
         if remark is not None:
             _LOG.warning("%s", remark)

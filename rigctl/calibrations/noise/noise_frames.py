@@ -97,13 +97,15 @@ class FrameSet:
     stated: StatedExposures = field(default_factory=StatedExposures)
 
 
-def run_frames(path: Path) -> FrameSet:
+def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
     """Return the dark and flat frames of a run, by kind, exposure and polarizer angle.
 
     Parameters
     ----------
     path : Path
         Run folder.
+    ignore_exclusions : bool
+        Take excluded frames, too.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def run_frames(path: Path) -> FrameSet:
     DataError
         It has no dark and flat frames, or they were not all taken with one setting of one camera.
     """
-    run = used_run(path)
+    run = used_run(path, ignore_exclusions=ignore_exclusions)
     _refuse_interpolated(run)
     groups: dict[tuple[LevelKind, float | None, float | None], list[Shot]] = defaultdict(list)
     for shot in _shots(run.frames):

@@ -15,7 +15,8 @@ from rigctl.jobs.annotate import exclude_frames, note_run
 from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.jobs.verify import verify
 from rigctl.measurement.frame_grid import arrange
-from rigctl.runs.annotations import ANNOTATIONS_FILE, read_annotations
+from rigctl.runs.annotations import read_annotations
+from rigctl.runs.run_folder import ANNOTATIONS_FILE
 from rigctl.runs.wholeness import used_run
 from rigctl.web.run_reader import RunReader
 from tests.rigctl.made_runs import at, make_run
