@@ -4,6 +4,7 @@ import os
 import sys
 from importlib.metadata import version as installed_version
 from pathlib import Path
+from typing import Any
 
 from pygments.lexers.special import TextLexer
 from sphinx.highlighting import lexers
@@ -63,3 +64,15 @@ sphinx_gallery_conf = {
 
 # GitHub draws it; here its text stands, so that no script has to come from elsewhere.
 lexers["mermaid"] = TextLexer()
+
+
+def _write_commands(_: Any) -> None:
+    """Write the page of all commands from their docstrings."""
+    from rigctl.cli import commands_page
+
+    (DOCS / "commands.md").write_text(commands_page(), encoding="utf-8")
+
+
+def setup(app: Any) -> None:
+    """Have pages that are made from the code written before they are read."""
+    app.connect("builder-inited", _write_commands)

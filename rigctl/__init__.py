@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from rigctl.files.rig_file import load_rig
     from rigctl.files.scene_file import load_scene
     from rigctl.interface.archive import open_archive
-    from rigctl.interface.calls import acquire, compare, predict, sky, stokes, surface, sweep
+    from rigctl.interface.calls import acquire, compare, predict, sky, surface, sweep
     from rigctl.interface.run import open_run
+    from rigctl.verbs.stokes import stokes
 
 __all__ = [
     "acquire",
@@ -41,6 +42,7 @@ _ELSEWHERE = {
     "load_rig": ("rigctl.files.rig_file", "load_rig"),
     "load_scene": ("rigctl.files.scene_file", "load_scene"),
     "open_archive": ("rigctl.interface.archive", "open_archive"),
+    "stokes": ("rigctl.verbs.stokes", "stokes"),
 }
 
 

@@ -1,25 +1,41 @@
-"""The command line: which verbs there are, and how one is called."""
+"""The command line: which verbs there are, under which heading, and how one is called.
+
+A verb is a function `rigctl.verbs.MODULE:NAME` whose signature and docstring are its options and its help. What all
+verbs share is done here and nowhere else: destinations are tried before any work, numbers are checked, results are
+shown or written as JSON, and every failure gets its words and its exit code.
+"""
 
 import ctypes
 import gc
-import importlib
+import inspect
 import logging
+import os
 import re
 import sys
-from collections import Counter
-from collections.abc import Sequence
-from difflib import get_close_matches
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
 
-import typer
-from typer.core import TyperGroup
+from cyclopts import App, CycloptsError, Group, Parameter
 
+from rigctl import old_cli
+from rigctl.console.anonymity import anonymous
 from rigctl.console.console_streams import lasting_streams, visible
-from rigctl.console.destination_options import with_tried_destinations
-from rigctl.console.exclusion_option import with_exclusion_option
-from rigctl.console.failures import EXIT_INTERRUPTED, failure_json, failure_of
+from rigctl.console.failures import EXIT_INTERRUPTED, EXIT_USAGE, failure_json, failure_of
 from rigctl.errors import ConfigError
-from rigctl.numbers.number_range import with_options_in_range
+from rigctl.storage.destination import (
+    Destination,
+    edited_before,
+    keep_old,
+    remember_written,
+    require_free,
+    results_of,
+    snapshot,
+)
+from rigctl.storage.origin import origin_of
+from rigctl.verbs import HEADINGS
+from rigctl.verbs.options import NOT_AN_INPUT, Writes
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 64 << 20
@@ -28,180 +44,247 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 64 << 20
 # stay, and looking through them each 700 takes a twentieth of a start.
 _COLLECT_AFTER = 50_000, 10, 10
 
-# Verb -> (module that holds its `command` or `app`, one line of help). A module is imported when its verb is
-# called, so that `rigctl --help` starts at once.
-VERBS: dict[str, tuple[str, str]] = {
-    "demo": ("rigctl.commands.demo", "Run the whole job on a simulated rig: session, calibration, report."),
-    "new": ("rigctl.commands.new", "Write the files of a new rig into a folder, ready to run."),
-    "devices": ("rigctl.commands.devices", "List ports, stages and cameras, with lines for the rig file."),
-    "stage": ("rigctl.commands.stage", "Characterise a rotation stage: readback error, backlash, settling."),
-    "doctor": ("rigctl.commands.doctor", "Check network, disk, clock and devices, and say what to change."),
-    "preview": ("rigctl.commands.preview", "Show what a camera sees, and how sharp it is, for focusing."),
-    "sim": ("rigctl.commands.sim", "Serve simulated devices to other programs."),
-    "plan": ("rigctl.commands.plan", "Print the steps of a session, and what it can give."),
-    "acquire": ("rigctl.commands.acquire", "Take a session: durable frames at measured polarizer angles."),
-    "record": ("rigctl.commands.record", "Write down what a session's devices say, for a replay without them."),
-    "resume": ("rigctl.commands.resume", "Go on with a session that holds or was interrupted."),
-    "status": ("rigctl.commands.status", "Say where a session stands."),
-    "notify": ("rigctl.commands.notify", "Try the notices that a session sends."),
-    "serve": ("rigctl.commands.serve", "Work the rig from a browser: focus, regions, sessions."),
-    "watch": ("rigctl.commands.watch", "Show a run in a browser as it grows."),
-    "bundle": ("rigctl.commands.bundle", "Pack a run for a report of a fault, without secrets."),
-    "note": ("rigctl.commands.note", "Write down something about a run."),
-    "exclude": ("rigctl.commands.exclude", "Leave frames of a run out of every number, with a reason."),
-    "log": ("rigctl.commands.log", "Tell what happened in a session, line by line."),
-    "hold": ("rigctl.commands.hold", "Ask a running session to hold after this frame."),
-    "stop": ("rigctl.commands.stop", "Ask a running session to stop after this frame."),
-    "verify": ("rigctl.commands.verify", "Check a run: whole, unfinished or damaged."),
-    "migrate": ("rigctl.commands.migrate", "Copy old runs and calibrations in the schemas of today."),
-    "info": ("rigctl.commands.info", "Say what a run holds."),
-    "summary": ("rigctl.commands.summary", "Write a page on how a session went."),
-    "archive": ("rigctl.commands.archive", "Index an archive of runs, and find runs in it."),
-    "export": ("rigctl.commands.export", "Write a run as TIFF, HDF5 or Zarr."),
-    "import": ("rigctl.commands.import_images", "Make a run out of images that exist."),
-    "regions": ("rigctl.commands.regions", "Draw regions on a picture; find them again by markers."),
-    "stokes": ("rigctl.commands.stokes", "Stokes, DoLP and AoLP images of a run, and its regions' numbers."),
-    "calibrate": (
-        "rigctl.commands.calibrate",
-        "Calibrate the sensor's noise, and the polarizer's axis and throughput.",
-    ),
-    "calibrations": ("rigctl.commands.calibrations", "List the store of calibrations, and how their numbers move."),
-    "point": (
-        "rigctl.commands.point",
-        "Find where camera and panels point, from sun, shadow, outlines, compass, level.",
-    ),
-    "surface": ("rigctl.commands.surface", "DoLP and reflectance of a material against angle, and its sources."),
-    "dolp": ("rigctl.commands.dolp", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),
-    "fit": ("rigctl.commands.fit", "Fit the parameters of a surface to measured regions."),
-    "sky": ("rigctl.commands.sky", "The polarized sky of a scene: S0, S1, S2, DoLP, with the sun marked."),
-    "effects": ("rigctl.commands.effects", "Which effects a scene calls for, and why."),
-    "predict": ("rigctl.commands.predict", "What the analytical model says that a scene will give."),
-    "paper": ("rigctl.commands.paper", "Figures and statements of the paper, with verdicts."),
-    "study": ("rigctl.commands.study", "Predict thousands of cases on dask: grids, draws, which input matters."),
-    "tradeoff": ("rigctl.commands.tradeoff", "What accuracy costs in time, computed or on the roof."),
-    "detect": ("rigctl.commands.detect", "Detect a target by its polarization: RX map and ROC of a run."),
-    "compare": ("rigctl.commands.compare", "Set model and measurement side by side, with a verdict."),
-}
-
-EPILOG = "Start with `rigctl demo`. Exit codes: 0 done, 2 usage, 3 device, 4 data, 5 disagrees, 75 stopped on request."
+_FLAGS = ("--json", "--force", "--anonymous")
+_EPILOGUE = (
+    "Every command also takes --json (answer in JSON, failures too), --force (replace results of another command or of "
+    "other inputs) and --anonymous (leave serial numbers, ports, site, folders and machine out of results)."
+)
+_EXIT_CODES = "Exit codes: 0 done, 2 usage, 3 device, 4 data, 5 disagrees, 75 stopped on request."
 
 
-def once_each(command: Any) -> Any:
-    """Return a command, or a group with its commands, that refuses an option given twice where it holds one value."""
-    for inner in getattr(command, "commands", {}).values():
-        once_each(inner)
-    parse = command.parse_args
+def _version() -> str:
+    from rigctl.version import VERSION
 
-    def parse_args(context: Any, arguments: list[str]) -> Any:
-        try:
-            _refuse_repeats(command, context, arguments)
-            return parse(context, arguments)
-        except typer.BadParameter as error:
-            error.message = _in_plain_words(error.message)
-            raise
+    return f"rigctl {VERSION}"
 
-    command.parse_args = parse_args
+
+def make_app(called: str = "") -> App:
+    """Return the command line; only the module of the verb that is called is imported.
+
+    The verb that is called has its own docstring as its help, every other one the line that the list shows.
+    """
+    app = App(
+        name="rigctl",
+        help="Instrument control, sensor calibration and model validation for division-of-time polarimetry.",
+        help_epilogue=f"{_EPILOGUE}\n\nStart with rigctl demo. {_EXIT_CODES}",
+        help_format="markdown",
+        version=_version,
+        default_parameter=Parameter(negative=(), show_env_var=False),
+        exit_on_error=False,
+        print_error=False,
+        result_action="return_value",
+    )
+    for place, (heading, verbs) in enumerate(HEADINGS.items()):
+        group = Group(heading, sort_key=place)
+        for order, (name, (target, text)) in enumerate(verbs.items()):
+            *above, last = name.split()
+            parent = app
+            for word in above:
+                parent = parent[word]
+            under = None if above else group
+            if target is None or target == "old":
+                parent.command(App(name=last, help=text, help_epilogue=_EPILOGUE, group=under, sort_key=order))
+            else:
+                own_help = None if name == called else text
+                parent.command(target, name=last, help=own_help, group=under, sort_key=order)
+    app.register_install_completion_command()
+    return app
+
+
+def function_of(verb: str) -> Callable[..., Any]:
+    """Return the function of a verb."""
+    app = make_app(verb)
+    for word in verb.split():
+        app = app[word]
+    command = app.default_command
+    if command is None:
+        raise ValueError(f"{verb} is a group of verbs")
     return command
 
 
-def _in_plain_words(message: str) -> str:
-    """Return what the command line library says of an option in the words of this program."""
-    choice = re.fullmatch(r"Value error, ('[^']*') is not one of (.*?)\.?", message)
-    if choice is not None:
-        close = get_close_matches(choice[1].strip("'").lower(), re.findall(r"'([^']*)'", choice[2]), n=1)
-        return f"{choice[1]} is not one of {choice[2]}{f'; did you mean {close[0]}?' if close else ''}"
-    limit = re.fullmatch(r"Input should be (greater|less) than (or equal to )?(-?[0-9.]+)", message)
-    if limit is not None:
-        words = {("greater", True): "at least", ("greater", False): "above", ("less", True): "at most"}
-        return f"must be {words.get((limit[1], bool(limit[2])), 'below')} {float(limit[3]):g}"
-    number = re.match(r"Input should be a valid (number|integer)", message)
-    return message if number is None else f"must be a {'whole ' if number[1] == 'integer' else ''}number"
-
-
-def _refuse_repeats(command: Any, context: Any, arguments: list[str]) -> None:
-    """Read the arguments as the command line does, and count which options stand there."""
-    _, _, order = command.make_parser(context).parse_args(args=list(arguments))
-    for one, times in Counter(found for found in order if found.param_type_name == "option").items():
-        if times > 1 and not one.multiple and not getattr(one, "count", False):
-            raise typer.BadParameter(f"is given {times} times; it has one value", context, one)
-
-
-class LazyGroup(TyperGroup):
-    """A group of commands that imports a command's module only when that command is asked for."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Return the verbs in the order in which a newcomer meets them."""
-        return list(VERBS)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return one verb's command, imported now."""
-        if cmd_name not in VERBS:
-            return None
-        module = importlib.import_module(VERBS[cmd_name][0])
-        app = getattr(module, "app", None)
-        if app is None:
-            app = typer.Typer(add_completion=False, rich_markup_mode=None)
-            app.command(cmd_name)(module.command)
-        command = with_exclusion_option(cmd_name, once_each(_in_range(typer.main.get_command(app))))
-        return with_tried_destinations(cmd_name, command)
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the verb that was asked for; of an unknown one say which may have been meant."""
-        if args and args[0] not in VERBS and not args[0].startswith("-"):
-            known = [*VERBS, "--help"]
-            close = get_close_matches(args[0].lower(), known, n=2, cutoff=0.7)
-            close = close or get_close_matches(args[0].lower(), known, n=1, cutoff=0.5)
-            alike = f" Did you mean {' or '.join(close)}?" if close else ""
-            ctx.fail(f"No such command {args[0]!r}.{alike}")
-        return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the list of verbs without importing any of them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(verb, text) for verb, (_, text) in VERBS.items()])
-
-
-def _in_range(command: Any) -> Any:
-    """Return a verb, all of whose commands refuse numbers that no arithmetic may be done with."""
-    for inner in getattr(command, "commands", {}).values():
-        _in_range(inner)
-    if command.callback is not None:
-        command.callback = with_options_in_range(command.callback, ConfigError)
-    return command
-
-
-app = typer.Typer(cls=LazyGroup, add_completion=True, no_args_is_help=True, epilog=EPILOG, rich_markup_mode=None)
-
-
-def _print_version(asked: bool) -> None:
-    if asked:
-        from rigctl.version import VERSION
-
-        sys.stdout.write(f"rigctl {VERSION}\n")
-        raise typer.Exit()
-
-
-@app.callback()
-def rigctl(
-    version: bool = typer.Option(
-        False, "--version", help="Print the version and stop.", callback=_print_version, is_eager=True
-    ),
-) -> None:
-    """Instrument control, sensor calibration and model validation for division-of-time polarimetry."""
+def commands_page() -> str:
+    """Return the reference page of all commands as Markdown."""
+    parts = [f"# Commands\n\n{_EPILOGUE}\n"]
+    for heading, verbs in HEADINGS.items():
+        parts.append(f"\n## {heading}\n")
+        for name, (target, text) in verbs.items():
+            if target in (None, "old"):
+                parts.append(f"\n### rigctl {name}\n\n{text}\n")
+                continue
+            command = make_app(name)
+            for word in name.split():
+                command = command[word]
+            page = command.generate_docs(heading_level=3).replace("--empty-", "--no-")
+            parts.append("\n" + re.sub(r"^### .*", f"### rigctl {name}", page, count=1))
+    return "".join(parts)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; return its exit code. Only this function turns an exception into words."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    if given and old_cli.holds(given[0]):
+        return old_cli.main(given)
+    tokens, flags = _taken_flags(given)
     _keep_memory()
     gc.set_threshold(*_COLLECT_AFTER)
-    remarks = _Remarks()
-    logging.getLogger("rigctl").addHandler(remarks)
+    with lasting_streams(), _reports_printed():
+        return _run(tokens, flags)
+
+
+def _taken_flags(arguments: list[str]) -> tuple[list[str], set[str]]:
+    """Return the arguments without the flags that every verb has, and these."""
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    flags = {word for word in arguments[:end] if word in _FLAGS}
+    return [word for place, word in enumerate(arguments) if place >= end or word not in _FLAGS], flags
+
+
+def parsed(arguments: Sequence[str]) -> tuple[Callable[..., Any], inspect.BoundArguments]:
+    """Return the function that a command line calls and its arguments.
+
+    Raises
+    ------
+    CycloptsError
+        There is no such command or option, or a value cannot be read.
+    """
+    tokens, _ = _taken_flags(list(arguments))
+    command, bound, _ = make_app(" ".join(_verb_of(tokens))).parse_args(tokens)
+    return command, bound
+
+
+def _run(tokens: list[str], flags: set[str]) -> int:
+    verb = " ".join(_verb_of(tokens))
     try:
-        with lasting_streams():
-            return _run_for_programs(given) if "--json" in given else _run(given)
-    finally:
-        logging.getLogger("rigctl").removeHandler(remarks)
+        command, bound = parsed(tokens)
+        return _call(command, bound, flags, verb=verb)
+    except CycloptsError as error:
+        code, message = EXIT_USAGE, f"{error}\nTry: rigctl {verb} --help".replace("  --help", " --help")
+    except KeyboardInterrupt:
+        code, message = EXIT_INTERRUPTED, "interrupted"
+    except SystemExit as finished:
+        return finished.code if isinstance(finished.code, int) else 0
+    except Exception as error:
+        code, message = failure_of(error)
+    if "--json" in flags:
+        sys.stdout.write(failure_json(code, visible(message), verb=tokens[0] if tokens else ""))
+    _say(message)
+    return code
+
+
+def _verb_of(tokens: Sequence[str]) -> Iterator[str]:
+    """Yield the words of the verb that a command line begins with."""
+    known = {name for verbs in HEADINGS.values() for name in verbs}
+    for count in (2, 1):
+        if " ".join(tokens[:count]) in known:
+            yield from tokens[:count]
+            return
+
+
+def _call(command: Callable[..., Any], bound: inspect.BoundArguments, flags: set[str], *, verb: str) -> int:
+    """Call a verb with its destinations tried, and show what it returns."""
+    if command.__module__.partition(".")[0] == "cyclopts":  # help, version, completion
+        command(*bound.args, **bound.kwargs)
+        return 0
+    values = _values(bound)
+    _require_numbers(values)
+    with _destinations_tried(command, values, flags, verb=verb):
+        result = command(*bound.args, **bound.kwargs)
+        return 0 if result is None else _show(result, as_json="--json" in flags)
+
+
+def _show(result: Any, *, as_json: bool) -> int:
+    """Show what a verb returned: the answer on standard output; return the exit code."""
+    from rigctl.console.terminal import print_json, print_json_list
+
+    if as_json:
+        content = result.as_json()
+        print_json(content) if isinstance(content, Mapping) else print_json_list(content)
+    else:
+        result.show()
+    return int(result.exit_code)
+
+
+def _values(bound: inspect.BoundArguments) -> dict[str, Any]:
+    """Return the values of a call by name, those of shared options among them."""
+    values = dict(bound.arguments)
+    for name, parameter in bound.signature.parameters.items():
+        if parameter.kind is inspect.Parameter.VAR_KEYWORD:
+            values |= values.pop(name, {})
+    return values
+
+
+def destinations(command: Callable[..., Any]) -> dict[str, Writes]:
+    """Return the parameters of a verb that name what it writes."""
+    return {name: one for name, found in _annotations(command).items() for one in found if isinstance(one, Writes)}
+
+
+def _annotations(command: Callable[..., Any]) -> dict[str, tuple[Any, ...]]:
+    """Return what is annotated of each parameter of a verb."""
+    return {name: getattr(hint, "__metadata__", ()) for name, hint in hints_of(command).items()}
+
+
+def hints_of(command: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotation of each parameter of a verb; what only type checkers know is left out."""
+    found = {}
+    for name, parameter in inspect.signature(command).parameters.items():
+        if parameter.kind is inspect.Parameter.VAR_KEYWORD:
+            (options,) = get_args(parameter.annotation)
+            found |= get_type_hints(options, include_extras=True)
+        else:
+            found[name] = parameter.annotation
+    return found
+
+
+def _require_numbers(values: Mapping[str, Any]) -> None:
+    """Refuse numbers that no arithmetic may be done with."""
+    from rigctl.numbers.number_range import wild_numbers
+
+    problems = [f"{_option(name.partition('.')[0])}: {text}" for name, text in wild_numbers(values)]
+    if problems:
+        raise ConfigError("\n  ".join(problems))
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+@contextmanager
+def _destinations_tried(
+    command: Callable[..., Any], values: Mapping[str, Any], flags: set[str], *, verb: str
+) -> Iterator[None]:
+    """Try the destinations that a verb writes to before it begins; note afterwards what was written from what."""
+    writes = destinations(command)
+    places = [_destination(name, one, values) for name, one in writes.items() if values.get(name) is not None]
+    no_inputs = {name for name, found in _annotations(command).items() if NOT_AN_INPUT in found}
+    inputs = list(_inputs(values, no_inputs | set(writes)))
+    paths = (*inputs, *(one.path for one in places))
+    with anonymous(paths) if "--anonymous" in flags else nullcontext():
+        if not places or values.get("dry_run"):
+            yield
+            return
+        options = {name: value for name, value in values.items() if name not in writes}
+        origin = origin_of(verb, options | {"anonymous": "--anonymous" in flags}, inputs)
+        require_free(places, origin, inputs=inputs, force="--force" in flags)
+        edited, before = edited_before(places), snapshot(places)
+        try:
+            with results_of(origin, force="--force" in flags):
+                yield
+        finally:
+            keep_old(edited)
+            remember_written(places, before, origin)
+
+
+def _destination(name: str, place: Writes, values: Mapping[str, Any]) -> Destination:
+    path, source = Path(values[name]), values.get(place.edits or "")
+    is_edited = isinstance(source, Path) and os.path.realpath(source) == os.path.realpath(path)
+    option = name.upper() if place.is_argument else _option(name)
+    return Destination(option=option, path=path, kind="edited" if is_edited else place.kind, names=place.names)
+
+
+def _inputs(values: Mapping[str, Any], besides: set[str]) -> Iterator[Path]:
+    for name, value in values.items():
+        if name not in besides:
+            many = value if isinstance(value, list | tuple) else (value,)
+            yield from (one for one in many if isinstance(one, Path))
 
 
 def _keep_memory() -> None:
@@ -217,49 +300,33 @@ def _keep_memory() -> None:
     set_option(_MMAP_THRESHOLD, _KEPT_BYTES // 2)
 
 
-def _run(arguments: list[str]) -> int:
-    command = typer.main.get_command(app)
+@contextmanager
+def _reports_printed() -> Iterator[None]:
+    reports, log = _Reports(), logging.getLogger("rigctl")
+    level = log.level
+    log.addHandler(reports)
+    log.setLevel(logging.INFO)
     try:
-        command.main(args=arguments, prog_name="rigctl")
-    except SystemExit as finished:  # typer has said what there is to say: help, a usage error, an exit code
-        return finished.code if isinstance(finished.code, int) else 0
-    except Exception as error:
-        code, message = failure_of(error)
-        _say(message)
-        return code
-    return 0
+        yield
+    finally:
+        log.removeHandler(reports)
+        log.setLevel(level)
 
 
-def _run_for_programs(arguments: list[str]) -> int:
-    """Run one command line that is to answer in JSON: a failure is JSON on standard output too; the exit code stays."""
-    command = typer.main.get_command(app)
-    try:
-        code = command.main(args=arguments, prog_name="rigctl", standalone_mode=False)
-    except (KeyboardInterrupt, typer.Abort):
-        code, message = EXIT_INTERRUPTED, "interrupted"
-    except SystemExit as finished:
-        return finished.code if isinstance(finished.code, int) else 0
-    except Exception as error:
-        code, message = failure_of(error)
-    else:
-        return code if isinstance(code, int) else 0
-    sys.stdout.write(failure_json(code, visible(message), verb=arguments[0]))
-    _say(message)
-    return code
-
-
-class _Remarks(logging.Handler):
-    """Says on standard error what the rooms below remark of what they read, each remark once."""
+class _Reports(logging.Handler):
+    """Prints what verbs report on standard error: notes as they are, each warning once."""
 
     def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self._said: set[str] = set()
+        super().__init__(logging.INFO)
+        self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Say a remark."""
+        """Print a report."""
         text = record.getMessage()
-        if text not in self._said:
-            self._said.add(text)
+        if record.levelno < logging.WARNING:
+            sys.stderr.write(f"{visible(text)}\n")
+        elif text not in self._printed:
+            self._printed.add(text)
             _say(f"warning: {text}")
 
 

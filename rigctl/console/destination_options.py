@@ -34,16 +34,6 @@ _TELLING = ("as_json", _FORCE)
 _COMPARED = ("comparison.json", "comparison.csv", "prediction.json", "measurement.json", "report.html", "report.pdf")
 _SERIES = ("series.json", "series.csv", "series.html", "series.pdf")
 _PREDICTED = ("prediction.*", "counts.png", "laws.png", "roc.csv", "roc.png", "sweep.*")
-_STOKES = (
-    "residual.png",
-    "stokes.fits",
-    "dolp.fits",
-    "aolp.fits",
-    "saturated.fits",
-    "missing.fits",
-    "pictures.png",
-    "aolp.png",
-)
 _DETECTED = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
 _STUDIED = ("study.parquet", "detection.parquet", *(f"sensitivity.{end}" for end in ("csv", "json", "png")))
 _TRADED = ("digits.png", *(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png")))
@@ -102,7 +92,6 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "sim stage": {"link": _ABSENT, "truth": _FILE},
     "sky": {"out": _folder("sky.png", "sky.json", "sky-aerosols.png", "sky-aerosols.json")},
     "stage characterise": {"out": _FILE, "plot": _FILE},
-    "stokes": {"out": _folder(*_STOKES, "stokes.json")},
     "study": {"out": _folder(*_STUDIED)},
     "summary": {"out": _FILE},
     "surface": {"out": _folder("surface.png", "hemisphere.png", "surface.json")},

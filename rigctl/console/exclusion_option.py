@@ -27,7 +27,6 @@ READERS = frozenset(
         "regions draw",
         "regions find",
         "regions mark",
-        "stokes",
         "summary",
     }
 )

@@ -1,5 +1,6 @@
 """The two consoles: results go to standard output, progress and remarks to standard error."""
 
+import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from rigctl.console.console_streams import visible
 from rigctl.console.json_text import Json, json_text
 
 _WIDTH_OF_FILES = 120
+_LOG = logging.getLogger(__name__)
 # A wavelength of deeper air takes seconds to minutes: worth a line where there is no terminal for a bar.
 _DEEP = 12.0
 # After which something is shown on a terminal [s].
@@ -78,8 +80,13 @@ def solving_shown() -> Iterator[Callable[[float], None]]:
 
 
 def warn(text: str) -> None:
-    """Tell people something that they had better change."""
-    progress().print(f"rigctl: warning: {text}", markup=False)
+    """Report a doubt: the command line prints it on standard error, in Python it goes to the logger ``rigctl``."""
+    _LOG.warning("%s", text)
+
+
+def note(text: str) -> None:
+    """Report a step, such as which files were written; as `warn`, but silent in Python unless its level is shown."""
+    _LOG.info("%s", text)
 
 
 def print_json_list(content: Sequence[Mapping[str, Json]]) -> None:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
-from rigctl.interface.run import FilePath
 from rigctl.jobs.archive import matching_runs
 from rigctl.runs.annotations import annotated
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import read_frame, read_run
+from rigctl.verbs.options import FilePath
 
 Shape = tuple[int, int]
 # A frame with the name and the folder of its run.

@@ -11,17 +11,15 @@ from model.surface.diffuse import DiffuseKind
 from model.surface.shadowing import Shadowing
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine, LightPart, ScaleKind
-from rigctl.files.regions import Region
 from rigctl.files.scene_file import SceneFile
 from rigctl.interface.results import (
     ComparisonResult,
     Prediction,
     SkyResult,
-    StokesResult,
     SurfaceResult,
     SweepResult,
 )
-from rigctl.interface.run import FilePath, Run, maybe_path, none_fits, open_run
+from rigctl.interface.run import Run, maybe_path, none_fits, open_run
 from rigctl.jobs.acquire import AcquireRequest, prepare_session
 from rigctl.jobs.acquire import acquire as take
 from rigctl.jobs.compare import CompareRequest, compare_run
@@ -30,6 +28,7 @@ from rigctl.jobs.sky import compute_sky
 from rigctl.jobs.surface import look_at_surface
 from rigctl.measurement.picked_calibrations import calibration_paths
 from rigctl.prediction.sweep_axes import Axis
+from rigctl.verbs.options import FilePath
 
 SceneGiven = str | Path | SceneFile
 
@@ -190,33 +189,6 @@ def compare(
     found = compare_run(_folder(run), request, out=maybe_path(out))
     _warn_of(none_fits(() if found.picked is None else found.picked.choices))
     return ComparisonResult(**vars(found))
-
-
-def stokes(
-    run: FilePath | Run,
-    *,
-    regions: FilePath | Sequence[Region] | None = None,
-    noise: FilePath | None = None,
-    flat: FilePath | None = None,
-    register: FilePath | None = None,
-    force_registration: bool = False,
-    polarizer: FilePath | None = None,
-    calibrations: FilePath | None = None,
-    correct: Sequence[str] = (),
-    out: FilePath | None = None,
-) -> StokesResult:
-    """Return Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions; as `Run.stokes`."""
-    return open_run(_folder(run)).stokes(
-        regions=regions,
-        noise=noise,
-        flat=flat,
-        register=register,
-        force_registration=force_registration,
-        polarizer=polarizer,
-        calibrations=calibrations,
-        correct=tuple(correct),
-        out=out,
-    )
 
 
 def sky(scene: SceneGiven, *, engine: Engine = "own", out: FilePath | None = None) -> SkyResult:

@@ -4,21 +4,17 @@ from collections.abc import Iterable
 from operator import itemgetter
 from typing import Any
 
-from rigctl.calibrations.rig_picks import RigPicks
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.console.json_text import Json
-from rigctl.interface.data_frames import Backend, Number, data_frame, measured_numbers, number_table, optional
+from rigctl.interface.data_frames import Backend, Number, data_frame, number_table, optional
 from rigctl.jobs.predict import PredictedScene, SweptScene
-from rigctl.jobs.stokes import StokesOfRun
-from rigctl.measurement.picked_calibrations import PickedCalibrations
+from rigctl.measurement.picked_calibrations import calibrations_json, named_calibrations
 from rigctl.reports.figures.comparison_figures import scores
-from rigctl.reports.figures.measurement_figures import scene_pictures
 from rigctl.reports.figures.prediction_figures import sweep_png
 from rigctl.reports.figures.scene_figures import sky_picture
 from rigctl.reports.table import Column, Table
-from rigctl.reports.tables.comparison_tables import check_table, summary_table
+from rigctl.reports.tables.comparison_tables import summary_table
 from rigctl.reports.tables.light_tables import sky_lines
-from rigctl.reports.tables.numbers_json import region_statistics
 from rigctl.reports.tables.prediction_tables import quantity_tables
 from rigctl.reports.tables.row_table import row_table
 from rigctl.reports.tables.surface_tables import surface_tables
@@ -30,27 +26,16 @@ from rigctl.scene.sky_map import SkyMap
 _AGREES = {True: "model and measurement agree", False: "model and measurement DISAGREE", None: "cannot be judged"}
 
 
-def _calibrations(picked: PickedCalibrations | RigPicks | None) -> dict[str, Json]:
-    picks = () if picked is None or picked.store is None else (one.pick for one in picked.choices)
-    return {one.kind: one.as_json() for one in picks if one is not None}
-
-
-def _with(picked: PickedCalibrations | RigPicks | None) -> str:
-    picks = () if picked is None else (one.pick for one in picked.choices)
-    files = [f"{one.kind} {one.file.name}" for one in picks if one is not None]
-    return f", with {', '.join(files)}" if files else ""
-
-
 class Prediction(PredictedScene):
     """What the model says of a scene: `rigctl.jobs.predict.PredictedScene`, shown and as a table."""
 
     def __repr__(self) -> str:
-        return f"<prediction of {', '.join(self.found.predictions)}{_with(self.picked)}>"
+        return f"<prediction of {', '.join(self.found.predictions)}{named_calibrations(self.picked)}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        return _calibrations(self.picked)
+        return calibrations_json(self.picked)
 
     def _repr_html_(self) -> str:
         numbers = {name: prediction.quantities for name, prediction in self.found.predictions.items()}
@@ -82,12 +67,12 @@ class SweepResult(SweptScene):
     def __repr__(self) -> str:
         values = self.found.values
         span = f"{len(values)} values from {values[0]:g} to {values[-1]:g}"
-        return f"<sweep of {self.found.key}, {span}{_with(self.picked)}>"
+        return f"<sweep of {self.found.key}, {span}{named_calibrations(self.picked)}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        return _calibrations(self.picked)
+        return calibrations_json(self.picked)
 
     def _repr_html_(self) -> str:
         tables = "".join(table_fragment(table) for table in sweep_tables(self.found))
@@ -112,12 +97,12 @@ class ComparisonResult(ComparedRun):
     """A run beside the model: `rigctl.comparison.compared_run.ComparedRun`, shown and as a table."""
 
     def __repr__(self) -> str:
-        return f"<comparison of {self.measurement.run.path}: {_AGREES[self.agrees]}{_with(self.picked)}>"
+        return f"<comparison of {self.measurement.run.path}: {_AGREES[self.agrees]}{named_calibrations(self.picked)}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        return _calibrations(self.picked)
+        return calibrations_json(self.picked)
 
     def _repr_html_(self) -> str:
         off = tuple(sorted(self.comparison.disagreements, key=lambda row: -abs(row.z or 0.0)))
@@ -136,71 +121,6 @@ class ComparisonResult(ComparedRun):
     def table(self, *, backend: Backend = "pandas") -> Any:
         """Return every row of comparison.csv: predicted, measured, errors, scores, verdict."""
         return data_frame(row_table(self.comparison.rows), backend)
-
-
-class StokesResult(StokesOfRun):
-    """Stokes parameters of a run: `rigctl.jobs.stokes.StokesOfRun`, shown, as arrays and as a table."""
-
-    def __repr__(self) -> str:
-        grid = self.measurement.grid
-        pixels = f"{grid.height} x {grid.width} pixels [{grid.unit}]"
-        return f"<Stokes parameters of {self.measurement.run.path}: {pixels}{_with(self.picked)}>"
-
-    @property
-    def calibrations(self) -> dict[str, Json]:
-        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        return _calibrations(self.picked)
-
-    def _repr_html_(self) -> str:
-        tables = quantity_tables({name: region_statistics(one) for name, one in self.measurement.regions.items()})
-        return "".join(
-            (
-                picture_fragment(scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)),
-                *(table_fragment(table) for table in tables),
-                table_fragment(check_table(self.checks)),
-                lines_fragment((*(() if self.picked is None else self.picked.lines), *self.remarks)),
-            )
-        )
-
-    @property
-    def s0(self) -> Any:
-        """S0 of every pixel, (H, W) array, in the unit of the measurement."""
-        return self.measurement.images.stokes[0]
-
-    @property
-    def s1(self) -> Any:
-        """S1 of every pixel, horizontal - vertical, (H, W) array."""
-        return self.measurement.images.stokes[1]
-
-    @property
-    def s2(self) -> Any:
-        """S2 of every pixel, +45 - (-45) deg, (H, W) array."""
-        return self.measurement.images.stokes[2]
-
-    @property
-    def dolp(self) -> Any:
-        """DoLP of every pixel, (H, W) array; not a number where it has no meaning."""
-        return self.measurement.images.dolp
-
-    @property
-    def aolp_deg(self) -> Any:
-        """AoLP of every pixel, (H, W) array, counter-clockwise from horizontal, in [0, 180) [deg]."""
-        return self.measurement.images.aolp_deg
-
-    def table(self, *, backend: Backend = "pandas") -> Any:
-        """Return every measured number: region, quantity, statistic, value, std_error."""
-        found = {name: region.quantities for name, region in self.measurement.regions.items()}
-        return data_frame(number_table(measured_numbers(found), error="std_error"), backend)
-
-    def to_xarray(self) -> Any:
-        """Return the pictures as an `xarray.Dataset`: s0, s1, s2, dolp, aolp_deg and unusable over y and x."""
-        images, unit = self.measurement.images, self.measurement.grid.unit
-        units = {"s0": unit, "s1": unit, "s2": unit, "dolp": "1", "aolp_deg": "deg"}
-        data: dict[str, Any] = {
-            name: (("y", "x"), getattr(self, name), {"units": text}) for name, text in units.items()
-        }
-        data["unusable"] = (("y", "x"), images.unusable, {"long_name": "saturated or missing in any frame"})
-        return optional("xarray").Dataset(data, attrs={"run": str(self.measurement.run.path)})
 
 
 class SkyResult(SkyMap):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +17,14 @@ from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
 from rigctl.interface.data_frames import Backend, optional
-from rigctl.interface.results import StokesResult
-from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.live.run_state import state_of
-from rigctl.measurement.picked_calibrations import calibration_paths
 from rigctl.runs.annotations import annotated, exclusion_remark
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run as RunRecord
 from rigctl.runs.run_folder import read_contents, read_run
 from rigctl.runs.wholeness import wholeness, wholeness_remark
-
-FilePath = str | Path
+from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath
+from rigctl.verbs.stokes import StokesResult, stokes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,63 +159,11 @@ class Run:
         return Frames(records=chosen, counts=np.stack([self.record.counts(record) for record in chosen]))
 
     def stokes(
-        self,
-        *,
-        regions: FilePath | Sequence[Region] | None = None,
-        noise: FilePath | None = None,
-        flat: FilePath | None = None,
-        register: FilePath | None = None,
-        force_registration: bool = False,
-        polarizer: FilePath | None = None,
-        calibrations: FilePath | None = None,
-        correct: tuple[str, ...] = (),
-        out: FilePath | None = None,
+        self, *, regions: RegionsPath | None = None, out: FilePath | None = None, **frames: Unpack[FrameOptions]
     ) -> StokesResult:
-        """Return Stokes parameters, DoLP and AoLP of the run, and the numbers of its regions.
-
-        Parameters
-        ----------
-        regions : path, sequence of Region or None
-            Regions file, or regions such as those of a scene file.
-        noise, flat, register, polarizer : path or None
-            Calibration files.
-        calibrations : path, "none" or None
-            Store that calibrations which are not named are picked from, as `rigctl stokes` picks them: the folder
-            ``calibrations`` beside the run's rig file unless given; "none" picks none, as ``noise="none"`` does of one
-            kind. What was picked, and why, is in `.calibrations` of the result.
-        force_registration : bool
-            Apply a registration even where it makes edges no better.
-        correct : tuple of str
-            Faults that the run itself shows and that are corrected: "throughput", "dark-level", "shift".
-        out : path or None
-            Folder for images and numbers, as `rigctl stokes` writes them.
-
-        Raises
-        ------
-        ConfigError, DataError
-            A file is wrong, or the run is unfit.
-        """
-        request = StokesRequest(
-            run=self.path,
-            out=maybe_path(out),
-            regions=Path(regions) if isinstance(regions, str) else _listed(regions),
-            calibrations=calibration_paths(
-                {
-                    "noise": maybe_path(noise),
-                    "flat": maybe_path(flat),
-                    "registration": maybe_path(register),
-                    "polarizer": maybe_path(polarizer),
-                },
-                store=maybe_path(calibrations),
-                force_registration=force_registration,
-            ),
-            correct=tuple(correct),
-            ignore_exclusions=self.ignore_exclusions,
-        )
-        found = stokes_of_run(request)
-        for line in none_fits(() if found.picked is None else found.picked.choices):
-            warnings.warn(line, stacklevel=2)
-        return StokesResult(**vars(found))
+        """Return Stokes parameters, DoLP and AoLP of the run, and the numbers of its regions, as `rigctl.stokes`."""
+        frames.setdefault("ignore_exclusions", self.ignore_exclusions)
+        return stokes(self.path, regions=regions, out=out, **frames)
 
     def to_xarray(self) -> Any:
         """Return the run as an `xarray.Dataset`: the frames' counts with their angles, and the Stokes pictures.

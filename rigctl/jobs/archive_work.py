@@ -14,7 +14,6 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.stokes import StokesOfRun, StokesRequest, stokes_of, stokes_of_run
 from rigctl.jobs.verify import verify
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.picked_calibrations import PickedCalibrations
@@ -24,10 +23,12 @@ from rigctl.reports.outputs.comparison_files import write_comparison_numbers
 from rigctl.reports.tables.numbers_json import SCHEMA_VERSION
 from rigctl.reports.writers.data_files import json_file
 from rigctl.reports.writers.output_folder import write_folder
+from rigctl.runs.run_folder import Run
 from rigctl.runs.wholeness import used_run
 from rigctl.storage.bounded_file import sha256_of
 from rigctl.storage.destination import results_of
 from rigctl.storage.origin import Origin
+from rigctl.verbs.stokes import StokesResult, stokes_of
 
 RUNS_FOLDER = "runs"
 FAILED = "failed"
@@ -162,20 +163,17 @@ def _measured_regions(measurement: Measurement) -> tuple[RegionNumbers, ...]:
 
 
 def _of_stokes(name: str, run: Path, request: ArchiveRequest) -> RunRow:
-    return _stokes_row(name, stokes_of_run(_stokes_request(name, run, request, request.settings.calibrations)))
+    found = _stokes(used_run(run), request, request.settings.calibrations)
+    if request.full:
+        found.write(_own_folder(name, request))
+    return _stokes_row(name, found)
 
 
-def _stokes_request(name: str, run: Path, request: ArchiveRequest, paths: CalibrationPaths) -> StokesRequest:
-    return StokesRequest(
-        run=run,
-        out=_own_folder(name, request) if request.full else None,
-        regions=_regions(request.settings),
-        calibrations=paths,
-        correct=request.settings.correct,
-    )
+def _stokes(run: Run, request: ArchiveRequest, paths: CalibrationPaths) -> StokesResult:
+    return stokes_of(run, _regions(request.settings), paths, correct=request.settings.correct)
 
 
-def _stokes_row(name: str, found: StokesOfRun) -> RunRow:
+def _stokes_row(name: str, found: StokesResult) -> RunRow:
     flagged = tuple(check.name for check in found.checks if check.verdict == "flagged")
     return RunRow(
         run=name,
@@ -190,12 +188,13 @@ def _stokes_row(name: str, found: StokesOfRun) -> RunRow:
 def _of_recalibration(name: str, run: Path, request: ArchiveRequest) -> RunRow:
     """Measure a run with no calibration of any file, and with those that are named or picked today."""
     taken = used_run(run)
-    regions = _regions(request.settings)
-    before = stokes_of(taken, StokesRequest(run=run, regions=regions))
+    before = stokes_of(taken, _regions(request.settings), CalibrationPaths())
     today, picked = recalibrated(taken, request.settings.calibrations)
     paths = replace(picked.paths, picks=False, store=None)
-    found = stokes_of(today, _stokes_request(name, run, request, paths))
-    if not request.full:
+    found = _stokes(today, request, paths)
+    if request.full:
+        found.write(_own_folder(name, request))
+    else:
         numbers = {"schema_version": SCHEMA_VERSION, **found.as_json(), **picked.as_json()}
         write_folder(_own_folder(name, request), {"stokes.json": json_file(numbers)})
     row = _stokes_row(name, found)

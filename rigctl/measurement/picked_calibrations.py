@@ -11,9 +11,10 @@ from rigctl.calibrations.picking import Choice, Pick, choice_lines, choices_json
 from rigctl.calibrations.polarizer.polarizer_file import read_fitting_polarizer
 from rigctl.calibrations.radiometric_file import read_fitting_radiometric
 from rigctl.calibrations.registration.registration_file import read_fitting_registration
-from rigctl.calibrations.rig_picks import NONE
+from rigctl.calibrations.rig_picks import NONE, RigPicks
 from rigctl.calibrations.store import STORE_FOLDER, CalibrationKind, UnreadFile, read_store
 from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError
 from rigctl.measurement.flat_division import flat_division
 from rigctl.measurement.frame_grid import FrameGrid, arrange
@@ -22,6 +23,7 @@ from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.measurement.throughput_division import throughput_of
 from rigctl.runs.run_folder import Run
 from rigctl.storage.bounded_file import sha256_of
+from rigctl.verbs.options import FilePath, FrameOptions
 
 # As many folders above a run are looked into for its rig file.
 _ABOVE = 3
@@ -53,6 +55,13 @@ class PickedCalibrations:
         """What was picked and why, a line for each kind of which the store has any."""
         return choice_lines(self.choices, self.damaged)
 
+    def report(self) -> None:
+        """Report what was picked; warn where there are calibrations of a kind and none fits."""
+        for choice in self.choices:
+            (warn if choice.pick is None and choice.others else note)(choice.line)
+        for line in choice_lines((), self.damaged):
+            note(line)
+
     def as_json(self) -> dict[str, Json]:
         """Return what results say of it; nothing where there is no store."""
         return {} if self.store is None else choices_json(self.choices, self.damaged)
@@ -77,6 +86,41 @@ def calibration_paths(
         without=tuple(kind for kind, path in named.items() if path == NONE),
     )
     return paths.with_files({kind: path for kind, path in named.items() if path is not None and path != NONE})
+
+
+def paths_of(options: FrameOptions) -> CalibrationPaths:
+    """Return the calibrations that the shared options of a verb name.
+
+    Raises
+    ------
+    ConfigError
+        The store that is named is no folder.
+    """
+    named: dict[CalibrationKind, FilePath | None] = {
+        "noise": options.get("noise"),
+        "polarizer": options.get("polarizer"),
+        "flat": options.get("flat"),
+        "registration": options.get("register"),
+    }
+    store = options.get("calibrations")
+    return calibration_paths(
+        {kind: None if path is None else Path(path) for kind, path in named.items()},
+        store=None if store is None else Path(store),
+        force_registration=options.get("force_registration", False),
+    )
+
+
+def calibrations_json(picked: "PickedCalibrations | RigPicks | None") -> dict[str, Json]:
+    """Return the calibrations that were used, by kind: file, sha256, why, age_days; empty where there is no store."""
+    picks = () if picked is None or picked.store is None else (one.pick for one in picked.choices)
+    return {one.kind: one.as_json() for one in picks if one is not None}
+
+
+def named_calibrations(picked: "PickedCalibrations | RigPicks | None") -> str:
+    """Return the calibrations that were used as the end of a sentence."""
+    picks = () if picked is None else (one.pick for one in picked.choices)
+    files = [f"{one.kind} {one.file.name}" for one in picks if one is not None]
+    return f", with {', '.join(files)}" if files else ""
 
 
 def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> PickedCalibrations:

@@ -14,15 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import typer
+from cyclopts import CycloptsError
 from markdown_it import MarkdownIt
 
-from rigctl import cli
+from rigctl import cli, old_cli
 
 ROOT = Path(__file__).parents[2]
 NOT_RUN = ("hardware", "browser", "shown", "elsewhere")
 LANGUAGES = ("sh", "toml", "python", "text", "mermaid")
 _MARK = re.compile(r"<!-- (hardware|browser|shown|elsewhere|file|exit \d+)(?:: ([^>]*))? -->")
-_GROUP = typer.main.get_command(cli.app)
+_GROUP = typer.main.get_command(old_cli.app)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +83,7 @@ def problem_of(block: Block) -> str | None:
         elif block.language == "sh":
             for words in block.commands:
                 _check_command(words)
-    except (ValueError, SyntaxError) as error:
+    except (ValueError, SyntaxError, CycloptsError) as error:
         return str(error)
     except Exception as error:
         if not hasattr(error, "format_message"):
@@ -104,6 +105,9 @@ def _check_command(words: list[str]) -> None:
 
 
 def _check_ours(given: list[str]) -> None:
+    if not old_cli.holds(given[0]):
+        cli.parsed(given)
+        return
     command = _GROUP
     while hasattr(command, "get_command") and given and not given[0].startswith("-"):
         found = command.get_command(None, given[0])

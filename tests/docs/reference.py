@@ -4,20 +4,16 @@
 """
 
 import ast
-import re
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
-
-import typer
+from typing import Any, get_args
 
 from model.atmosphere.aerosol import models as aerosol_models
 from model.atmosphere.transfer import phase
 from model.effects.effect_models import EFFECT_MODELS
 from model.surface.material_library import MATERIALS
 from model.surface.materials import Property
-from rigctl import cli
 from rigctl.comparison.verdict import AGREES, VERDICT_WORDS, VerdictName
 from rigctl.console import failures
 from rigctl.files.interlock_section import InterlockSection
@@ -26,72 +22,6 @@ from tests.docs.blocks import ROOT
 
 DOCS = ROOT / "docs"
 _MADE = "Made from the code by `python -m tests.docs.reference`.\n"
-
-
-def commands_page() -> str:
-    """Return the page of all commands, with their arguments and options."""
-    parts = [f"# Commands\n\n{_MADE}Every command has `--help`; options may stand before or after arguments.\n"]
-    group = typer.main.get_command(cli.app)
-    for verb in cli.VERBS:
-        parts += _command(f"rigctl {verb}", group.get_command(None, verb), "##")
-    return "".join(parts)
-
-
-def _command(name: str, command: Any, level: str) -> Iterator[str]:
-    yield f"\n{level} `{name}`\n\n{_paragraphs(command.help or '')}\n"
-    if hasattr(command, "commands"):
-        for inner, one in command.commands.items():
-            yield from _command(f"{name} {inner}", one, level + "#")
-        return
-    rows = [_parameter(one) for one in command.params if one.name != "help"]
-    if rows:
-        yield "\n| argument or option | takes | default | |\n|---|---|---|---|\n"
-        yield "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
-
-
-_KINDS = {Path: "path", str: "text", float: "number", int: "whole number"}
-
-
-def _parameter(one: Any) -> tuple[str, str, str, str]:
-    is_option = one.param_type_name == "option"
-    name = ", ".join(f"`{text}`" for text in one.opts) if is_option else f"`{one.metavar or one.name.upper()}`"
-    annotation = one.type_descriptor.annotation if hasattr(one, "type_descriptor") else bool
-    choices = _choices(annotation)
-    takes = " or ".join(f"`{choice}`" for choice in choices) or (
-        "" if one.metavar is None or not is_option else _cell(one.metavar)
-    )
-    takes = takes or next((text for kind, text in _KINDS.items() if kind is annotation), "")
-    limits = (one.min, one.max) if hasattr(one, "min") else (None, None)
-    if limits != (None, None):
-        least, most = ("" if limit is None else f"{limit:g}" for limit in limits)
-        takes += f", {least} to {most}" if least and most else f", from {least}" if least else f", to {most}"
-    if one.multiple if is_option else one.nargs != 1:
-        takes += ", may be repeated"
-    default = one.default() if callable(one.default) else one.default
-    plain = isinstance(default, str | int | float) and not isinstance(default, bool)
-    shown = "required" if one.required else f"`{default}`" if plain and default != "" else ""
-    return name, takes, shown, _cell(getattr(one, "help", None) or "")
-
-
-def _choices(annotation: Any) -> list[str]:
-    """Return what a choice may be, through lists and what may be left out."""
-    if isinstance(annotation, type) and issubclass(annotation, StrEnum):
-        return [one.value for one in annotation]
-    given = get_args(annotation)
-    if get_origin(annotation) is Literal:
-        return [str(one) for one in given]
-    return [choice for inner in given for choice in _choices(inner)]
-
-
-def _paragraphs(text: str) -> str:
-    """Return help as Markdown: an example is code, what looks like HTML is not."""
-    lines = []
-    for part in re.split(r"\n\s*\n", text.replace("\b\n", "").strip()):
-        whole = " ".join(part.split())
-        example = re.match(r"(Examples?:|or|and) (rigctl .*)", whole)
-        bare = whole if whole.startswith("rigctl ") else example[2] if example else ""
-        lines.append(f"Example: `{bare}`" if bare else _cell(whole))
-    return "\n\n".join(lines)
 
 
 def _cell(text: str) -> str:
@@ -308,7 +238,7 @@ def _enum(module: Any, kind: type[StrEnum]) -> Iterator[tuple[str, str]]:
             yield ast.literal_eval(one.value), " ".join(str(after.value.value).split()) if is_text else ""
 
 
-PAGES = {"commands.md": commands_page, "codes.md": codes_page, "materials.md": materials_page}
+PAGES = {"codes.md": codes_page, "materials.md": materials_page}
 
 
 if __name__ == "__main__":

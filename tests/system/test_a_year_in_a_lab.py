@@ -15,12 +15,12 @@ from rigctl.jobs.calibrate_axis import AxisRequest, calibrate_axis
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
 from rigctl.jobs.calibrations import CalibrationsRequest, look_at_calibrations
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.measurement.picked_calibrations import picked_for_run
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.wholeness import used_run
+from rigctl.verbs.stokes import stokes
 from tests.rigctl.calibrations.polarizer.polarizer_runs import SENSE
 
 START = datetime(2026, 1, 1, 9, tzinfo=UTC)
@@ -179,10 +179,11 @@ def test_python_picks_as_the_commands_do(lab):
     assert Path(elsewhere.calibrations["noise"]["file"]).name == "noise-0.json"
 
 
-def test_python_warns_where_none_of_the_store_fits(lab):
+def test_python_warns_where_none_of_the_store_fits(lab, caplog):
     run = _run(lab / "run-other-gain", 30, 22.5, gain_db=6.0)
-    with pytest.warns(UserWarning, match="no noise calibration: of 5 in the store none fits"):
-        assert "noise" not in rigctl.stokes(run, polarizer="none").calibrations
+    assert "noise" not in rigctl.stokes(run, polarizer="none").calibrations
+    (warning,) = [one for one in caplog.records if one.levelname == "WARNING"]
+    assert "no noise calibration: of 5 in the store none fits" in warning.getMessage()
 
 
 def test_another_gain_setting_is_refused_with_its_reason_and_none_is_picked(lab, tmp_path, capsys):
@@ -219,5 +220,5 @@ def test_notes_and_exclusions_go_along(lab):
 
 def test_without_a_store_nothing_is_picked(lab):
     run = _run(lab.parent / "elsewhere", 30, 22.5)
-    found = stokes_of_run(StokesRequest(run=run, calibrations=STORE))
+    found = stokes(run)
     assert (found.picked.store, "calibrations" in found.as_json()) == (None, False)

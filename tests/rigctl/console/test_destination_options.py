@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import typer
 
-from rigctl import cli
+from rigctl import cli, old_cli
 from rigctl.console.destination_options import DESTINATIONS
 from rigctl.errors import ConfigError
 from rigctl.reports.writers.output_folder import write_folder
+from rigctl.verbs import HEADINGS
 from tests.rigctl.made_runs import at, make_run
 
 
@@ -112,6 +113,7 @@ _RUN = {"import": ["import", "--angles", "0", "--same-exposure", "--", "OUT", "s
 _EDITED = {"write": [*_AXIS, "--out", "a.json", "--write"]}
 # Of a command's paths, those that it reads.
 _READ = {
+    "calibrations",
     "lens",
     "outlines",
     "root",
@@ -174,9 +176,9 @@ def test_a_place_that_does_not_do_is_refused_before_any_work(words, out, said, r
 
 
 def test_every_destination_of_every_command_is_tried():
-    group = typer.main.get_command(cli.app)
+    group = typer.main.get_command(old_cli.app)
     leaves = {}
-    for verb in cli.VERBS:
+    for verb in old_cli.VERBS:
         command = group.get_command(None, verb)
         inner = getattr(command, "commands", None)
         leaves |= {verb: command} if inner is None else {f"{verb} {name}": one for name, one in inner.items()}
@@ -187,6 +189,10 @@ def test_every_destination_of_every_command_is_tried():
         if "Path" in str(getattr(one, "type_descriptor", ""))
     }
     written = {(verb, option) for verb, places in DESTINATIONS.items() for option in places}
+    for verb, function in functions().items():
+        hints = {name: hint for name, hint in cli.hints_of(function).items() if name != "return"}
+        paths |= {(verb, name) for name, hint in hints.items() if "Path" in str(hint)}
+        written |= {(verb, name) for name in cli.destinations(function)}
     forgotten = {
         (verb, name)
         for verb, name in paths - written
@@ -196,8 +202,17 @@ def test_every_destination_of_every_command_is_tried():
     assert {name for _, name in paths} >= {"out", "run", "scene"}
 
 
+def functions():
+    """Return the functions of all verbs."""
+    targets = {verb: target for verbs in HEADINGS.values() for verb, (target, _) in verbs.items()}
+    return {verb: cli.function_of(verb) for verb, target in targets.items() if target not in (None, "old")}
+
+
 def test_every_file_of_a_result_folder_is_known_before_the_work():
     patterns = [name for places in DESTINATIONS.values() for place in places.values() for name in place.names]
+    patterns += [
+        name for one in functions().values() for place in cli.destinations(one).values() for name in place.names
+    ]
     sources = sorted((Path(cli.__file__).parent / "reports" / "outputs").glob("*.py"))
     names = {
         name for file in sources for name in re.findall(r'"([\w-]+\.(?:png|csv|json|html|pdf|fits))"', file.read_text())

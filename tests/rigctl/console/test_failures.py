@@ -56,7 +56,7 @@ def test_the_key_is_the_first_that_the_message_names(message, key):
 
 def test_an_unknown_verb_leads_to_the_one_that_was_meant(capsys):
     assert cli.main(["predcit"]) == 2
-    assert "Did you mean predict" in capsys.readouterr().err
+    assert 'Did you mean "predict"' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("name", "driver"), [("ELL14", "ellx"), ("KDC101", "apt"), ("zabre", "zaber")])

@@ -11,7 +11,7 @@ from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.regions import load_regions
 from rigctl.interface import data_frames as optional_packages
 from rigctl.jobs.predict import PredictedScene
-from rigctl.jobs.stokes import StokesOfRun
+from rigctl.verbs.stokes import StokesResult
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.made_runs import at, make_run
 
@@ -88,7 +88,7 @@ def test_frames_of_a_kind_that_there_is_not_say_what_there_is(run_path):
 def test_stokes_are_pictures_and_a_table(run_path, regions_file):
     run = rigctl.open_run(run_path)
     found = run.stokes(regions=regions_file)
-    assert isinstance(found, StokesOfRun)
+    assert isinstance(found, StokesResult)
     assert found.dolp.shape == found.s1.shape == (20, 24)
     table = run.regions(regions_file)
     assert list(table.columns) == ["region", "quantity", "statistic", "value", "std_error"]
@@ -171,12 +171,12 @@ def test_a_registration_can_be_forced_as_by_the_command(run_path, regions_file, 
         asked.append(request[-1])
         raise ConfigError("asked")
 
-    monkeypatch.setattr("rigctl.interface.run.stokes_of_run", refused)
-    monkeypatch.setattr("rigctl.interface.calls.compare_run", lambda *given, out: refused(given[-1]))
+    monkeypatch.setattr("rigctl.verbs.stokes.stokes_of", lambda run, regions, paths, correct: refused(paths))
+    monkeypatch.setattr("rigctl.interface.calls.compare_run", lambda *given, out: refused(given[-1].calibrations))
     for call in (rigctl.stokes, rigctl.compare):
         with pytest.raises(ConfigError, match="asked"):
             call(run_path, regions=regions_file, register="registration.json", force_registration=True)
-    assert [request.calibrations.force_registration for request in asked] == [True, True]
+    assert [paths.force_registration for paths in asked] == [True, True]
 
 
 @pytest.fixture

@@ -7,17 +7,18 @@ import sys
 
 import numpy as np
 import pytest
+import typer
 
 import rigctl
-from rigctl import cli
+from rigctl import cli, old_cli
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.jobs.annotate import exclude_frames, note_run
-from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.jobs.verify import verify
 from rigctl.measurement.frame_grid import arrange
 from rigctl.runs.annotations import read_annotations
 from rigctl.runs.run_folder import ANNOTATIONS_FILE
 from rigctl.runs.wholeness import used_run
+from rigctl.verbs.stokes import stokes
 from rigctl.web.run_reader import RunReader
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.resealed import as_of_layout_1
@@ -61,7 +62,7 @@ def test_a_line_has_the_keys_of_the_contract_and_its_seal(run):
 def test_excluded_frames_are_in_no_number_and_frames_do_not_change(run):
     before = {file.name: file.read_bytes() for file in run.rglob("*") if file.is_file()}
     _exclude(run, "8-11")
-    found = stokes_of_run(StokesRequest(run=run))
+    found = stokes(run)
     assert found.measurement.grid.cycles == 2
     assert found.measurement.images.stokes[0].mean() == pytest.approx(400.0, rel=0.01)
     assert found.as_json()["left_out"][0] == "frame 8: excluded: bird (ann)"
@@ -81,12 +82,13 @@ def test_ignore_exclusions_takes_them_and_says_so(run, tmp_path, capsys):
 
 
 def test_every_command_that_makes_numbers_of_a_run_has_the_option():
-    readers = ("stokes", "compare", "detect", "export", "summary", "info")
+    readers = ("compare", "detect", "export", "summary", "info")
     inner = {"calibrate": ("axis", "flat", "noise", "radiometric", "registration"), "fit": ("surface",)}
-    group = cli.typer.main.get_command(cli.app)
+    group = typer.main.get_command(old_cli.app)
     commands = [group.get_command(None, verb) for verb in readers]
     commands += [group.get_command(None, verb).commands[name] for verb, names in inner.items() for name in names]
     assert all("ignore_exclusions" in {one.name for one in command.params} for command in commands)
+    assert all("ignore_exclusions" in cli.hints_of(cli.function_of(verb)) for verb in ("stokes",))
 
 
 def test_python_leaves_them_out_too(run):

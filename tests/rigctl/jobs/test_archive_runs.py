@@ -23,10 +23,10 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.archive_runs import run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest, RunTask, rows_of
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.stokes import StokesRequest, stokes_of_run
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
+from rigctl.verbs.stokes import stokes
 from tests.rigctl.example_files import small_rig, small_session
 
 AXIS = {"schema_version": 2, "sense": -1, "offset_deg": {"value": 36.7, "std_error": 0.01}}
@@ -131,7 +131,7 @@ def test_regions_of_a_whole_archive_where_an_expression_holds(root, taken, engin
     settings = CompareRequest(scene=taken / "scene.toml", calibrations=CalibrationPaths())
     found = run_over_archive(request(root, "stokes", engine, settings=settings, where="run = 'a'", full=True))
     assert [row.run for row in found.rows] == ["a"]
-    measured = stokes_of_run(StokesRequest(run=root / "a", regions=read_regions(taken))).measurement
+    measured = stokes(root / "a", regions=read_regions(taken)).measurement
     assert found.rows[0].regions[0].dolp == measured.regions["left"].quantities["dolp"]["mean"].value
     assert (root.parent / "stokes" / "runs" / "a" / "dolp.fits").is_file()
 

@@ -1,0 +1,68 @@
+"""The verbs: one function each, under the headings that `rigctl --help` shows, in the order of use."""
+
+# Heading -> {verb: (function, one line of help)}; None is a group of verbs. The module of a function is imported when
+# its verb is called. "old" marks verbs that old_cli.py still holds.
+HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
+    "Start": {
+        "demo": ("old", "Run the whole job on a simulated rig: session, calibration, report."),
+        "new": ("old", "Write the files of a new rig into a folder, ready to run."),
+        "doctor": ("old", "Check network, disk, clock and devices, and say what to change."),
+    },
+    "Rig": {
+        "devices": ("old", "List ports, stages and cameras, with lines for the rig file."),
+        "stage": ("old", "Characterise a rotation stage: readback error, backlash, settling."),
+        "preview": ("old", "Show what a camera sees, and how sharp it is, for focusing."),
+        "serve": ("old", "Work the rig from a browser: focus, regions, sessions."),
+        "watch": ("old", "Show a run in a browser as it grows."),
+        "sim": ("old", "Serve simulated devices to other programs."),
+        "notify": ("old", "Try the notices that a session sends."),
+    },
+    "Session": {
+        "plan": ("old", "Print the steps of a session, and what it can give."),
+        "acquire": ("old", "Take a session: durable frames at measured polarizer angles."),
+        "resume": ("old", "Go on with a session that holds or was interrupted."),
+        "hold": ("old", "Ask a running session to hold after this frame."),
+        "stop": ("old", "Ask a running session to stop after this frame."),
+        "record": ("old", "Write down what a session's devices say, for a replay without them."),
+    },
+    "Run": {
+        "status": ("old", "Say where a session stands."),
+        "info": ("old", "Say what a run holds."),
+        "log": ("old", "Tell what happened in a session, line by line."),
+        "summary": ("old", "Write a page on how a session went."),
+        "note": ("old", "Write down something about a run."),
+        "exclude": ("old", "Leave frames of a run out of every number, with a reason."),
+        "verify": ("old", "Check a run: whole, unfinished or damaged."),
+        "migrate": ("old", "Copy old runs and calibrations in the schemas of today."),
+        "regions": ("old", "Draw regions on a picture; find them again by markers."),
+        "import": ("old", "Make a run out of images that exist."),
+        "export": ("old", "Write a run as TIFF, HDF5 or Zarr."),
+        "bundle": ("old", "Pack a run for a report of a fault, without secrets."),
+    },
+    "Calibrate": {
+        "calibrate": ("old", "Calibrate the sensor's noise, and the polarizer's axis and throughput."),
+        "calibrations": ("old", "List the store of calibrations, and how their numbers move."),
+        "point": ("old", "Find where camera and panels point, from sun, shadow, outlines, compass, level."),
+    },
+    "Measure": {
+        "stokes": ("rigctl.verbs.stokes:stokes", "Measure Stokes parameters, DoLP and AoLP of a run and its regions."),
+        "detect": ("old", "Detect a target by its polarization: RX map and ROC of a run."),
+        "compare": ("old", "Compare a run with the model, with a verdict."),
+    },
+    "Model": {
+        "predict": ("old", "What the analytical model says that a scene will give."),
+        "effects": ("old", "Which effects a scene calls for, and why."),
+        "tradeoff": ("old", "What accuracy costs in time, computed or on the roof."),
+        "fit": ("old", "Fit the parameters of a surface to measured regions."),
+        "sky": ("old", "The polarized sky of a scene: S0, S1, S2, DoLP, with the sun marked."),
+        "surface": ("old", "DoLP and reflectance of a material against angle, and its sources."),
+        "dolp": ("old", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),
+        "paper": ("old", "Figures and statements of the paper, with verdicts."),
+    },
+    "Many runs": {
+        "archive": ("old", "Index an archive of runs, and find runs in it."),
+        "study": ("old", "Predict thousands of cases on dask: grids, draws, which input matters."),
+    },
+}
+
+VERBS = tuple(verb for verbs in HEADINGS.values() for verb in verbs)

@@ -1,0 +1,55 @@
+"""What a verb gives back: one content for the terminal, a notebook and programs."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeAlias
+
+from rigctl.console.json_text import Json
+
+if TYPE_CHECKING:
+    from rigctl.reports.table import AnyTable
+
+# A sentence, a table, or what draws a picture as PNG; a terminal leaves pictures out.
+Part: TypeAlias = "str | AnyTable | Callable[[], bytes]"
+
+
+class Result:
+    """Base of what verbs return. A subclass says what people read, what programs read and how the command ends."""
+
+    def content(self) -> Iterable[Part]:
+        """Return what people read, the answer first."""
+        return ()
+
+    def as_json(self) -> Mapping[str, Json] | Sequence[Mapping[str, Json]]:
+        """Return what programs read."""
+        return {}
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """Return what a notebook shows below the content; the command line has reported it while it worked."""
+        return ()
+
+    @property
+    def exit_code(self) -> int:
+        """How the command ends: 0, or a code of docs/codes.md."""
+        return 0
+
+    def show(self) -> None:
+        """Print the content on standard output."""
+        from rigctl.console.terminal import results
+        from rigctl.reports.writers.terminal_table import terminal_table
+
+        for part in self.content():
+            if isinstance(part, str):
+                results().print(part, markup=False)
+            elif not callable(part):
+                results().print(terminal_table(part))
+
+    def _repr_html_(self) -> str:
+        from rigctl.reports.writers.html_page import lines_fragment, picture_fragment, table_fragment
+
+        def fragment(part: Part) -> str:
+            if isinstance(part, str):
+                return lines_fragment([part])
+            return picture_fragment(part()) if callable(part) else table_fragment(part)
+
+        return "".join(map(fragment, (*self.content(), *self.notes)))

@@ -1,0 +1,293 @@
+"""`rigctl stokes`: Stokes parameters, DoLP and AoLP of a run, pixel by pixel and by regions."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
+
+from cyclopts import Parameter
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
+from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath, RunPath, Writes, path_of
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from model.processing.texture import Texture
+    from rigctl.comparison.checks import Check
+    from rigctl.files.regions import Region
+    from rigctl.measurement.measurement import Measurement
+    from rigctl.measurement.picked_calibrations import PickedCalibrations
+    from rigctl.measurement.run_calibrations import CalibrationPaths
+    from rigctl.measurement.run_diagnosis import RunDiagnosis
+    from rigctl.runs.run_folder import Run as RunRecord
+
+_FILES = (
+    "stokes.json",
+    "stokes.fits",
+    "dolp.fits",
+    "aolp.fits",
+    "saturated.fits",
+    "missing.fits",
+    "residual.png",
+    "pictures.png",
+    "aolp.png",
+)
+
+
+def stokes(
+    run: RunPath,
+    /,
+    *,
+    regions: RegionsPath | None = None,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES), Parameter(required=True)] = None,
+    **frames: Unpack[FrameOptions],
+) -> "StokesResult":
+    """Measure Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions.
+
+    stokes.fits holds (S0, S1, S2) after the dark level, in DN, or in DN/s where exposures differ. Calibrations that are
+    not named are picked from the store beside the rig file, if there is one (rigctl calibrations).
+
+    Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+    regions : path or sequence of Region
+        Regions file.
+    out : path
+        Folder for images, pictures and numbers. Python may leave it out: nothing is written then.
+    **frames
+        Calibrations and corrections, see `FrameOptions`.
+
+    Returns
+    -------
+    StokesResult
+        Pictures as arrays, numbers as a table.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or the run is unfit.
+    """
+    from rigctl.files.regions import load_regions
+    from rigctl.measurement.picked_calibrations import paths_of
+    from rigctl.runs.wholeness import used_run
+
+    given = [] if regions is None else regions
+    found = stokes_of(
+        used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
+        load_regions(Path(given)) if isinstance(given, str | Path) else list(given),
+        paths_of(frames),
+        correct=tuple(frames.get("correct", ())),
+    )
+    if found.picked is not None:
+        found.picked.report()
+    for remark in found.remarks:
+        warn(remark)
+    if out is not None:
+        note(f"{', '.join(found.write(Path(out)))} in {out}")
+    for refusal in found.refused:
+        warn(refusal)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StokesResult(Result):
+    """Stokes parameters of a run, as arrays, as a table and as `stokes.json` has them."""
+
+    measurement: "Measurement"
+    regions: "list[Region]"
+    textures: "dict[str, Texture] | None"  #: by region; None without a noise calibration, which tells it from noise
+    remarks: tuple[str, ...]  #: doubts, and how frames were corrected
+    diagnosis: "RunDiagnosis"  #: faults that the run itself shows
+    checks: "tuple[Check, ...]"  #: whether the run is sound
+    picked: "PickedCalibrations | None" = None  #: which calibrations were picked from the store
+
+    def __repr__(self) -> str:
+        from rigctl.measurement.picked_calibrations import named_calibrations
+
+        grid = self.measurement.grid
+        pixels = f"{grid.height} x {grid.width} pixels [{grid.unit}]"
+        return f"<Stokes parameters of {self.measurement.run.path}: {pixels}{named_calibrations(self.picked)}>"
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        from rigctl.measurement.picked_calibrations import calibrations_json
+
+        return calibrations_json(self.picked)
+
+    @property
+    def s0(self) -> Any:
+        """S0 of every pixel, (H, W) array, in the unit of the measurement."""
+        return self.measurement.images.stokes[0]
+
+    @property
+    def s1(self) -> Any:
+        """S1 of every pixel, horizontal - vertical, (H, W) array."""
+        return self.measurement.images.stokes[1]
+
+    @property
+    def s2(self) -> Any:
+        """S2 of every pixel, +45 - (-45) deg, (H, W) array."""
+        return self.measurement.images.stokes[2]
+
+    @property
+    def dolp(self) -> Any:
+        """DoLP of every pixel, (H, W) array; not a number where it has no meaning."""
+        return self.measurement.images.dolp
+
+    @property
+    def aolp_deg(self) -> Any:
+        """AoLP of every pixel, (H, W) array, counter-clockwise from horizontal, in [0, 180) [deg]."""
+        return self.measurement.images.aolp_deg
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Why the run is unsound; empty where it is sound."""
+        from rigctl.comparison.verdict import refused_regions
+
+        regions = {check.region for check in self.checks if check.region is not None}
+        refused = refused_regions(self.checks)
+        every = bool(regions) and regions == set(refused)
+        return tuple(
+            f"{check.name}: {check.text}"
+            for check in self.checks
+            if check.verdict == "refused" and (check.region is None or every)
+        )
+
+    @property
+    def exit_code(self) -> int:
+        """4 where the run is unsound."""
+        from rigctl.console.failures import EXIT_DATA
+
+        return EXIT_DATA if self.refused else 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Calibrations that were picked, doubts and corrections."""
+        return (*(() if self.picked is None else self.picked.lines), *self.remarks)
+
+    def content(self) -> Iterable[Part]:
+        """Return the run's faults, the numbers of the regions and their texture."""
+        from rigctl.reports.figures.measurement_figures import scene_pictures
+        from rigctl.reports.tables.numbers_json import region_statistics
+        from rigctl.reports.tables.prediction_tables import quantity_tables
+
+        yield from self._faults()
+        yield from quantity_tables(
+            {name: region_statistics(region) for name, region in self.measurement.regions.items()}
+        )
+        for name, texture in (self.textures or {}).items():
+            yield _texture_line(name, texture)
+        yield lambda: scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)
+
+    def _faults(self) -> Iterable[str]:
+        from rigctl.comparison.verdict import said_of
+        from rigctl.measurement.fault_terms import term_text
+
+        if self.refused:
+            yield "UNSOUND: the numbers below are not those of the light"
+        yield from (f"the run shows {term_text(term)}" for term in self.diagnosis.named)
+        yield from (f"{title}: {text}" for title, text in said_of(self.checks, "flagged", "refused"))
+        yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
+        clipped, missing = int(self.measurement.saturated.sum()), int(self.measurement.missing.sum())
+        if clipped or missing:
+            total = self.measurement.saturated.size
+            yield (
+                f"left out of {total} pixels: {clipped} clipped in one frame or more ({clipped / total:.1%}), "
+                f"{missing} missing ({missing / total:.1%})"
+            )
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what stokes.json holds."""
+        from rigctl.reports.tables.numbers_json import diagnosis_json, measurement_json
+
+        return measurement_json(self.measurement, self.textures) | {
+            "unmeasured": self.measurement.unmeasured,
+            "diagnosis": diagnosis_json(self.diagnosis),
+            "checks": [asdict(check) for check in self.checks],
+            "flags": [check.name for check in self.checks if check.verdict == "flagged"],
+            "sound": not any(check.verdict == "refused" for check in self.checks),
+            **({} if self.picked is None else self.picked.as_json()),
+        }
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write images, masks, pictures and numbers into a folder; return the names of the files."""
+        from rigctl.reports.outputs.measurement_files import write_stokes
+
+        return write_stokes(self.measurement, self.regions, folder, numbers=self.as_json())
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return every measured number as a data frame: region, quantity, statistic, value, std_error."""
+        from rigctl.interface.data_frames import data_frame, measured_numbers, number_table
+
+        found = {name: region.quantities for name, region in self.measurement.regions.items()}
+        return data_frame(number_table(measured_numbers(found), error="std_error"), backend)
+
+    def to_xarray(self) -> Any:
+        """Return the pictures as an `xarray.Dataset`: s0, s1, s2, dolp, aolp_deg and unusable over y and x."""
+        from rigctl.interface.data_frames import optional
+
+        images, unit = self.measurement.images, self.measurement.grid.unit
+        units = {"s0": unit, "s1": unit, "s2": unit, "dolp": "1", "aolp_deg": "deg"}
+        data: dict[str, Any] = {
+            name: (("y", "x"), getattr(self, name), {"units": text}) for name, text in units.items()
+        }
+        data["unusable"] = (("y", "x"), images.unusable, {"long_name": "saturated or missing in any frame"})
+        return optional("xarray").Dataset(data, attrs={"run": str(self.measurement.run.path)})
+
+
+def stokes_of(
+    run: "RunRecord", regions: "list[Region]", paths: "CalibrationPaths", *, correct: tuple[str, ...] = ()
+) -> StokesResult:
+    """Measure a run that was read already."""
+    from rigctl.comparison.checks import registration_of, run_checks
+    from rigctl.measurement.diagnosed_run import diagnosed
+    from rigctl.measurement.picked_calibrations import picked_for_run
+    from rigctl.measurement.run_calibrations import correction_remarks, read_calibrations
+
+    picked = picked_for_run(paths, run, ("noise", "polarizer", "flat", "registration"))
+    given = read_calibrations(picked.paths, run)
+    seen = diagnosed(run, regions, given, correct=correct)
+    return StokesResult(
+        measurement=seen.measurement,
+        regions=regions,
+        textures=None if given.noise is None else _region_textures(seen.measurement, given.noise),
+        remarks=(*given.doubts, *seen.remarks, *correction_remarks(seen.measurement, regions)),
+        diagnosis=seen.diagnosis,
+        checks=run_checks(seen.measurement, registration_of(seen.measurement), seen.diagnosis),
+        picked=picked,
+    )
+
+
+def _region_textures(measurement: "Measurement", noise: Any) -> "dict[str, Texture]":
+    """Return the texture of each region's Stokes parameters [grid.unit^2]; the fixed pattern stays in it."""
+    import numpy as np
+
+    from model.processing.texture import estimate_texture
+    from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
+
+    temporal, inverse = temporal_noise(noise), measurement.plan.inverse
+    return {
+        name: estimate_texture(
+            region.stokes_pixels_mean,
+            (inverse * temporal_variance(measurement, region, temporal.values)) @ inverse.T,
+            repeats=measurement.grid.cycles,
+            pattern_cov=np.zeros((3, 3)),
+        )
+        for name, region in measurement.regions.items()
+    }
+
+
+def _texture_line(name: str, texture: "Texture") -> str:
+    if math.isnan(texture.rank_one_share):
+        return f"{name}: no texture above the noise"
+    return (
+        f"{name}: texture of {100 * texture.common_factor_rms:.2f} % as a factor common to S0, S1, S2; "
+        f"{100 * texture.rank_one_share:.0f} % of it is one common variation"
+        + (f" ({texture.remark})" if texture.remark else "")
+    )
