@@ -224,7 +224,7 @@ def _annotations(command: Callable[..., Any]) -> dict[str, tuple[Any, ...]]:
 
 def hints_of(command: Callable[..., Any]) -> dict[str, Any]:
     """Return the annotation of each parameter of a verb; what only type checkers know is left out."""
-    found = {}
+    found: dict[str, Any] = {}
     for name, parameter in inspect.signature(command).parameters.items():
         if parameter.kind is inspect.Parameter.VAR_KEYWORD:
             (options,) = get_args(parameter.annotation)

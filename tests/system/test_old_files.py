@@ -27,6 +27,7 @@ from rigctl.jobs.verify import verify
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.wholeness import used_run
+from rigctl.verbs.stokes import stokes
 from rigctl.version import VERSION
 
 ARCHIVES = Path(__file__).parent / "old_files"
