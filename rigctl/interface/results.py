@@ -6,9 +6,9 @@ from typing import Any
 
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.console.json_text import Json
-from rigctl.interface.data_frames import Backend, Number, data_frame, number_table, optional
 from rigctl.jobs.predict import PredictedScene, SweptScene
 from rigctl.measurement.picked_calibrations import calibrations_json, named_calibrations
+from rigctl.reports.data_frames import Backend, Number, data_frame, number_table, optional
 from rigctl.reports.figures.comparison_figures import scores
 from rigctl.reports.figures.prediction_figures import sweep_png
 from rigctl.reports.figures.scene_figures import sky_picture

@@ -16,8 +16,8 @@ from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
-from rigctl.interface.data_frames import Backend, optional
 from rigctl.live.run_state import state_of
+from rigctl.reports.data_frames import Backend, optional
 from rigctl.runs.annotations import annotated, exclusion_remark
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import Run as RunRecord

@@ -23,7 +23,6 @@ from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.measurement.throughput_division import throughput_of
 from rigctl.runs.run_folder import Run
 from rigctl.storage.bounded_file import sha256_of
-from rigctl.verbs.options import FilePath, FrameOptions
 
 # As many folders above a run are looked into for its rig file.
 _ABOVE = 3
@@ -86,28 +85,6 @@ def calibration_paths(
         without=tuple(kind for kind, path in named.items() if path == NONE),
     )
     return paths.with_files({kind: path for kind, path in named.items() if path is not None and path != NONE})
-
-
-def paths_of(options: FrameOptions) -> CalibrationPaths:
-    """Return the calibrations that the shared options of a verb name.
-
-    Raises
-    ------
-    ConfigError
-        The store that is named is no folder.
-    """
-    named: dict[CalibrationKind, FilePath | None] = {
-        "noise": options.get("noise"),
-        "polarizer": options.get("polarizer"),
-        "flat": options.get("flat"),
-        "registration": options.get("register"),
-    }
-    store = options.get("calibrations")
-    return calibration_paths(
-        {kind: None if path is None else Path(path) for kind, path in named.items()},
-        store=None if store is None else Path(store),
-        force_registration=options.get("force_registration", False),
-    )
 
 
 def calibrations_json(picked: "PickedCalibrations | RigPicks | None") -> dict[str, Json]:

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict
 from cyclopts import Parameter, Token, convert
 
 if TYPE_CHECKING:
+    from rigctl.calibrations.store import CalibrationKind
     from rigctl.files.regions import Region
     from rigctl.interface.run import Run
+    from rigctl.measurement.run_calibrations import CalibrationPaths
 
 # Python takes texts and what it has read already; the command line makes a path of every text.
 if TYPE_CHECKING:
@@ -84,3 +86,27 @@ class FrameOptions(TypedDict, total=False):
     calibrations: FilePath | None
     correct: Annotated[Sequence[Literal["throughput", "dark-level", "shift"]], COMMA_SEPARATED]
     ignore_exclusions: bool
+
+
+def calibrations_of(frames: FrameOptions) -> "CalibrationPaths":
+    """Return the calibration files that the options name, and the store that the others are picked from.
+
+    Raises
+    ------
+    ConfigError
+        The store that is named is no folder.
+    """
+    from rigctl.measurement.picked_calibrations import calibration_paths
+
+    named: dict[CalibrationKind, FilePath | None] = {
+        "noise": frames.get("noise"),
+        "polarizer": frames.get("polarizer"),
+        "flat": frames.get("flat"),
+        "registration": frames.get("register"),
+    }
+    store = frames.get("calibrations")
+    return calibration_paths(
+        {kind: None if path is None else Path(path) for kind, path in named.items()},
+        store=None if store is None else Path(store),
+        force_registration=frames.get("force_registration", False),
+    )

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
-from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath, RunPath, Writes, calibrations_of, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -73,14 +73,13 @@ def stokes(
         A file is wrong, or the run is unfit.
     """
     from rigctl.files.regions import load_regions
-    from rigctl.measurement.picked_calibrations import paths_of
     from rigctl.runs.wholeness import used_run
 
     given = [] if regions is None else regions
     found = stokes_of(
         used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
         load_regions(Path(given)) if isinstance(given, str | Path) else list(given),
-        paths_of(frames),
+        calibrations_of(frames),
         correct=tuple(frames.get("correct", ())),
     )
     if found.picked is not None:
@@ -223,14 +222,14 @@ class StokesResult(Result):
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every measured number as a data frame: region, quantity, statistic, value, std_error."""
-        from rigctl.interface.data_frames import data_frame, measured_numbers, number_table
+        from rigctl.reports.data_frames import data_frame, measured_numbers, number_table
 
         found = {name: region.quantities for name, region in self.measurement.regions.items()}
         return data_frame(number_table(measured_numbers(found), error="std_error"), backend)
 
     def to_xarray(self) -> Any:
         """Return the pictures as an `xarray.Dataset`: s0, s1, s2, dolp, aolp_deg and unusable over y and x."""
-        from rigctl.interface.data_frames import optional
+        from rigctl.reports.data_frames import optional
 
         images, unit = self.measurement.images, self.measurement.grid.unit
         units = {"s0": unit, "s1": unit, "s2": unit, "dolp": "1", "aolp_deg": "deg"}

@@ -9,8 +9,8 @@ import pytest
 import rigctl
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.regions import load_regions
-from rigctl.interface import data_frames as optional_packages
 from rigctl.jobs.predict import PredictedScene
+from rigctl.reports import data_frames as optional_packages
 from rigctl.verbs.stokes import StokesResult
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.made_runs import at, make_run
