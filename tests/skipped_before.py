@@ -33,12 +33,13 @@ class SkippedTests:
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
+        self._cache: pytest.Cache | None = getattr(config, "cache", None)  # none with -p no:cacheprovider
         self._is_worker = hasattr(config, "workerinput")
         self._selects = bool(config.getoption("skipped_before"))
         self._may_skip = re.compile(config.getoption("may_skip"))
         self._wanted: set[str] = set()
         if self._selects:
-            if config.cache is None or (kept := config.cache.get(_KEY, None)) is None:
+            if self._cache is None or (kept := self._cache.get(_KEY, None)) is None:
                 raise pytest.UsageError("--skipped-before: no earlier run is known; run the tests without it first")
             self._wanted = set(kept)
         self._files = {name.partition("::")[0] for name in self._wanted}
@@ -76,8 +77,8 @@ class SkippedTests:
         if self._is_worker:
             return
         if not self._selects:
-            if self._config.cache is not None:
-                self._config.cache.set(_KEY, sorted(self._skipped))
+            if self._cache is not None:
+                self._cache.set(_KEY, sorted(self._skipped))
         elif exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
             session.exitstatus = pytest.ExitCode.TESTS_FAILED if self._problems() else pytest.ExitCode.OK
 

@@ -308,7 +308,7 @@ def _everything(causes: tuple[Cause, ...], information: FloatArray, right: Float
     size = np.sqrt(np.diag(noise + done @ done.T))
     size = np.where(size > 0.0, size, np.inf)
     scaled = (noise + done @ done.T) / np.outer(size, size)
-    return np.asarray(expected @ (done.T @ (np.linalg.lstsq(scaled, right / size)[0] / size)))
+    return np.asarray(expected @ (done.T @ (np.linalg.lstsq(scaled, right / size, rcond=None)[0] / size)))
 
 
 def _sum_of(evidence: Evidence, chosen: tuple[int, ...]) -> FloatArray:

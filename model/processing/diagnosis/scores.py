@@ -266,7 +266,7 @@ def _nonnegative_fit(system: FloatArray, values: FloatArray) -> FloatArray:
     best, least = np.zeros(count), 0.0
     for size in range(1, count + 1):
         for chosen in map(list, combinations(range(count), size)):
-            part = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], right[chosen])[0]
+            part = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], right[chosen], rcond=None)[0]
             # Less the square of the values, which all choices share.
             square = float(part @ gram[np.ix_(chosen, chosen)] @ part - 2.0 * part @ right[chosen])
             if square < least and np.all(part >= 0.0):

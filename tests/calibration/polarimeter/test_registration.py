@@ -54,9 +54,8 @@ def registrations() -> tuple[Registration, ...]:
 
 def test_bias_on_polarized_natural_scenes() -> None:
     errors = np.array([found.shift_pixels - SHIFTS for found in registrations()])
-    # What is asked for is a bias below 0.05 pixel; here every single scene is within it.
+    # What is asked for is a bias below 0.05 pixel. A single scene errs by its noise, too: see the standard errors below.
     assert np.max(np.abs(errors.mean(axis=0))) < 0.03
-    assert np.max(np.abs(errors)) < 0.05
 
 
 def test_standard_errors_hold_what_polarization_does() -> None:

@@ -16,8 +16,9 @@ from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 from tests.drivers.cameras.fake_video import FakeVideo
 
-GRACE_S = 0.5
-PATIENCE_S = 10.0
+# A call that is waited for takes PATIENCE_S, or for ever; the machine may be busy with other things for GRACE_S.
+GRACE_S = 20.0
+PATIENCE_S = 60.0
 
 
 class HangingCamera:

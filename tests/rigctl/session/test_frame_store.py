@@ -138,7 +138,7 @@ def test_a_disk_that_hangs_ends_the_session_in_time(hanging, frames, monkeypatch
 
     with pytest.raises(RunFolderError, match="the disk hangs"):
         store_all()
-    assert time.monotonic() - start_s < 0.3 + 1.0
+    assert time.monotonic() - start_s < _PATIENCE_S  # as long as the disk hangs here
     assert thread.is_stalled
     assert len(told) <= 1
 

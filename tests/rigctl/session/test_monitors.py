@@ -121,7 +121,7 @@ def test_nobody_waits_for_a_sensor_that_hangs() -> None:
     began_s = time.monotonic()
     for sequence in range(20):
         monitors.look(sequence)
-    assert time.monotonic() - began_s < 10.0
+    assert time.monotonic() - began_s < 30.0  # a sensor that is waited for takes 60 s
     assert events == []
 
 
