@@ -54,7 +54,7 @@ def registrations() -> tuple[Registration, ...]:
 
 def test_bias_on_polarized_natural_scenes() -> None:
     errors = np.array([found.shift_pixels - SHIFTS for found in registrations()])
-    # What is asked for is a bias below 0.05 pixel. A single scene errs by its noise, too: see the standard errors below.
+    # What is asked for is a bias below 0.05 pixel. A single scene errs by its noise too, as tested below.
     assert np.max(np.abs(errors.mean(axis=0))) < 0.03
 
 
