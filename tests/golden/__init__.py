@@ -1,0 +1,18 @@
+"""Golden outputs: what every verb gives on examples and simulated runs, compared with what is stored.
+
+`pytest tests/golden` runs the chapters that take seconds, `make trials` those that take minutes as well. By hand:
+
+    python -m tests.golden                       # all that take seconds
+    python -m tests.golden panels roof           # two chapters
+    python -m tests.golden --long                # all
+    python -m tests.golden --prose predictions   # sentences too, which are not compared otherwise
+    python -m tests.golden --write panels        # store what is found
+
+Compared are exit codes, the JSON on standard output, the set of files written, and the numbers in JSON, JSONL, CSV,
+TOML, FITS, NumPy and HDF5 files. A number may move by 1e-9 of itself or of the standard error that is stated next to
+it. Not compared are tables and sentences for people, pictures and pages (only that they are there), times, versions,
+paths and hashes.
+
+After an intended change run with `--write`, read `git diff --stat tests/golden/stored` and the diff, and say in the
+commit message which numbers changed and why. A verb or option that gets another name is changed in `cases.py` only.
+"""

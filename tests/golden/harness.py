@@ -1,0 +1,183 @@
+"""Runs chapters of commands and compares what they give with what is stored.
+
+A chapter is a list of commands that share one folder. Of each command the exit code, the JSON on standard output and
+the files that it wrote are kept; prose for people, times, versions, paths and hashes are not.
+"""
+
+import contextlib
+import io
+import json
+import os
+import re
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rigctl.cli import main
+from tests.golden.digest import digest_file, digest_value
+
+STORED = Path(__file__).parent / "stored"
+#: A number may move by this share of itself, or of the standard error that is stated next to it.
+RELATIVE = 1e-9
+#: Smaller differences are rounding of numbers that should be zero.
+FLOOR = 1e-14
+_ERROR_KEYS = ("std_error", "std", "sigma", "rms", "error")
+_PROSE_WORDS = 4
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """Commands that are run one after the other in one folder."""
+
+    commands: Mapping[str, str]  #: name -> command line; names are kept when verbs are renamed
+    prepare: Callable[[Path], None] | None = None  #: writes the input files of the folder
+    needs: tuple[str, ...] = ()  #: Python packages; without them the chapter is skipped
+    is_long: bool = False  #: takes minutes: run by `make trials` and by `python -m tests.golden --long`
+    is_real: bool = False  #: needs RIGCTL_REAL_DATA
+    values: Callable[[], dict[str, Any]] | None = None  #: numbers of Python functions, kept next to the commands
+    relative: Mapping[str, float] = field(default_factory=dict)  #: wider tolerance of single commands
+    floor: float = FLOOR
+
+
+def run_chapter(chapter: Chapter, folder: Path) -> dict[str, Any]:
+    """Run a chapter in an empty folder; return what its commands gave."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.chdir(folder):
+        if chapter.prepare is not None:
+            chapter.prepare(folder)
+        found = {name: _run(line, folder) for name, line in chapter.commands.items()}
+    if chapter.values is not None:
+        found |= digest_value(chapter.values(), folder)
+    return found
+
+
+def _run(line: str, folder: Path) -> dict[str, Any]:
+    before = _files(folder)
+    code, text = run_command(line)
+    found: dict[str, Any] = {"code": code}
+    if "--json" in line.split():
+        try:
+            found["json"] = digest_value(json.loads(text), folder)
+        except ValueError:
+            found["json"] = "<no JSON>"
+    after = _files(folder)
+    written = sorted(name for name, stamp in after.items() if before.get(name) != stamp)
+    found |= _digests(folder, written)
+    gone = sorted(before.keys() - after.keys())
+    return _without_copies(found | ({"gone": gone} if gone else {}))
+
+
+def run_command(line: str) -> tuple[int, str]:
+    """Run one command line in this process; return its exit code and its standard output."""
+    out, arguments = io.StringIO(), shlex.split(os.path.expandvars(line))
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        code = main(arguments)
+    return code, out.getvalue()
+
+
+def _digests(folder: Path, written: list[str]) -> dict[str, Any]:
+    """Return the digests of the files written: frames of one folder together, other files each by itself."""
+    files: dict[str, Any] = {}
+    frames: dict[str, list[Any]] = {}
+    for name in written:
+        found = digest_file(folder / name, folder)
+        series = re.sub(r"\d{6}_\w+\.fits$", "*.fits", name)
+        if series != name:
+            frames.setdefault(series, []).append(found)
+        else:
+            files[name] = found
+    for series, found in frames.items():
+        files[series] = digest_value([frame | {"n": 1} for frame in found], folder)
+    return {"files": files} if files else {}
+
+
+def _without_copies(found: dict[str, Any]) -> dict[str, Any]:
+    """Return what a command gave, with standard output as the name of the file that holds the same."""
+    same = [name for name, content in found.get("files", {}).items() if content == found.get("json")]
+    return found | {"json": f"<{same[0]}>"} if same else found
+
+
+def _files(folder: Path) -> dict[str, tuple[int, int]]:
+    """Return the files below a folder with their times and sizes; a Zarr store counts as one."""
+    found = {}
+    for path in folder.rglob("*"):
+        name = path.relative_to(folder).as_posix()
+        inside_zarr = re.match(r"(.*?\.zarr)/", name)
+        if inside_zarr is not None:
+            found[inside_zarr[1]] = (0, 0)
+        elif path.is_file():
+            status = path.stat()
+            found[name] = (status.st_mtime_ns, status.st_size)
+    return found
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How far two trees of JSON may differ."""
+
+    relative: float = RELATIVE  #: share of a number, or of the standard error next to it
+    floor: float = FLOOR  #: smaller differences are none
+    prose: bool = False  #: whether sentences count
+
+    def differences(self, stored: Any, found: Any, at: str = "", scale: float = 0.0) -> Iterator[str]:
+        """Yield where two trees differ; `scale` is the size of the numbers, or of the error, next to a number."""
+        if isinstance(stored, dict) and isinstance(found, dict):
+            yield from self._of_dicts(stored, found, at)
+        elif isinstance(stored, list) and isinstance(found, list) and len(stored) == len(found):
+            scale = max(map(abs, stored), default=0.0) if all(map(_is_number, stored)) else 0.0
+            for number, (one, other) in enumerate(zip(stored, found, strict=True)):
+                yield from self.differences(one, other, f"{at}/{number}", scale)
+        elif _is_number(stored) and _is_number(found):
+            allowed = self.relative * max(abs(stored), scale) + self.floor
+            if not abs(found - stored) <= allowed:
+                yield f"{at}: {found!r} (stored: {stored!r}, allowed difference {allowed:.2g})"
+        elif stored != found and (self.prose or not (_is_prose(stored) and _is_prose(found))):
+            yield f"{at}: {_short(found)} (stored: {_short(stored)})"
+
+    def _of_dicts(self, stored: dict[str, Any], found: dict[str, Any], at: str) -> Iterator[str]:
+        scale = max((abs(stored[key]) for key in _ERROR_KEYS if _is_number(stored.get(key))), default=0.0)
+        for key in stored.keys() | found.keys():
+            if key not in found:
+                yield f"{at}/{key}: is gone (stored: {_short(stored[key])})"
+            elif key not in stored:
+                yield f"{at}/{key}: is new ({_short(found[key])})"
+            else:
+                yield from self.differences(stored[key], found[key], f"{at}/{key}", scale)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_prose(value: Any) -> bool:
+    return isinstance(value, str) and len(value.split()) >= _PROSE_WORDS
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 100 else f"{text[:100]}..."
+
+
+def stored_file(name: str) -> Path:
+    """Return where what a chapter gives is stored."""
+    return STORED / f"{name}.json"
+
+
+def check(name: str, chapter: Chapter, folder: Path, *, write: bool = False, prose: bool = False) -> list[str]:
+    """Run a chapter in a folder; return where it differs from what is stored, or store it."""
+    found = run_chapter(chapter, folder)
+    path = stored_file(name)
+    if write:
+        path.parent.mkdir(exist_ok=True)
+        lines = (f"{json.dumps(key)}: {json.dumps(value, separators=(',', ':'))}" for key, value in found.items())
+        path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+        return []
+    stored = json.loads(path.read_text())
+    changed = [f"/{command}: is new" for command in found.keys() - stored.keys()]
+    changed += [f"/{command}: is gone" for command in stored.keys() - found.keys()]
+    for command in stored.keys() & found.keys():
+        comparison = Comparison(relative=chapter.relative.get(command, RELATIVE), floor=chapter.floor, prose=prose)
+        changed += comparison.differences(stored[command], found[command], f"/{command}")
+    return sorted(changed)
