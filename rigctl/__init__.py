@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from rigctl.files.rig_file import load_rig
     from rigctl.files.scene_file import load_scene
     from rigctl.interface.archive import open_archive
-    from rigctl.interface.calls import acquire, compare, predict, sky, surface, sweep
+    from rigctl.interface.calls import acquire, compare, predict, sweep
     from rigctl.interface.run import open_run
+    from rigctl.verbs.sky import sky
     from rigctl.verbs.stokes import stokes
+    from rigctl.verbs.surface import surface
 
 __all__ = [
     "acquire",
@@ -42,7 +44,9 @@ _ELSEWHERE = {
     "load_rig": ("rigctl.files.rig_file", "load_rig"),
     "load_scene": ("rigctl.files.scene_file", "load_scene"),
     "open_archive": ("rigctl.interface.archive", "open_archive"),
+    "sky": ("rigctl.verbs.sky", "sky"),
     "stokes": ("rigctl.verbs.stokes", "stokes"),
+    "surface": ("rigctl.verbs.surface", "surface"),
 }
 
 

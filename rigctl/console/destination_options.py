@@ -90,11 +90,9 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "regions find": {"out": _FILE},
     "regions mark": {"out": _FILE},
     "sim stage": {"link": _ABSENT, "truth": _FILE},
-    "sky": {"out": _folder("sky.png", "sky.json", "sky-aerosols.png", "sky-aerosols.json")},
     "stage characterise": {"out": _FILE, "plot": _FILE},
     "study": {"out": _folder(*_STUDIED)},
     "summary": {"out": _FILE},
-    "surface": {"out": _folder("surface.png", "hemisphere.png", "surface.json")},
     "tradeoff": {"out": _folder(*_TRADED)},
 }
 # What is written where nothing is said.

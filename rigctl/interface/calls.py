@@ -7,16 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.surface.diffuse import DiffuseKind
-from model.surface.shadowing import Shadowing
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine, LightPart, ScaleKind
 from rigctl.files.scene_file import SceneFile
 from rigctl.interface.results import (
     ComparisonResult,
     Prediction,
-    SkyResult,
-    SurfaceResult,
     SweepResult,
 )
 from rigctl.interface.run import Run, maybe_path, none_fits, open_run
@@ -24,8 +20,6 @@ from rigctl.jobs.acquire import AcquireRequest, prepare_session
 from rigctl.jobs.acquire import acquire as take
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.predict import PredictRequest, predict_scene, sweep_scene
-from rigctl.jobs.sky import compute_sky
-from rigctl.jobs.surface import look_at_surface
 from rigctl.measurement.picked_calibrations import calibration_paths
 from rigctl.prediction.sweep_axes import Axis
 from rigctl.verbs.options import FilePath
@@ -189,66 +183,6 @@ def compare(
     found = compare_run(_folder(run), request, out=maybe_path(out))
     _warn_of(none_fits(() if found.picked is None else found.picked.choices))
     return ComparisonResult(**vars(found))
-
-
-def sky(scene: SceneGiven, *, engine: Engine = "own", out: FilePath | None = None) -> SkyResult:
-    """Return the polarized sky of a scene over the hemisphere.
-
-    Parameters
-    ----------
-    scene : path or SceneFile
-        With sun, atmosphere and the sensor's band.
-    engine : {"own", "sasktran2"}
-        What solves it.
-    out : path or None
-        Folder for sky.png and sky.json.
-
-    Raises
-    ------
-    ConfigError
-        The file says nothing of sun and atmosphere, or of a sun too low; or the engine is not installed.
-    """
-    return SkyResult(**vars(compute_sky(_scene(scene), engine=engine, out=maybe_path(out))))
-
-
-def surface(
-    material: str,
-    *,
-    wavelength_nm: float = 550.0,
-    sun_zenith_deg: float = 45.0,
-    shadowing: Shadowing = "v-cavity",
-    diffuse: DiffuseKind = "coupled",
-    out: FilePath | None = None,
-) -> SurfaceResult:
-    """Return DoLP and reflectance of a material against angle, and where its values come from.
-
-    Parameters
-    ----------
-    material : str
-        Name in the library, or path of a material file.
-    wavelength_nm : float
-        Wavelength in air, within the material's tables [nm].
-    sun_zenith_deg : float
-        Angle of the sun from the normal, 0 to below 90 [deg].
-    shadowing, diffuse : str
-        As `model.surface.pbrdf.Surface` has them.
-    out : path or None
-        Folder for surface.png, hemisphere.png and surface.json.
-
-    Raises
-    ------
-    ConfigError
-        There is no such material, or a number is outside its range.
-    """
-    found = look_at_surface(
-        str(material),
-        wavelength_nm=wavelength_nm,
-        sun_zenith_deg=sun_zenith_deg,
-        shadowing=shadowing,
-        diffuse=diffuse,
-        out=maybe_path(out),
-    )
-    return SurfaceResult(**vars(found))
 
 
 def acquire(

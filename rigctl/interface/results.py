@@ -8,20 +8,15 @@ from rigctl.comparison.compared_run import ComparedRun
 from rigctl.console.json_text import Json
 from rigctl.jobs.predict import PredictedScene, SweptScene
 from rigctl.measurement.picked_calibrations import calibrations_json, named_calibrations
-from rigctl.reports.data_frames import Backend, Number, data_frame, number_table, optional
+from rigctl.reports.data_frames import Backend, Number, data_frame, number_table
 from rigctl.reports.figures.comparison_figures import scores
 from rigctl.reports.figures.prediction_figures import sweep_png
-from rigctl.reports.figures.scene_figures import sky_picture
 from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.comparison_tables import summary_table
-from rigctl.reports.tables.light_tables import sky_lines
 from rigctl.reports.tables.prediction_tables import quantity_tables
 from rigctl.reports.tables.row_table import row_table
-from rigctl.reports.tables.surface_tables import surface_tables
 from rigctl.reports.tables.sweep_tables import sweep_tables
 from rigctl.reports.writers.html_page import lines_fragment, picture_fragment, table_fragment
-from rigctl.scene.reflected_light import SurfaceSheet
-from rigctl.scene.sky_map import SkyMap
 
 _AGREES = {True: "model and measurement agree", False: "model and measurement DISAGREE", None: "cannot be judged"}
 
@@ -121,38 +116,3 @@ class ComparisonResult(ComparedRun):
     def table(self, *, backend: Backend = "pandas") -> Any:
         """Return every row of comparison.csv: predicted, measured, errors, scores, verdict."""
         return data_frame(row_table(self.comparison.rows), backend)
-
-
-class SkyResult(SkyMap):
-    """The sky of a scene: `rigctl.scene.sky_map.SkyMap`, shown and as a dataset."""
-
-    def __repr__(self) -> str:
-        return f"<sky of {self.name}, sun at zenith {self.sun_zenith_deg:.1f} deg>"
-
-    def _repr_html_(self) -> str:
-        return picture_fragment(sky_picture(self)) + lines_fragment(sky_lines(self))
-
-    def to_xarray(self) -> Any:
-        """Return s0, s1, s2 [W m-2 sr-1 in band] and dolp over zenith_deg and azimuth_deg as an `xarray.Dataset`."""
-        places = ("zenith_deg", "azimuth_deg")
-        unit = {"units": "W m-2 sr-1"}
-        data: dict[str, Any] = {f"s{k}": (places, self.stokes[..., k], unit) for k in range(3)}
-        data["dolp"] = (places, self.dolp, {"units": "1"})
-        return optional("xarray").Dataset(data, coords={name: getattr(self, name) for name in places})
-
-
-class SurfaceResult(SurfaceSheet):
-    """What a material reflects: `rigctl.scene.reflected_light.SurfaceSheet`, shown and as a table."""
-
-    def __repr__(self) -> str:
-        return f"<{self.material} at {self.wavelength_nm:g} nm, sun at {self.sun_zenith_deg:g} deg>"
-
-    def _repr_html_(self) -> str:
-        return "".join(table_fragment(table) for table in surface_tables(self)) + lines_fragment(self.findings)
-
-    def table(self, *, backend: Backend = "pandas") -> Any:
-        """Return camera_zenith_deg, f00_per_sr, s1n and dolp in the plane of sun and normal."""
-        keys = ("camera_zenith_deg", "f00_per_sr", "s1n", "dolp")
-        return data_frame(
-            Table(columns=tuple(Column[Any](key=key) for key in keys), rows=self.principal_plane), backend
-        )

@@ -15,6 +15,7 @@ from cyclopts import Parameter, Token, convert
 if TYPE_CHECKING:
     from rigctl.calibrations.store import CalibrationKind
     from rigctl.files.regions import Region
+    from rigctl.files.scene_file import SceneFile
     from rigctl.interface.run import Run
     from rigctl.measurement.run_calibrations import CalibrationPaths
 
@@ -23,13 +24,27 @@ if TYPE_CHECKING:
     FilePath: TypeAlias = Path | str
     RunPath: TypeAlias = Path | str | Run
     RegionsPath: TypeAlias = Path | str | Sequence[Region]
+    ScenePath: TypeAlias = Path | str | SceneFile
 else:
-    FilePath = RunPath = RegionsPath = Path
+    FilePath = RunPath = RegionsPath = ScenePath = Path
 
 
 def path_of(run: RunPath) -> Path:
     """Return the folder of a run."""
     return Path(run) if isinstance(run, str | Path) else run.path
+
+
+def scene_file_of(scene: ScenePath) -> "SceneFile":
+    """Return a scene file, read unless it was read already.
+
+    Raises
+    ------
+    ConfigError
+        The file is wrong.
+    """
+    from rigctl.files.scene_file import scene_file
+
+    return scene_file(Path(scene) if isinstance(scene, str) else scene)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The files of predictions without a run: of one scene, of a sweep, of tradeoffs, of a sky and of a material."""
+"""The files of predictions without a run: of one scene, of a sweep, of tradeoffs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,19 +13,14 @@ from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
 from rigctl.prediction.sweep import Sweep
 from rigctl.reports.figures.detection_figures import roc_png
 from rigctl.reports.figures.prediction_figures import MOST_AXES, counts_png, laws_png, sweep_png
-from rigctl.reports.figures.scene_figures import hemisphere_picture, kinds_picture, sky_picture, surface_picture
 from rigctl.reports.figures.tradeoff_figures import curve_png, digits_png, tradeoff_picture
 from rigctl.reports.table import Column, Table
 from rigctl.reports.tables.accuracy_tables import curve_json, curve_table
 from rigctl.reports.tables.acquisition_tables import tradeoff_csv, tradeoff_json
 from rigctl.reports.tables.detection_tables import roc_csv
-from rigctl.reports.tables.light_tables import kinds_json, sky_json
-from rigctl.reports.tables.surface_tables import surface_json
 from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json
 from rigctl.reports.writers.data_files import csv_rows, json_file
 from rigctl.reports.writers.output_folder import write_folder
-from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
-from rigctl.scene.sky_map import SkyMap, SkyOfKind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,26 +120,5 @@ def write_acquisition_tradeoff(found: AcquisitionTradeoff, out: Path) -> None:
         "acquisition.csv": tradeoff_csv(found),
         "acquisition.json": json_file(tradeoff_json(found), indent=None),
         "acquisition.png": tradeoff_picture(found),
-    }
-    write_folder(out, contents)
-
-
-def write_sky(sky: SkyMap, out: Path) -> None:
-    """Write sky.png and sky.json."""
-    write_folder(out, {"sky.png": sky_picture(sky), "sky.json": json_file(sky_json(sky), indent=None)})
-
-
-def write_kinds(kinds: tuple[SkyOfKind, ...], out: Path) -> None:
-    """Write sky-aerosols.png and sky-aerosols.json."""
-    content = json_file(kinds_json(kinds), indent=None)
-    write_folder(out, {"sky-aerosols.png": kinds_picture(kinds), "sky-aerosols.json": content})
-
-
-def write_surface(sheet: SurfaceSheet, maps: ReflectedMaps, out: Path) -> None:
-    """Write surface.png (against angle), hemisphere.png (all directions of the camera) and surface.json."""
-    contents = {
-        "surface.png": surface_picture(sheet, maps),
-        "hemisphere.png": hemisphere_picture(sheet, maps),
-        "surface.json": json_file(surface_json(sheet)),
     }
     write_folder(out, contents)

@@ -1,0 +1,142 @@
+"""`rigctl sky`: the polarized sky of a scene, of its own aerosol or of one kind after another."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, solving_shown
+from rigctl.files.choices import Engine
+from rigctl.verbs.options import FilePath, ScenePath, Writes, scene_file_of
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.scene.sky_map import SkyMap, SkyOfKind
+
+_FILES = ("sky.png", "sky.json", "sky-aerosols.png", "sky-aerosols.json")
+
+
+def sky(
+    scene: ScenePath,
+    /,
+    *,
+    engine: Engine = "own",
+    compare_aerosols: bool = False,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
+) -> "SkyResult":
+    """Compute the sky of a scene: S0, S1, S2 and DoLP over the hemisphere, with the sun marked ([MK14] Fig. 2).
+
+    The answer states the tier and its accuracy, the optical depth, and the least known input. Computed skies are kept
+    in the user's cache folder and taken from there again; those of another engine are not.
+
+    Example: rigctl sky examples/scene-airborne.toml --out sky
+
+    Example: rigctl sky examples/scene-airborne.toml --compare-aerosols --out sky
+
+    Parameters
+    ----------
+    scene : path or SceneFile
+        Scene file with [sun], [atmosphere] and the sensor's band.
+    engine : {"own", "sasktran2"}
+        Solver of the light of the air: own, or sasktran2 as an independent check.
+    compare_aerosols : bool
+        Compute one kind of aerosol after another, side by side.
+    out : path
+        Folder for sky.png and sky.json, or sky-aerosols.png and sky-aerosols.json.
+
+    Returns
+    -------
+    SkyResult
+        Stokes radiance over the hemisphere.
+
+    Raises
+    ------
+    ConfigError
+        The file states no sun and atmosphere, the sun is too low, or the engine is not installed.
+    """
+    from rigctl.scene.sky_map import skies_of_kinds, sky_map
+
+    file, kinds = scene_file_of(scene), list["SkyOfKind"]()
+    if compare_aerosols:
+        for one in skies_of_kinds(file, engine=engine):
+            note(f"{one.label}: computed")
+            kinds.append(one)
+        found = SkyResult(sky=kinds[0].sky, kinds=tuple(kinds))
+    else:
+        with solving_shown() as tell:
+            found = SkyResult(sky=sky_map(file, engine=engine, tell=tell))
+    if out is not None:
+        note(f"{' and '.join(found.write(Path(out)))} in {out}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SkyResult(Result):
+    """The sky of a scene as arrays; with each kind of aerosol where that was asked for, the file's own first."""
+
+    sky: "SkyMap"
+    kinds: "tuple[SkyOfKind, ...]" = ()
+
+    def __repr__(self) -> str:
+        return f"<sky of {self.sky.name}, sun at zenith {self.sky.sun_zenith_deg:.1f} deg>"
+
+    @property
+    def zenith_deg(self) -> Any:
+        """Zenith angles of the directions, (Z,) array [deg]."""
+        return self.sky.zenith_deg
+
+    @property
+    def azimuth_deg(self) -> Any:
+        """Azimuths of the directions, (A,) array, clockwise from north [deg]."""
+        return self.sky.azimuth_deg
+
+    @property
+    def stokes(self) -> Any:
+        """S0, S1, S2 in the frame of each direction, (Z, A, 3) array [W m-2 sr-1 in band]."""
+        return self.sky.stokes
+
+    @property
+    def dolp(self) -> Any:
+        """Degree of linear polarization, (Z, A) array."""
+        return self.sky.dolp
+
+    def content(self) -> Iterable[Part]:
+        """Return sun, irradiance and largest DoLP, or a table of the kinds of aerosol."""
+        from rigctl.reports.figures.scene_figures import kinds_picture, sky_picture
+        from rigctl.reports.tables.light_tables import kinds_table, sky_lines
+
+        lines = sky_lines(self.sky)
+        if self.kinds:
+            yield kinds_table(self.kinds)
+            yield from (lines[0], *self.sky.remarks[:1])
+            yield lambda: kinds_picture(self.kinds)
+        else:
+            yield from lines
+            yield lambda: sky_picture(self.sky)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what sky.json or sky-aerosols.json holds."""
+        from rigctl.reports.tables.light_tables import kinds_json, sky_json
+
+        return kinds_json(self.kinds) if self.kinds else sky_json(self.sky)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write picture and numbers into a folder; return the names of the files."""
+        from rigctl.reports.figures.scene_figures import kinds_picture, sky_picture
+        from rigctl.reports.writers.data_files import json_file
+        from rigctl.reports.writers.output_folder import write_folder
+
+        name = "sky-aerosols" if self.kinds else "sky"
+        picture = kinds_picture(self.kinds) if self.kinds else sky_picture(self.sky)
+        return write_folder(folder, {f"{name}.png": picture, f"{name}.json": json_file(self.as_json(), indent=None)})
+
+    def to_xarray(self) -> Any:
+        """Return s0, s1, s2 [W m-2 sr-1 in band] and dolp over zenith_deg and azimuth_deg as an `xarray.Dataset`."""
+        from rigctl.reports.data_frames import optional
+
+        places = ("zenith_deg", "azimuth_deg")
+        unit = {"units": "W m-2 sr-1"}
+        data: dict[str, Any] = {f"s{k}": (places, self.stokes[..., k], unit) for k in range(3)}
+        data["dolp"] = (places, self.dolp, {"units": "1"})
+        return optional("xarray").Dataset(data, coords={name: getattr(self, name) for name in places})

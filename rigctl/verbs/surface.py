@@ -1,0 +1,177 @@
+"""`rigctl surface`: DoLP and reflectance of a material against angle, and the sources of its values."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note
+from rigctl.errors import ConfigError
+from rigctl.files.choices import DiffuseKind, Shadowing
+from rigctl.verbs.options import FilePath, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from model.surface.materials import Material
+    from rigctl.scene.reflected_light import SurfaceSheet
+
+_FILES = ("surface.png", "hemisphere.png", "surface.json")
+# Material files among the examples, listed after the library.
+_EXAMPLES = "paper/rough-*.toml"
+
+
+def surface(
+    material: str | None = None,
+    /,
+    *,
+    listed: Annotated[bool, Parameter(name="--list")] = False,
+    wavelength_nm: float = 550.0,
+    sun_zenith_deg: float = 45.0,
+    shadowing: Shadowing = "v-cavity",
+    diffuse: DiffuseKind = "coupled",
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
+) -> "SurfaceResult | MaterialList":
+    """Print DoLP and reflectance of a material against angle, and the source of each of its values.
+
+    In a scene file, name the material as `material`, and for the diagonal texture of [MK14] eq. (10) give
+    `texture_diagonal = [r0, r1, r2]`, deviations of S0, S1 and S2 as shares of the S0 that the surface reflects
+    (examples/paper/rough.toml has both).
+
+    Example: rigctl surface --list
+
+    Example: rigctl surface black-paint --sun-zenith-deg 50 --out black-paint
+
+    Parameters
+    ----------
+    material : str
+        Material file, or a name of the library such as black-paint, white-paint or asphalt.
+    listed : bool
+        List all materials that come with the program: values, uncertainties, sources, and what is assumed.
+    wavelength_nm : float
+        Wavelength in air, within the material's tables [nm].
+    sun_zenith_deg : float
+        Angle of the sun from the normal, 0 to below 90 [deg].
+    shadowing : {"none", "v-cavity", "smith", "smith-correlated"}
+        How facets hide one another.
+    diffuse : {"lambert", "balance", "coupled", "polarised"}
+        Form of the diffuse term.
+    out : path
+        Folder for surface.png (against angle), hemisphere.png (all directions of the camera) and surface.json.
+
+    Returns
+    -------
+    SurfaceResult or MaterialList
+        Reflected light of the material; the materials that there are, where they were to be listed.
+
+    Raises
+    ------
+    ConfigError
+        There is no such material, or a number is outside its range.
+    """
+    if listed:
+        return MaterialList(materials=_materials())
+    if material is None:
+        raise ConfigError("MATERIAL: which? rigctl surface --list names those that come with the program")
+    if not 0.0 <= sun_zenith_deg < 90.0:
+        raise ConfigError(f"--sun-zenith-deg: is {sun_zenith_deg:g}, must lie in [0, 90)")
+    from model.surface.materials import surface_of
+    from rigctl.files.material_file import NM_PER_M, find_material
+    from rigctl.scene.reflected_light import surface_sheet
+
+    stated = find_material(str(material), beside=Path())
+    try:
+        own = surface_of(stated, wavelength_m=wavelength_nm / NM_PER_M, shadowing=shadowing, diffuse=diffuse)
+        sheet = surface_sheet(stated, own, wavelength_nm=wavelength_nm, sun_zenith_deg=sun_zenith_deg)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    found = SurfaceResult(sheet=sheet)
+    if out is not None:
+        note(f"{', '.join(found.write(Path(out)))} in {out}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfaceResult(Result):
+    """Light that a material reflects, as tables and pictures."""
+
+    sheet: "SurfaceSheet"
+
+    def __repr__(self) -> str:
+        sheet = self.sheet
+        return f"<{sheet.material} at {sheet.wavelength_nm:g} nm, sun at {sheet.sun_zenith_deg:g} deg>"
+
+    def content(self) -> Iterable[Part]:
+        """Return the material's values, light in the plane of the sun, reflectance, and what no real surface does."""
+        from rigctl.reports.tables.surface_tables import surface_tables
+
+        for table in surface_tables(self.sheet):
+            yield table
+            yield ""
+        yield from (f"finding: {finding}" for finding in self.sheet.findings)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what surface.json holds."""
+        from rigctl.reports.tables.surface_tables import surface_json
+
+        return surface_json(self.sheet)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write pictures and numbers into a folder; return the names of the files."""
+        from rigctl.reports.figures.scene_figures import hemisphere_picture, surface_picture
+        from rigctl.reports.writers.data_files import json_file
+        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.scene.reflected_light import reflected_maps
+
+        maps = reflected_maps(self.sheet.surface, sun_zenith_deg=self.sheet.sun_zenith_deg)
+        return write_folder(
+            folder,
+            {
+                "surface.png": surface_picture(self.sheet, maps),
+                "hemisphere.png": hemisphere_picture(self.sheet, maps),
+                "surface.json": json_file(self.as_json()),
+            },
+        )
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return camera_zenith_deg, f00_per_sr, s1n and dolp in the plane of sun and normal."""
+        from rigctl.reports.data_frames import data_frame
+        from rigctl.reports.table import Column, Table
+
+        keys = ("camera_zenith_deg", "f00_per_sr", "s1n", "dolp")
+        columns = tuple(Column[Any](key=key) for key in keys)
+        return data_frame(Table(columns=columns, rows=self.sheet.principal_plane), backend)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MaterialList(Result):
+    """Every material that comes with the program: the library by names, others by the paths of their files."""
+
+    materials: "dict[str, Material]"
+
+    def content(self) -> Iterable[Part]:
+        """Return a table of all values with their sources."""
+        from rigctl.reports.tables.surface_tables import materials_table
+
+        yield materials_table(self.materials)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the same for programs."""
+        from rigctl.reports.tables.surface_tables import materials_json
+
+        return {"materials": materials_json(self.materials)}
+
+
+def _materials() -> "dict[str, Material]":
+    from importlib.resources import as_file, files
+
+    from model.surface.material_library import MATERIALS, material
+    from rigctl.files.material_file import load_material
+
+    found = {name: material(name) for name in MATERIALS}
+    with as_file(files("rigctl") / "data" / "examples") as examples:
+        for path in sorted(examples.glob(_EXAMPLES)):
+            found[f"examples/{path.relative_to(examples)}"] = load_material(path)
+    return found
