@@ -11,7 +11,7 @@ import pytest
 
 from tests.rigctl.example_files import EXAMPLES, small_rig_text
 
-_DEADLINE_S = 60.0
+_DEADLINE_S = 600.0  # ends a test that hangs; a busy machine needs a minute to start a program
 _INCOMPLETE = 75
 
 
