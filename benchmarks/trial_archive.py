@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from benchmarks.trial_damaged_runs import damaged_copy
 from rigctl.archive.run_rows import RunRow, Verb
 from rigctl.cluster.on_dask import Engine
-from rigctl.jobs.annotate import note_run
 from rigctl.jobs.archive import find_runs, index_archive
 from rigctl.jobs.archive_runs import ArchiveResult, run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest
@@ -37,6 +36,7 @@ from rigctl.jobs.verify import verify
 from rigctl.runs.run_folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
+from rigctl.verbs.note import note
 from tests.monkey.mutations import damage_run
 from tests.rigctl.example_files import small_rig, small_session
 
@@ -134,7 +134,7 @@ def _indexed(root: Path, runs: int, draws: random.Random, told: dict[str, str]) 
     busy_s = time.process_time() - busy_s
     whole = [path for path in sorted(root.glob("*/*")) if path.relative_to(root).as_posix() not in told]
     for path in draws.sample(whole, 5):
-        note_run(path, "a cloud", at=None, by="trial")
+        note(path, "a cloud", by="trial")
     changed_s, changed = _timed(lambda: index_archive(root))
     question_s = max(_asked(root, one)[0] for one in _QUESTIONS[:2])
     # By the processor: other programs on the machine are no fault of the index.
@@ -204,7 +204,7 @@ def _compared(root: Path, folder: Path, engine: Engine, told: dict[str, str], co
     failed = {row.run for row in found.rows if row.verdict == "failed"}
     changed = next(name for name in rows if name not in told)
     shutil.rmtree(root / next(name for name in rows if name not in told and name != changed))
-    note_run(root / changed, "a bird", at=None, by="trial")
+    note(root / changed, "a bird", by="trial")
     again = _done("compare", root, out, engine, settings, where)
     index_archive(root)
     question_s, agreeing = _asked(root, _QUESTIONS[2])

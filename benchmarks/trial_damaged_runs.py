@@ -32,14 +32,14 @@ _LOOSE = ("status.json", "writer.lock")
 _READERS: tuple[tuple[str, ...] | None, ...] = (
     ("export", "RUN", "--to", "tiff", "--out", "OUT"),
     None,
-    ("info", "RUN", "--json"),
+    ("status", "RUN", "--contents", "--json"),
     ("calibrate", "radiometric", "RUN", "--panel", "left", "--scene", "scene.toml", "--out", "OUT.json"),
     ("calibrate", "axis", "RUN", "--reference-deg", "0", "--reference-deg", "0", "--out", "OUT.json"),
     ("export", "RUN", "--to", "hdf5", "--out", "OUT.h5"),
     None,
     ("detect", "RUN", "--background", "left", "--target", "right", "--scene", "scene.toml", "--out", "OUT"),
     ("stokes", "RUN", "--out", "OUT", "--json"),
-    ("summary", "RUN", "--out", "OUT.html"),
+    ("status", "RUN", "--page", "OUT.html"),
     ("compare", "RUN", "scene.toml", "--out", "OUT"),
 )
 _SAYING = ("unfinished", "damaged", "not to be trusted", "missing", "cannot be read")
@@ -68,7 +68,7 @@ def fault(run: Path, whole: Path, reader: tuple[str, ...] | None) -> str | None:
     if not is_same and verify(run).state == "whole":
         return "verify calls it whole"
     said = _said_by_python(run) if reader is None else _said_by(reader, run)
-    if reader is not None and reader[0] == "info":
+    if reader is not None and "--contents" in reader:
         is_same = is_same or _has_same_labels(run, whole)  # it looks into no frame
     if said is None or is_same or any(word in said for word in _SAYING):
         return None

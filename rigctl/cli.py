@@ -34,7 +34,7 @@ from rigctl.storage.destination import (
     snapshot,
 )
 from rigctl.storage.origin import origin_of
-from rigctl.verbs import HEADINGS
+from rigctl.verbs import HEADINGS, MOVED
 from rigctl.verbs.options import NOT_AN_INPUT, Writes
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.
@@ -157,7 +157,8 @@ def _run(tokens: list[str], flags: set[str]) -> int:
         command, bound = parsed(tokens)
         return _call(command, bound, flags, verb=verb)
     except CycloptsError as error:
-        code, message = EXIT_USAGE, f"{error}\nTry: rigctl {verb} --help".replace("  --help", " --help")
+        text = f"{tokens[0]!r} is now: rigctl {MOVED[tokens[0]]}" if tokens and tokens[0] in MOVED else str(error)
+        code, message = EXIT_USAGE, f"{text}\nTry: rigctl {verb} --help".replace("  --help", " --help")
     except KeyboardInterrupt:
         code, message = EXIT_INTERRUPTED, "interrupted"
     except SystemExit as finished:

@@ -81,8 +81,8 @@ def lasting_streams() -> Iterator[None]:
 
     Notes
     -----
-    A pipe that was closed (``rigctl log RUN | head -1``) and a terminal that is gone need no word. Exit codes stay what
-    the work itself gives: who fills a disk with an answer is told on standard error.
+    A pipe that was closed (``rigctl status RUN --log | head -1``) and a terminal that is gone need no word. Exit codes
+    stay what the work itself gives: who fills a disk with an answer is told on standard error.
     """
     # A stream that was closed before the program began is None.
     given = tuple(stream or _nowhere() for stream in (sys.stdout, sys.stderr))

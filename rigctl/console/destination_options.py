@@ -3,7 +3,7 @@
 import functools
 import inspect
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,17 +92,8 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "sim stage": {"link": _ABSENT, "truth": _FILE},
     "stage characterise": {"out": _FILE, "plot": _FILE},
     "study": {"out": _folder(*_STUDIED)},
-    "summary": {"out": _FILE},
     "tradeoff": {"out": _folder(*_TRADED)},
 }
-# What is written where nothing is said.
-_DEFAULTS: dict[str, Callable[[Mapping[str, Any]], Path]] = {"summary": lambda values: summary_page(values["run"])}
-
-
-def summary_page(run: Path) -> Path:
-    """Return where the page on a session goes: beside its run, which takes no results."""
-    whole = run.absolute()
-    return run.parent / f"{whole.name}-summary.html" if run.name else whole.parent / f"{whole.name}-summary.html"
 
 
 def with_tried_destinations(verb: str, command: Any) -> Any:
@@ -160,8 +151,6 @@ def _destinations(verb: str, places: Mapping[str, _Place], values: Mapping[str, 
     found = []
     for option, place in places.items():
         path = values.get(option)
-        if path is None and option == "out" and verb in _DEFAULTS:
-            path = _DEFAULTS[verb](values)
         if path is not None:
             kind = "edited" if _is_edited(verb, path, values) else place.kind
             name = place.label or f"--{option.replace('_', '-')}"

@@ -23,11 +23,9 @@ READERS = frozenset(
         "detect",
         "export",
         "fit surface",
-        "info",
         "regions draw",
         "regions find",
         "regions mark",
-        "summary",
     }
 )
 

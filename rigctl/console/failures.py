@@ -55,7 +55,7 @@ _KINDS: dict[int, tuple[str, str]] = {
     4: ("data", "`rigctl verify RUN` names damaged frames; other data are mended where they were made"),
     5: ("disagrees", "read the report: it says where the disagreement points"),
     70: ("own_fault", "report it with the log that the message names"),
-    75: ("incomplete", "`rigctl resume RUN` goes on; `rigctl log RUN` tells what happened"),
+    75: ("incomplete", "`rigctl resume RUN` goes on; `rigctl status RUN --log` says what happened"),
     130: ("interrupted", "call it again; a session goes on with `rigctl resume RUN`"),
 }
 # A problem begins with its key or option: "  camera.address: is missing", "--alpha: is 2".

@@ -24,8 +24,6 @@ MaxFrameMb = Annotated[
 ]
 
 
-AnnotationBy = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so; else the login name.")]
-
 CalibrationStore = Annotated[
     Path | None,
     typer.Option(

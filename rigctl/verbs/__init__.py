@@ -26,12 +26,8 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "record": ("old", "Write down what a session's devices say, for a replay without them."),
     },
     "Run": {
-        "status": ("old", "Say where a session stands."),
-        "info": ("old", "Say what a run holds."),
-        "log": ("old", "Tell what happened in a session, line by line."),
-        "summary": ("old", "Write a page on how a session went."),
-        "note": ("old", "Write down something about a run."),
-        "exclude": ("old", "Leave frames of a run out of every number, with a reason."),
+        "status": ("rigctl.verbs.status:status", "Print where a session stands, what its run holds, and its log."),
+        "note": ("rigctl.verbs.note:note", "Write a note about a run, or exclude frames with a reason."),
         "verify": ("old", "Check a run: whole, unfinished or damaged."),
         "migrate": ("old", "Copy old runs and calibrations in the schemas of today."),
         "regions": ("old", "Draw regions on a picture; find them again by markers."),
@@ -63,6 +59,14 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "archive": ("old", "Index an archive of runs, and find runs in it."),
         "study": ("old", "Predict thousands of cases on dask: grids, draws, which input matters."),
     },
+}
+
+# Names that verbs had before, and what does their work now.
+MOVED = {
+    "exclude": "note RUN --exclude FRAMES REASON",
+    "info": "status RUN --contents",
+    "log": "status RUN --log",
+    "summary": "status RUN --page FILE",
 }
 
 VERBS = tuple(verb for verbs in HEADINGS.values() for verb in verbs)

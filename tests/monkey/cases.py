@@ -11,8 +11,8 @@ from tests.monkey.mutations import WILD, damage_run, damaged_bytes, damaged_json
 _QUICK = """
 sim lens rig.toml --defocus-mm nothing
 note run cloud --at 14:10 --by me
-exclude run --frames 1,2-3 --reason bird --by me
-exclude run --frames 1 --reason bird --undo
+note run bird --exclude 1,2-3 --by me
+note run --include 1
 bundle run --out OUT.zip --frames 1
 migrate run --json
 archive index . --json
@@ -46,12 +46,12 @@ new OUT --simulated --no-input --json
 new OUT --stage zaber:/dev/none --camera gige:192.0.2.1 --latitude-deg 43 --longitude-deg -77 --elevation-m 100
 verify run
 verify run --json
-info run
-info run --json
+status run --contents
+status run --contents --json
 status run
 status run --json
-log run --last 5
-log run --only frame --json
+status run --log --last 5
+status run --log --only frame --json
 hold run
 stop run
 resume run --json
@@ -87,7 +87,7 @@ stokes run --out OUT --polarizer polarizer.json --correct throughput,dark-level
 detect run --background left --target right --regions regions.toml --out OUT --json
 detect run --background left --target right --scene scene.toml --noise noise.json --out OUT
 acquire rig.toml session.toml --out OUT --clock 2026-05-04T10:00Z --noise noise.json
-summary run --out OUT.html --json
+status run --page OUT.html --json
 predict scene.toml --roc right,left --out OUT
 predict roof.toml --json
 sky roof.toml --json

@@ -10,7 +10,6 @@ import pytest
 
 import rigctl
 from rigctl import cli
-from rigctl.jobs.annotate import exclude_frames, note_run
 from rigctl.jobs.calibrate_axis import AxisRequest, calibrate_axis
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
 from rigctl.jobs.calibrations import CalibrationsRequest, look_at_calibrations
@@ -20,6 +19,7 @@ from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.wholeness import used_run
+from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.calibrations.polarizer.polarizer_runs import SENSE
 
@@ -211,8 +211,8 @@ def test_drift_and_replacement_show_in_the_history(lab, tmp_path):
 
 def test_notes_and_exclusions_go_along(lab):
     run = lab / f"run-{RUN_DAYS[3]:03d}"
-    note_run(run, "a cloud passed", at="09:00", by="ann")
-    exclude_frames(run, "4-7", reason="bird", undo=False, by="bob")
+    note(run, "a cloud passed", at="09:00", by="ann")
+    note(run, "bird", exclude="4-7", by="bob")
     found = compare_run(run, CompareRequest(regions=_regions(lab), calibrations=STORE))
     assert found.measurement.grid.cycles == 2
     assert [one.by for one in found.measurement.run.annotations] == ["ann", "bob"]

@@ -42,9 +42,9 @@ def test_a_session_is_taken_without_what_reports_need(tmp_path: Path) -> None:
         ["acquire", rig, session, "--out", run],
         ["verify", run],
         ["status", run],
-        ["log", run],
+        ["status", run, "--log"],
         ["predict", str(EXAMPLES / "scene-panels.toml")],
-        ["summary", run],
+        ["status", run, "--page", str(tmp_path / "page.html")],
     ]
     program = [sys.executable, "-c", _PROGRAM, json.dumps([_left_out(), lines])]
     done = subprocess.run(program, capture_output=True, text=True, check=True)

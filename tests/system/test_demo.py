@@ -103,7 +103,7 @@ def test_a_stage_that_stalls_ends_with_exit_code_3_and_keeps_what_was_taken(tmp_
     result = _rigctl("acquire", "rig.toml", EXAMPLES / "session.toml", "--out", "run", cwd=tmp_path)
     assert result.returncode == 3
     assert "mechanical" in result.stderr
-    info = json.loads(in_process("info", "run", "--json").stdout)
+    info = json.loads(in_process("status", "run", "--contents", "--json").stdout)
     assert json.loads(in_process("verify", "run", "--json").stdout)["ok"] is True
     assert info["frames"] == 17
 

@@ -193,7 +193,7 @@ def test_later_flats_and_runs_are_refused_by_their_number(old, capsys):
         read_flat_facts(flats)
     run = old / "first/run"
     _with_schema(run / "session.json", 3, more={"of": "later"})
-    assert cli.main(["info", str(run)]) == 4
+    assert cli.main(["status", "--contents", str(run)]) == 4
     assert "schema_version is 3, and rigctl" in capsys.readouterr().err
 
 

@@ -50,7 +50,7 @@ CASES = [
     (("predict", "nothere.toml"), 2, "No such file", ()),
     (("verify", SCENE), 4, "is a file, a run folder is wanted", ()),
     (("status", "nowhere"), 4, "there is no such folder", ()),
-    (("info", "."), 4, "not a run folder", ()),
+    (("status", "--contents", "."), 4, "not a run folder", ()),
     # Keys and values of a scene.
     (
         ("predict", SCENE),

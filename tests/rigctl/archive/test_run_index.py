@@ -10,7 +10,7 @@ import pytest
 from rigctl.archive.expression import parse
 from rigctl.archive.run_index import INDEX_FILE, find, update_index
 from rigctl.errors import ConfigError, DataError
-from rigctl.jobs.annotate import note_run
+from rigctl.verbs.note import note
 from tests.rigctl.made_runs import at, make_run
 
 COUNTS = np.full((4, 6), 100)
@@ -50,7 +50,7 @@ def test_runs_at_any_depth_are_indexed_and_only_changes_are_read_again(archive):
     again = update_index(archive)
     assert (again.new, again.changed) == (0, 0)
     shutil.rmtree(archive / "b")
-    note_run(archive / "a", "a cloud", at=None, by="me")
+    note(archive / "a", "a cloud", by="me")
     make_run(archive / "d", [(at(0), COUNTS)])
     later = update_index(archive)
     assert (later.runs, later.new, later.changed, later.gone) == (3, 1, 1, 1)

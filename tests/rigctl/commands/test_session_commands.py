@@ -54,22 +54,22 @@ def test_status_in_json_has_them_as_numbers(run, capsys):
 
 
 def test_the_log_tells_what_happened_in_words(run, capsys):
-    lines = _said(capsys, "log", run).out.splitlines()
+    lines = _said(capsys, "status", "--log", run).out.splitlines()
     assert lines[0].startswith("2026-05-04T13:06:40Z  homed")
     assert any("interlock: gone; action: retry; message: stand-in: it has gone away" in line for line in lines)
     assert lines[-1].endswith("finished        frames: 6; rounds missed: 0")
 
 
 def test_the_log_can_be_cut_down(run, capsys):
-    lines = _said(capsys, "log", run, "--only", "interlock", "--last", 1).out.splitlines()
+    lines = _said(capsys, "status", "--log", run, "--only", "interlock", "--last", 1).out.splitlines()
     assert len(lines) == 1
     assert "black" in lines[0]
-    events = json.loads(_said(capsys, "log", run, "--only", "interlock", "--json").out)["events"]
+    events = json.loads(_said(capsys, "status", "--log", run, "--only", "interlock", "--json").out)["events"]
     assert [event["facts"]["interlock"] for event in events] == ["gone", "black"]
 
 
 def test_the_log_of_no_run_is_refused(tmp_path, capsys):
-    assert main(["log", str(tmp_path)]) == 4
+    assert main(["status", "--log", str(tmp_path)]) == 4
     assert "not a run folder" in capsys.readouterr().err
 
 

@@ -38,7 +38,7 @@ def test_texts_lose_folders_serial_numbers_ports_and_site(run):
 def test_results_of_a_command_hold_none_of_it(run, tmp_path, capsys):
     out = tmp_path / "out"
     assert cli.main(["stokes", str(run), "--out", str(out), "--json", "--anonymous"]) == 0
-    assert cli.main(["summary", str(run), "--out", str(out / "page.html"), "--anonymous"]) == 0
+    assert cli.main(["status", str(run), "--page", str(out / "page.html"), "--anonymous"]) == 0
     page = re.sub(r'base64,[^"]*', "", (out / "page.html").read_text())
     told_by_them = page + (out / "stokes.json").read_text() + capsys.readouterr().out
     assert [secret for secret in _SECRETS if secret in told_by_them] == []

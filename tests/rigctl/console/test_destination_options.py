@@ -83,7 +83,7 @@ _FILES = {
     "registration": ["calibrate", "registration", "run", "--out"],
     "stage": ["stage", "characterise", "no.toml", "--out"],
     "stage-plot": ["stage", "characterise", "no.toml", "--plot"],
-    "summary": ["summary", "run", "--out"],
+    "page": ["status", "run", "--page"],
     "truth": ["predict", "no.toml", "--write-truth"],
     "true-angle": ["sim", "stage", "sim:ellx", "--link", "link", "--truth"],
 }
@@ -244,12 +244,6 @@ def test_a_file_of_a_person_in_the_folder_is_not_replaced_even_by_force(desk, ca
     assert cli.main(["stokes", "run", "--out", "images", "--force"]) == 2
     assert "was not written by rigctl" in capsys.readouterr().err
     assert (desk / "images" / "stokes.json").read_text() == "[]"
-
-
-def test_a_summary_stands_beside_its_run(desk):
-    assert cli.main(["summary", "run"]) == 0
-    assert (desk / "run-summary.html").is_file()
-    assert not (desk / "run" / "summary.html").exists()
 
 
 def test_a_result_that_no_table_names_is_not_replaced_either(tmp_path):

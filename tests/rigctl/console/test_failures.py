@@ -32,7 +32,7 @@ def test_a_wrong_option_is_json_for_programs(capsys):
 
 
 def test_missing_data_are_json_for_programs(tmp_path, capsys):
-    assert _error_of(capsys, "info", str(tmp_path / "none"))["kind"] == "data"
+    assert _error_of(capsys, "status", "--contents", str(tmp_path / "none"))["kind"] == "data"
 
 
 def test_an_answer_stays_as_it_was(capsys):

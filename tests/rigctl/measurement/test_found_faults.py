@@ -122,7 +122,10 @@ def test_import_and_summary_say_what_the_frames_show(tmp_path: Path, capsys: pyt
         files.append(str(tmp_path / f"p{angle}.png"))
         cv2.imwrite(files[-1], counts.astype(np.uint16))
     words = ["--angles", "0,45,90,135", "--same-exposure", "--black-level-dn", "0", "--bit-depth", "12"]
-    for command in (["import", str(tmp_path / "run"), *files, *words], ["summary", str(tmp_path / "run")]):
+    for command in (
+        ["import", str(tmp_path / "run"), *files, *words],
+        ["status", str(tmp_path / "run"), "--page", str(tmp_path / "run-summary.html")],
+    ):
         assert main([*command, "--json"]) == 0
         told = json.loads(capsys.readouterr().out)["diagnosis"]
         assert told["first"] == "throughput"

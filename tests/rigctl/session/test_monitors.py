@@ -14,7 +14,6 @@ from rigctl.devices.rig import require_drivers
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import MonitorSection, RigFile
 from rigctl.jobs.doctor import monitor_findings
-from rigctl.jobs.summary import summarise_session
 from rigctl.jobs.verify import verify
 from rigctl.live.cycle_history import CycleHistory, CycleLook
 from rigctl.live.light_followed import followed_light, light_lines
@@ -24,6 +23,7 @@ from rigctl.runs.run_events import RunEvent, read_events
 from rigctl.runs.run_folder import read_run
 from rigctl.session.monitors import Monitors
 from rigctl.session.take_session import resume_session, take_session
+from rigctl.verbs.status import SessionPage, status
 from tests.rigctl.example_files import small_rig, small_session
 
 PLUG_IN = """
@@ -99,7 +99,7 @@ def test_each_exposure_has_its_readings(tmp_path: Path) -> None:
     ("fault", "words"), [("hangs", "no answer within 0.3 s"), ("raises", "no such sun"), ("nan", "nan")]
 )
 def test_a_sensor_that_fails_costs_no_frame(
-    tmp_path: Path, fault: str, words: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, fault: str, words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig = rig_with(tmp_path, sun(options={"fault": fault}), air(tmp_path))
     outcome = take_session(rig, small_session(), tmp_path / "run", files={})
@@ -108,7 +108,7 @@ def test_a_sensor_that_fails_costs_no_frame(
     by_name = {trace.facts.monitor: trace for trace in monitor_traces(read_events(tmp_path / "run"))}
     assert by_name["sun"].values == ()
     assert any(words in problem for problem in by_name["sun"].problems)
-    assert capsys.readouterr().err.count(words) == 1
+    assert caplog.text.count(words) == 1
     assert len(by_name["sun"].problems) <= 3
     assert set(by_name["air"].values) == {21.5}
 
@@ -129,7 +129,8 @@ def test_nobody_waits_for_a_sensor_that_hangs() -> None:
 def test_the_page_and_the_doctor_tell_of_them(tmp_path: Path) -> None:
     rig = rig_with(tmp_path, sun(), air(tmp_path))
     take_session(rig, small_session(cycles=3), tmp_path / "run", files={})
-    found = summarise_session(tmp_path / "run", tmp_path / "page.html")
+    found = status(tmp_path / "run", page=tmp_path / "page.html")
+    assert isinstance(found, SessionPage)
     page = (tmp_path / "page.html").read_text()
     assert "Beside the frames" in page
     assert "air (file" in page

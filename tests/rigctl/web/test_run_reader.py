@@ -11,10 +11,10 @@ import pytest
 
 from rigctl.calibrations.noise.noise_file import QUANTITIES
 from rigctl.errors import DataError
-from rigctl.jobs.annotate import exclude_frames
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
+from rigctl.verbs.note import note
 from rigctl.web.pictures import picture_of
 from rigctl.web.run_look import Curves
 from rigctl.web.run_reader import RunReader, last_cycle
@@ -142,7 +142,7 @@ def test_excluded_frames_leave_curves_and_maps_while_somebody_looks(tmp_path: Pa
     reader = RunReader(run)
     before, maps_before = _curves(reader), reader.look().maps_of
     last = read_run(run).frames[-1]
-    exclude_frames(run, str(last.sequence), reason="a bird", undo=False, by="ann")
+    note(run, "a bird", exclude=str(last.sequence), by="ann")
     after = _curves(reader)
     assert (len(before.time_s), len(after.time_s), after.frames_there) == (3, 2, before.frames_there - 1)
     assert after.time_s == before.time_s[:2]
@@ -150,14 +150,14 @@ def test_excluded_frames_leave_curves_and_maps_while_somebody_looks(tmp_path: Pa
     assert (maps_before[:7], reader.look().maps_of[:7]) == ("scene, ", "scene, ")
     assert (f"cycle {last.cycle + 1}" in maps_before, f"cycle {last.cycle}" in reader.look().maps_of) == (True, True)
     assert reader.look().frames == len(read_run(run).frames)  # they are there all the same
-    exclude_frames(run, str(last.sequence), reason=None, undo=True, by="ann")
+    note(run, include=str(last.sequence), by="ann")
     assert _curves(reader) == before
 
 
 def test_curves_are_refused_where_nobody_knows_what_is_excluded(tmp_path: Path) -> None:
     run = tmp_path / "run"
     take_session(small_rig(tmp_path), small_session(cycles=2), run, files={})
-    exclude_frames(run, "1", reason="a bird", undo=False, by="ann")
+    note(run, "a bird", exclude="1", by="ann")
     file = run / "annotations.jsonl"
     file.write_bytes(file.read_bytes().replace(b"bird", b"bard"))
     reader = RunReader(run)

@@ -31,8 +31,8 @@ def _page(run):
 
 def test_it_holds_frames_counts_sun_and_events(tmp_path):
     run = _run(tmp_path, RIG_AT_SITE, {"every_min": 30, "duration_h": 1})
-    assert main(["summary", str(run)]) == 0
-    page = run.with_name(f"{run.name}-summary.html").read_text()
+    assert main(["status", str(run), "--page", str(tmp_path / "page.html")]) == 0
+    page = (tmp_path / "page.html").read_text()
     assert page.count("data:image/png;base64,") == 4
     assert '<td class="l">round</td><td class="l">2</td>' in page
     assert 'src="http' not in page

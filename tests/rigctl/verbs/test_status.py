@@ -3,9 +3,9 @@ import json
 import pytest
 
 from rigctl import cli
-from rigctl.jobs.summarize_run import summarize_run
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_writer import RunWriter
+from rigctl.verbs.status import contents_of
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
 
 
@@ -31,23 +31,23 @@ def run_path(tmp_path):
 
 
 def test_frames_taken_alike_are_counted_together(run_path):
-    groups = summarize_run(read_run(run_path)).groups
+    groups = contents_of(read_run(run_path)).groups
     table = [(g.kind, g.polarizer_angle_target_deg, g.frames, g.cycles) for g in groups]
     assert table == [("scene", 0.0, 2, 2), ("scene", 90.0, 2, 2), ("dark", None, 1, 0), ("scene", 45.0, 1, 1)]
 
 
 def test_readback_is_given_as_a_span(run_path):
-    assert summarize_run(read_run(run_path)).groups[0].polarizer_angle_deg == pytest.approx((-0.02, 0.01), abs=1e-9)
+    assert contents_of(read_run(run_path)).groups[0].polarizer_angle_deg == pytest.approx((-0.02, 0.01), abs=1e-9)
 
 
 def test_what_was_noted_is_counted(run_path):
-    summary = summarize_run(read_run(run_path))
+    summary = contents_of(read_run(run_path))
     assert summary.remarks["button pressed"] == 2
     assert summary.events == {"paused": 2}
 
 
 def test_devices_and_time_are_told(run_path):
-    summary = summarize_run(read_run(run_path))
+    summary = contents_of(read_run(run_path))
     assert summary.stages == ("ELL14 11400001",)
     assert summary.start_utc == FULL_RECORD.start_utc
     assert summary.sizes == ((7, 5),)
@@ -64,24 +64,24 @@ def test_how_well_starts_are_known_is_told_by_their_source(tmp_path, capsys, err
         for i, (source, uncertainty_s) in enumerate(starts):
             record = make_record(i, start_source=source, start_uncertainty_s=uncertainty_s)
             writer.write_frame(record, noisy_counts(i))
-    assert summarize_run(read_run(path)).start_times == (
+    assert contents_of(read_run(path)).start_times == (
         "by the camera's clock, which follows a PTP master: 2 frames, off by 1.2 us at most",
         "between the trigger and the first packet: 1 frames, off by 4 ms at most",
         "by the time stamp of the video driver: 2 frames, off by 33 ms at most (not known of 1)",
         "by the last change of the file: 1 frames, by how much it may be off is not known",
     )
-    assert cli.main(["info", str(path)]) == 0
+    assert cli.main(["status", "--contents", str(path)]) == 0
     assert told in " ".join(capsys.readouterr().out.split())
 
 
 def test_command_answers_in_json(run_path, capsys):
-    assert cli.main(["info", str(run_path), "--json"]) == 0
+    assert cli.main(["status", "--contents", str(run_path), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert (answer["origin"], answer["frames"]) == ("simulated", 6)
 
 
 def test_command_prints_a_table_with_units(run_path, capsys):
-    assert cli.main(["info", str(run_path)]) == 0
+    assert cli.main(["status", "--contents", str(run_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     head = next(line for line in lines if line.startswith("kind"))
     dark = next(line for line in lines if line.startswith("dark"))
@@ -92,7 +92,7 @@ def test_command_prints_a_table_with_units(run_path, capsys):
 
 def test_run_without_its_frames_ends_with_4(run_path, capsys):
     (run_path / "frames" / "000004_dark.fits").unlink()
-    assert cli.main(["info", str(run_path)]) == 4
+    assert cli.main(["status", "--contents", str(run_path)]) == 4
     assert "000004_dark.fits: missing" in capsys.readouterr().err
 
 
@@ -102,11 +102,11 @@ def test_a_readback_on_the_other_side_of_0_is_near_its_target(tmp_path):
             writer.write_frame(
                 make_record(i, polarizer_angle_target_deg=0.0, polarizer_angle_deg=readback_deg), noisy_counts(i)
             )
-    (group,) = summarize_run(read_run(tmp_path / "run")).groups
+    (group,) = contents_of(read_run(tmp_path / "run")).groups
     assert group.polarizer_angle_deg == pytest.approx((-0.001, 0.002), abs=1e-9)
 
 
-@pytest.mark.parametrize("command", [["info"], ["summary", "--out", "page.html"]])
+@pytest.mark.parametrize("command", [["status", "--contents"], ["status", "--page", "page.html"]])
 def test_placeholders_of_sense_and_offset_are_said(tmp_path, monkeypatch, capsys, command):
     monkeypatch.chdir(tmp_path)
     rig = {"polarizer": {"sense": 1, "offset_deg": 0.0, "placeholder": True}}
@@ -118,5 +118,5 @@ def test_placeholders_of_sense_and_offset_are_said(tmp_path, monkeypatch, capsys
     assert "are placeholders" in json.loads(capsys.readouterr().out)["doubts"][0]
     assert cli.main(["export", "run", "--to", "hdf5", "--out", "run.h5"]) == 0
     assert "are placeholders" in " ".join(capsys.readouterr().err.split())
-    if command[0] == "summary":
+    if "--page" in command:
         assert "Sense and offset of the polarizer are placeholders" in (tmp_path / "page.html").read_text()

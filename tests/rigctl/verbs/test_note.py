@@ -12,12 +12,12 @@ import typer
 import rigctl
 from rigctl import cli, old_cli
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.jobs.annotate import exclude_frames, note_run
 from rigctl.jobs.verify import verify
 from rigctl.measurement.frame_grid import arrange
 from rigctl.runs.annotations import read_annotations
 from rigctl.runs.run_folder import ANNOTATIONS_FILE
 from rigctl.runs.wholeness import used_run
+from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
 from rigctl.web.run_reader import RunReader
 from tests.rigctl.made_runs import at, make_run
@@ -46,12 +46,16 @@ def run(tmp_path):
     return _run(tmp_path / "run")
 
 
-def _exclude(run, frames, **options):
-    return exclude_frames(run, frames, **({"reason": "bird", "undo": False, "by": "ann"} | options))
+def _exclude(run, frames, reason="bird"):
+    return note(run, reason, exclude=frames, by="ann")
+
+
+def _include(run, frames):
+    return note(run, include=frames, by="ann")
 
 
 def test_a_line_has_the_keys_of_the_contract_and_its_seal(run):
-    note_run(run, "a cloud passed", at="10:01", by="ann")
+    note(run, "a cloud passed", at="10:01", by="ann")
     line = json.loads((run / ANNOTATIONS_FILE).read_text())
     assert {"utc", "by", "kind", "frames", "text"} <= line.keys()
     assert (line["utc"], line["by"], line["kind"]) == ("2026-05-04T10:01:00.000000000Z", "ann", "note")
@@ -82,13 +86,13 @@ def test_ignore_exclusions_takes_them_and_says_so(run, tmp_path, capsys):
 
 
 def test_every_command_that_makes_numbers_of_a_run_has_the_option():
-    readers = ("compare", "detect", "export", "summary", "info")
+    readers = ("compare", "detect", "export")
     inner = {"calibrate": ("axis", "flat", "noise", "radiometric", "registration"), "fit": ("surface",)}
     group = typer.main.get_command(old_cli.app)
     commands = [group.get_command(None, verb) for verb in readers]
     commands += [group.get_command(None, verb).commands[name] for verb, names in inner.items() for name in names]
     assert all("ignore_exclusions" in {one.name for one in command.params} for command in commands)
-    assert all("ignore_exclusions" in cli.hints_of(cli.function_of(verb)) for verb in ("stokes",))
+    assert all("ignore_exclusions" in cli.hints_of(cli.function_of(verb)) for verb in ("status", "stokes"))
 
 
 def test_python_leaves_them_out_too(run):
@@ -100,9 +104,9 @@ def test_python_leaves_them_out_too(run):
     assert (len(every.frames("scene").records), every.stokes().measurement.grid.cycles) == (12, 3)
 
 
-def test_undo_takes_them_in_again(run):
+def test_include_takes_them_in_again(run):
     _exclude(run, "4,8-11")
-    found = _exclude(run, "4,8-11", undo=True, reason=None)
+    found = _include(run, "4,8-11")
     assert (found.annotation.kind, found.annotation.frames, found.excluded) == ("include", (4, 8, 9, 10, 11), ())
     assert arrange(used_run(run)).cycles == 3
 
@@ -113,7 +117,7 @@ def test_what_is_excluded_already_is_a_remark_and_no_line(run):
     again = _exclude(run, "9-10")
     assert again.annotation.frames == (10,)
     assert again.remarks[0] == "frames 9: excluded already; nothing changes for them"
-    assert _exclude(run, "0", undo=True).annotation is None
+    assert _include(run, "0").annotation is None
     assert len(read_annotations(run)) == 2
 
 
@@ -122,23 +126,23 @@ def test_what_is_excluded_already_is_a_remark_and_no_line(run):
     [
         ("12", "not all of them are frames of"),
         ("3-400000000", "it has 0-11"),
-        ("5-3", "'5-3' is no frame"),
-        ("", "is no frame"),
-        ("1,,2", "is no frame"),
-        ("-1", "is no frame"),
-        ("a", "is no frame"),
-        ("1.5", "is no frame"),
+        ("5-3", "'5-3' is not a frame"),
+        ("", "is not a frame"),
+        ("1,,2", "is not a frame"),
+        ("-1", "is not a frame"),
+        ("a", "is not a frame"),
+        ("1.5", "is not a frame"),
     ],
 )
 def test_frames_that_are_not_there_are_refused(run, frames, said):
     with pytest.raises(ConfigError, match=said):
         _exclude(run, frames)
     assert not (run / ANNOTATIONS_FILE).exists()
-    assert cli.main(["exclude", str(run), f"--frames={frames}", "--reason", "x"]) == 2
+    assert cli.main(["note", str(run), f"--exclude={frames}", "x"]) == 2
 
 
 def test_a_reason_has_to_be_said(run):
-    with pytest.raises(ConfigError, match="--reason: is empty"):
+    with pytest.raises(ConfigError, match="the reason: is empty"):
         _exclude(run, "1", reason=None)
     with pytest.raises(ConfigError, match="control characters"):
         _exclude(run, "1", reason="a \x1b[2J")
@@ -177,20 +181,20 @@ def test_cycles_without_a_number_keep_their_frames_together(tmp_path):
     ],
 )
 def test_a_time_is_that_of_the_run_s_own_day(run, at_time, utc):
-    assert note_run(run, "x", at=at_time, by="ann").annotation.utc[:19] + "Z" == utc
+    assert note(run, "x", at=at_time, by="ann").annotation.utc[:19] + "Z" == utc
 
 
 @pytest.mark.parametrize("at_time", ["25:00", "noon", "2026-05-04T10:00", ""])
 def test_what_is_no_time_is_refused(run, at_time):
     with pytest.raises(ConfigError, match="--at: "):
-        note_run(run, "x", at=at_time, by="ann")
+        note(run, "x", at=at_time, by="ann")
 
 
 def test_a_run_without_times_wants_the_day(tmp_path):
     make_run(tmp_path / "r", [(at(0.0), np.zeros((4, 4)))])
     with pytest.raises(ConfigError, match="write it with its day"):
-        note_run(tmp_path / "r", "x", at="10:00", by="ann")
-    assert note_run(tmp_path / "r", "x", at=None, by=None, utc_ns=lambda: NOW_NS).annotation.utc.startswith("2026")
+        note(tmp_path / "r", "x", at="10:00", by="ann")
+    assert note(tmp_path / "r", "x", by=None, utc_ns=lambda: NOW_NS).annotation.utc.startswith("2026")
 
 
 def _spoil(run, change):
@@ -217,9 +221,9 @@ def test_a_damaged_line_is_said_by_verify_and_no_number_is_made(run, change):
     assert cli.main(["verify", str(run)]) == 4
     with pytest.raises(RunFolderError, match="which frames are excluded is not known"):
         used_run(run)
-    assert cli.main(["info", str(run), "--ignore-exclusions"]) == 0
+    assert cli.main(["status", "--contents", str(run), "--ignore-exclusions"]) == 0
     with pytest.raises(RunFolderError, match="annotations"):
-        note_run(run, "more", at=None, by="ann")
+        note(run, "more", by="ann")
 
 
 def test_a_torn_last_line_was_never_acknowledged(run):
@@ -238,8 +242,8 @@ def test_runs_of_the_first_layout_are_annotated_too(run):
 
 def test_many_at_once_lose_no_line(run):
     code = (
-        "import sys; from pathlib import Path; from rigctl.jobs.annotate import note_run\n"
-        f"for i in range(5): note_run(Path({str(run)!r}), f'{{sys.argv[1]}} {{i}}', at=None, by='x')"
+        "import sys; from pathlib import Path; from rigctl.verbs.note import note\n"
+        f"for i in range(5): note(Path({str(run)!r}), f'{{sys.argv[1]}} {{i}}', by='x')"
     )
     together = [subprocess.Popen([sys.executable, "-c", code, str(k)], env=os.environ) for k in range(3)]
     assert [one.wait(60) for one in together] == [0, 0, 0]
@@ -247,16 +251,16 @@ def test_many_at_once_lose_no_line(run):
 
 
 def test_what_is_noted_stands_in_log_info_summary_and_the_live_page(run, tmp_path, capsys):
-    note_run(run, "a cloud passed", at="10:01", by="ann")
+    note(run, "a cloud passed", at="10:01", by="ann")
     _exclude(run, "8-11")
-    assert cli.main(["log", str(run), "--only", "note"]) == 0
+    assert cli.main(["status", "--log", str(run), "--only", "note"]) == 0
     assert capsys.readouterr().out == "2026-05-04T10:01:00Z  note            a cloud passed (ann)\n"
-    assert cli.main(["log", str(run), "--json", "--last", "1"]) == 0
+    assert cli.main(["status", "--log", str(run), "--json", "--last", "1"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (len(told["events"]), [one["kind"] for one in told["annotations"]]) == (0, ["exclude"])
-    assert cli.main(["info", str(run), "--json"]) == 0
+    assert cli.main(["status", "--contents", str(run), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["excluded"] == [8, 9, 10, 11]
-    assert cli.main(["summary", str(run), "--out", str(tmp_path / "s.html")]) == 0
+    assert cli.main(["status", str(run), "--page", str(tmp_path / "s.html")]) == 0
     assert "a cloud passed" in (tmp_path / "s.html").read_text()
     assert {"note", "exclude"} <= {one.event for one in RunReader(run).look().events}
 
@@ -264,10 +268,10 @@ def test_what_is_noted_stands_in_log_info_summary_and_the_live_page(run, tmp_pat
 def test_a_login_name_of_the_environment_is_made_to_fit_a_line(tmp_path, monkeypatch):
     run = _run(tmp_path / "run")
     monkeypatch.setenv("LOGNAME", "ann\n\x1b[31mbob")
-    assert note_run(run, "seen", at=None, by=None).annotation.by == "ann??[31mbob"
+    assert note(run, "seen", by=None).annotation.by == "ann??[31mbob"
 
     def unknown():
         raise KeyError("uid not found")
 
     monkeypatch.setattr("getpass.getuser", unknown)
-    assert note_run(run, "seen", at=None, by=None).annotation.by == "unknown"
+    assert note(run, "seen", by=None).annotation.by == "unknown"

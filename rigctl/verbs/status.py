@@ -1,0 +1,416 @@
+"""`rigctl status`: where a session stands, what its run holds, what happened in it, and a page on how it went."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.live.run_state import RunState
+    from rigctl.live.session_history import SessionHistory
+    from rigctl.measurement.run_diagnosis import RunDiagnosis
+    from rigctl.reports.table import Column
+    from rigctl.runs.annotation_record import Annotation
+    from rigctl.runs.frame_record import FrameRecord
+    from rigctl.runs.run_events import RunEvent
+    from rigctl.runs.run_folder import Run as RunRecord
+
+_S_PER_MINUTE = 60
+_TO_SECONDS = 19  # characters of a time in UTC, without its fraction
+_UNKNOWN = "-"
+_ORIGINS = {"simulated": "simulated devices", "device": "real devices", "import": "imported images"}
+_MOST_PIXELS = 1_500_000  # of one frame; larger pictures are diagnosed from squares of pixels
+
+
+def status(
+    run: RunPath,
+    /,
+    *,
+    contents: bool = False,
+    log: bool = False,
+    page: Annotated[FilePath | None, Writes(kind="file")] = None,
+    only: str | None = None,
+    last: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
+    ignore_exclusions: bool = False,
+) -> "SessionStatus | RunContents | SessionLog | SessionPage":
+    """Print where a session stands; ask from any terminal, while it runs and years later.
+
+    Frames, remaining time, counts and saturation by angle; sum rule, drift, and DoLP of the regions of the last cycle,
+    each with the standard deviation that noise predicts if the session was given a calibration (`--noise`).
+
+    Example: rigctl status runs/2026-05-04
+
+    rigctl status runs/2026-05-04 --log --only interlock
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+    contents : bool
+        Print what the run holds: frames, angles, exposures, devices, time span and notes.
+    log : bool
+        Print what happened, line by line, with UTC. Readings of monitors, one event for each exposure, are left out
+        unless ``--only "monitor readings"`` asks for them.
+    page : path
+        Write a page: contact sheet, counts and drift by angle, faults of the frames, sun, events. HTML or PDF.
+    only : str
+        With --log: events of this name only, such as interlock, round or note.
+    last : int
+        With --log: the last N of them.
+    ignore_exclusions : bool
+        With --contents and --page: take frames too that people have excluded.
+
+    Returns
+    -------
+    SessionStatus, RunContents, SessionLog or SessionPage
+        The last three if `contents`, `log` or `page` ask for them.
+
+    Raises
+    ------
+    ConfigError
+        More than one of `contents`, `log` and `page` is asked for.
+    RunFolderError
+        The folder is not a run, or a file of it is damaged.
+    """
+    from rigctl.runs.wholeness import used_run
+
+    path = path_of(run)
+    if contents + log + (page is not None) > 1:
+        raise ConfigError("--contents, --log, --page: give one of them")
+    if not log and (only is not None or last is not None):
+        raise ConfigError(f"{'--last' if only is None else '--only'}: is an option of --log")
+    if contents:
+        found = contents_of(used_run(path, ignore_exclusions=ignore_exclusions))
+        for doubt in found.doubts:
+            warn(doubt)
+        return found
+    if log:
+        return _log(path, only=only, last=last)
+    if page is not None:
+        return _page(path, Path(page), used_run(path, ignore_exclusions=ignore_exclusions))
+    from rigctl.live.run_state import state_of
+
+    return SessionStatus(state_of(path))
+
+
+@dataclass(frozen=True)
+class SessionStatus(Result):
+    """Where a session stands."""
+
+    state: "RunState"
+
+    def content(self) -> Iterable[Part]:
+        """Return the state, the numbers of the last cycle and the last events."""
+        from rigctl.live.live_text import live_lines
+        from rigctl.runs.run_events import event_line
+
+        state, live = self.state, self.state.live
+        yield f"{state.run}: {state.state}{'' if state.process is None else f' (process {state.process})'}"
+        yield f"frames        {state.frames} of {'unknown' if live is None else live.frames_planned}"
+        yield f"disk          {state.disk_free_mb:.0f} MB free"
+        if state.process is not None and live is not None and live.progress is not None:
+            minutes, seconds = divmod(round(live.progress.remaining_s), _S_PER_MINUTE)
+            yield f"remaining     {minutes} min {seconds} s, until {live.progress.end_utc[:_TO_SECONDS]}Z"
+        if live is not None and live.numbers is not None:
+            yield from live_lines(live.numbers)
+        yield from map(event_line, state.events)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the state, and under `live` what the session last wrote of itself."""
+        from rigctl.live.live_status import status_json
+
+        live = self.state.live
+        return asdict(self.state) | {"live": None if live is None else status_json(live)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameGroup:
+    """Frames of one kind that were taken with the same settings."""
+
+    kind: str
+    polarizer_angle_target_deg: float | None
+    polarizer_angle_deg: tuple[float, float] | None  #: lowest and highest readback
+    exposure_s: float | None
+    gain_db: float | None
+    frames: int
+    cycles: int
+    saturated_fraction: tuple[float, float]  #: of a frame's pixels, lowest and highest
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunContents(Result):
+    """What a run holds."""
+
+    run: str
+    origin: str  #: "simulated", "device", "import" or "not stated"
+    created_by: str
+    created_utc: str
+    frames: int
+    sizes: tuple[tuple[int, int], ...]  #: width, height
+    bit_depths: tuple[int, ...]
+    black_levels_dn: tuple[float, ...]
+    saturations_dn: tuple[float, ...]
+    missing_dn: tuple[float, ...]
+    start_utc: str | None  #: first start of an exposure
+    end_utc: str | None  #: last end of an exposure
+    cameras: tuple[str, ...]  #: model and serial number
+    stages: tuple[str, ...]
+    groups: tuple[FrameGroup, ...]
+    remarks: dict[str, int]  #: remarks in frames, and in how many
+    events: dict[str, int]  #: events, and how often each happened
+    doubts: tuple[str, ...] = ()  #: read them before the numbers are used
+    start_times: tuple[str, ...] = ()  #: sources of the starts of exposures, and their errors
+    host_clock: str | None = None  #: how well this machine's clock was synchronised
+    excluded: tuple[int, ...] = ()  #: frames that people have excluded; they are not counted above
+    annotations: "tuple[Annotation, ...]" = ()
+
+    def content(self) -> Iterable[Part]:
+        """Return the number of frames and their origin, devices, groups of frames, remarks and events."""
+        from rigctl.reports.table import Table
+
+        size = _join(f"{width} x {height}" for width, height in self.sizes)
+        yield f"{self.run}: {self.frames} frames of {size} pixels, {_ORIGINS.get(self.origin, self.origin)}"
+        yield from (f"{title:<14}{text}" for title, text in self._facts())
+        yield Table(columns=_group_columns(), rows=self.groups)
+        yield from (f"note: {remark} ({frames} frames)" for remark, frames in self.remarks.items())
+        yield from (f"event: {event} ({times} x)" for event, times in self.events.items())
+        yield from (annotation.line for annotation in self.annotations)
+
+    def _facts(self) -> Iterable[tuple[str, str]]:
+        yield "made by", f"{self.created_by}, {self.created_utc}"
+        yield "bits", _join(map(str, self.bit_depths))
+        yield "black [DN]", _join(f"{value:g}" for value in self.black_levels_dn)
+        yield "full [DN]", _join(f"{value:g}" for value in self.saturations_dn)
+        yield "missing [DN]", _join(f"{value:g}" for value in self.missing_dn)
+        yield "time", f"{self.start_utc or _UNKNOWN} to {self.end_utc or _UNKNOWN}"
+        for text in (*self.start_times, *filter(None, [self.host_clock])):
+            yield "starts", text
+        yield "camera", _join(self.cameras)
+        yield "stage", _join(self.stages)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the fields."""
+        return asdict(self)
+
+
+def contents_of(run: "RunRecord") -> RunContents:
+    """Return what a run holds, without opening its frames."""
+    from rigctl.files.rig_file import unset_polarizer
+    from rigctl.runs.frame_record import start_time_texts
+    from rigctl.runs.run_events import host_clock_text, read_events
+
+    frames, events = run.frames, read_events(run.path)
+    return RunContents(
+        run=str(run.path),
+        origin=run.session.origin or "not stated",
+        created_by=run.created_by,
+        created_utc=run.created_utc,
+        frames=len(frames),
+        sizes=tuple(sorted({(r.width, r.height) for r in frames})),
+        bit_depths=tuple(sorted({r.bit_depth for r in frames})),
+        black_levels_dn=_values(r.black_level_dn for r in frames),
+        saturations_dn=_values(r.saturation_dn for r in frames),
+        missing_dn=_values(r.missing_dn for r in frames),
+        start_utc=min((r.start_utc for r in frames if r.start_utc), default=None),
+        end_utc=max((r.end_utc for r in frames if r.end_utc), default=None),
+        cameras=_devices((r.camera_model, r.camera_serial) for r in frames),
+        stages=_devices((r.stage_model, r.stage_serial) for r in frames),
+        groups=_groups(frames),
+        remarks=dict(Counter(remark for r in frames for remark in r.remarks)),
+        events=dict(Counter(event.event for event in events)),
+        doubts=unset_polarizer(run.path, placeholder=run.session.polarizer.placeholder),
+        start_times=start_time_texts(frames),
+        host_clock=host_clock_text(events),
+        excluded=tuple(record.sequence for record in run.excluded),
+        annotations=run.annotations,
+    )
+
+
+def _values(values: Iterable[float | None]) -> tuple[float, ...]:
+    return tuple(sorted({value for value in values if value is not None}))
+
+
+def _devices(names: Iterable[tuple[str | None, str | None]]) -> tuple[str, ...]:
+    return tuple(sorted({" ".join(filter(None, pair)) for pair in names if any(pair)}))
+
+
+def _groups(frames: "Iterable[FrameRecord]") -> tuple[FrameGroup, ...]:
+    members: dict[tuple[str, float | None, float | None, float | None], list[FrameRecord]] = {}
+    for record in frames:
+        key = (record.kind, record.polarizer_angle_target_deg, record.exposure_s, record.gain_db)
+        members.setdefault(key, []).append(record)
+    found = []
+    for (kind, target_deg, exposure_s, gain_db), records in members.items():
+        angles = [_near(r.polarizer_angle_deg, target_deg) for r in records if r.polarizer_angle_deg is not None]
+        fractions = [r.saturated_fraction for r in records]
+        group = FrameGroup(
+            kind=kind,
+            polarizer_angle_target_deg=target_deg,
+            polarizer_angle_deg=(min(angles), max(angles)) if angles else None,
+            exposure_s=exposure_s,
+            gain_db=gain_db,
+            frames=len(records),
+            cycles=len({r.cycle for r in records if r.cycle is not None}),
+            saturated_fraction=(min(fractions), max(fractions)),
+        )
+        found.append(group)
+    return tuple(found)
+
+
+def _near(readback_deg: float, target_deg: float | None) -> float:
+    """Return a readback on the half turn around its target: for a target of 0 deg, 179.999 deg is -0.001 deg."""
+    from rigctl.numbers.angles import wrapped
+
+    return readback_deg if target_deg is None else target_deg + wrapped(readback_deg - target_deg, turn=180.0)
+
+
+def _group_columns() -> "tuple[Column[FrameGroup], ...]":
+    from rigctl.reports.table import Column
+
+    return (
+        Column(title="kind", text=lambda group: group.kind, left=True),
+        Column(title="angle [deg]", text=lambda group: _number(group.polarizer_angle_target_deg)),
+        Column(title="readback [deg]", text=lambda group: _span(group.polarizer_angle_deg, digits=3)),
+        Column(title="exposure [s]", text=lambda group: _number(group.exposure_s)),
+        Column(title="gain [dB]", text=lambda group: _number(group.gain_db)),
+        Column(title="frames", text=lambda group: str(group.frames)),
+        Column(title="cycles", text=lambda group: str(group.cycles)),
+        Column(title="saturated [%]", text=_saturated),
+    )
+
+
+def _saturated(group: FrameGroup) -> str:
+    low, high = group.saturated_fraction
+    return _span((100.0 * low, 100.0 * high), digits=2)
+
+
+def _join(texts: Iterable[str]) -> str:
+    return ", ".join(texts) or _UNKNOWN
+
+
+def _number(value: float | None) -> str:
+    return _UNKNOWN if value is None else f"{value:g}"
+
+
+def _span(values: tuple[float, float] | None, *, digits: int) -> str:
+    if values is None:
+        return _UNKNOWN
+    low, high = (f"{value:.{digits}f}" for value in values)
+    return low if low == high else f"{low} .. {high}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionLog(Result):
+    """What happened in a session, and what people noted of it."""
+
+    run: str
+    entries: "Sequence[RunEvent | Annotation]"
+    last: int | None = None  #: how many of the entries are shown
+    has_readings: bool = True  #: whether people read the readings of monitors too
+
+    def content(self) -> Iterable[Part]:
+        """Return one line for each event and note."""
+        from rigctl.runs.monitor_readings import READINGS_EVENT
+
+        shown = [one for one in self.entries if self.has_readings or _name(one) != READINGS_EVENT]
+        return map(_line, self._last(shown))
+
+    def as_json(self) -> dict[str, Json]:
+        """Return events and annotations."""
+        from rigctl.runs.run_events import RunEvent
+
+        entries = self._last(self.entries)
+        events = [asdict(one) for one in entries if isinstance(one, RunEvent)]
+        notes = [asdict(one) for one in entries if not isinstance(one, RunEvent)]
+        return {"run": self.run, "events": events, "annotations": notes}
+
+    def _last(self, entries: "Sequence[RunEvent | Annotation]") -> "Sequence[RunEvent | Annotation]":
+        return entries if self.last is None else entries[-self.last :]
+
+
+def _log(path: Path, *, only: str | None, last: int | None) -> SessionLog:
+    from rigctl.runs.annotations import read_annotations
+    from rigctl.runs.run_events import read_events
+    from rigctl.runs.run_folder import read_contents
+
+    read_contents(path)  # refuses what is not a run folder
+    entries: list[RunEvent | Annotation] = [*read_events(path)]
+    if notes := read_annotations(path):  # without notes events stay in their order, even if the clock was set back
+        entries = sorted([*entries, *notes], key=lambda one: one.utc)
+    if only is not None:
+        entries = [one for one in entries if _name(one) == only]
+    return SessionLog(run=str(path), entries=entries, last=last, has_readings=only is not None)
+
+
+def _name(entry: "RunEvent | Annotation") -> str:
+    from rigctl.runs.run_events import RunEvent
+
+    return entry.event if isinstance(entry, RunEvent) else entry.kind
+
+
+def _line(entry: "RunEvent | Annotation") -> str:
+    from rigctl.runs.run_events import RunEvent, event_line
+
+    return event_line(entry) if isinstance(entry, RunEvent) else entry.line
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionPage(Result):
+    """How a session went, as its page shows it."""
+
+    run: str
+    page: Path
+    history: "SessionHistory"
+    diagnosis: "RunDiagnosis"
+    doubts: tuple[str, ...]
+
+    def content(self) -> Iterable[Part]:
+        """Return the faults that the frames show."""
+        from rigctl.measurement.fault_terms import fault_lines
+
+        return fault_lines(self.diagnosis.named, self.diagnosis.reason)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return counts of frames and events, faults, doubts and annotations."""
+        from rigctl.reports.tables.annotation_tables import annotations_of
+        from rigctl.reports.tables.numbers_json import diagnosis_json
+        from rigctl.runs.annotation_record import left_out_texts
+
+        run = self.history.run
+        return {
+            "run": self.run,
+            "page": str(self.page),
+            "frames": Counter[str](record.kind for record in run.frames),
+            "events": Counter(event.event for event in self.history.events),
+            "diagnosis": diagnosis_json(self.diagnosis),
+            "doubts": self.doubts,
+            **annotations_of(run, left_out_texts(run.annotations, run.excluded)),
+        }
+
+
+def _page(path: Path, page: Path, run: "RunRecord") -> SessionPage:
+    from rigctl.files.rig_file import unset_polarizer
+    from rigctl.live.session_history import session_history
+    from rigctl.measurement.run_diagnosis import quick_diagnosis
+    from rigctl.reports.pages.run_page import run_report
+    from rigctl.reports.writers.output_folder import report_file
+    from rigctl.storage.durable_file import write_durably
+
+    history = session_history(run)
+    diagnosis = quick_diagnosis(run, most_pixels=_MOST_PIXELS)
+    write_durably(page, report_file(run_report(history, diagnosis), page))
+    doubts = unset_polarizer(path, placeholder=run.session.polarizer.placeholder)
+    for doubt in doubts:
+        warn(doubt)
+    note(f"page: {page}")
+    return SessionPage(run=str(path), page=page, history=history, diagnosis=diagnosis, doubts=doubts)
