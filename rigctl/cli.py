@@ -185,6 +185,7 @@ def _call(command: Callable[..., Any], bound: inspect.BoundArguments, flags: set
     if command.__module__.partition(".")[0] == "cyclopts":  # help, version, completion
         command(*bound.args, **bound.kwargs)
         return 0
+    bound.apply_defaults()
     values = _values(bound)
     _require_numbers(values)
     with _destinations_tried(command, values, flags, verb=verb):

@@ -5,24 +5,27 @@
 HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     "Start": {
         "demo": ("old", "Run the whole job on a simulated rig: session, calibration, report."),
-        "new": ("old", "Write the files of a new rig into a folder, ready to run."),
+        "new": ("rigctl.verbs.new:new", "Write the files of a new rig into a folder, ready to run."),
         "doctor": ("old", "Check network, disk, clock and devices, and say what to change."),
     },
     "Rig": {
-        "devices": ("old", "List ports, stages and cameras, with lines for the rig file."),
+        "devices": ("rigctl.verbs.devices:devices", "List ports, stages and cameras, with lines for the rig file."),
         "stage": ("old", "Characterise a rotation stage: readback error, backlash, settling."),
         "preview": ("old", "Show what a camera sees, and how sharp it is, for focusing."),
         "serve": ("old", "Work the rig from a browser: focus, regions, sessions."),
         "watch": ("old", "Show a run in a browser as it grows."),
-        "sim": ("old", "Serve simulated devices to other programs."),
+        "sim": (None, "Serve simulated devices to other programs."),
+        "sim stage": ("rigctl.verbs.sim:stage", "Serve a simulated rotation stage on a pseudo-terminal."),
+        "sim camera": ("rigctl.verbs.sim:camera", "Serve a simulated camera over GigE Vision."),
+        "sim lens": ("rigctl.verbs.sim:lens", "Turn the lens of a simulated camera."),
         "notify": ("old", "Try the notices that a session sends."),
     },
     "Session": {
         "plan": ("old", "Print the steps of a session, and what it can give."),
         "acquire": ("old", "Take a session: durable frames at measured polarizer angles."),
-        "resume": ("old", "Go on with a session that holds or was interrupted."),
-        "hold": ("old", "Ask a running session to hold after this frame."),
-        "stop": ("old", "Ask a running session to stop after this frame."),
+        "resume": ("rigctl.verbs.session:resume", "Go on with a session that holds or was interrupted."),
+        "hold": ("rigctl.verbs.session:hold", "Ask a running session to hold after this frame."),
+        "stop": ("rigctl.verbs.session:stop", "Ask a running session to stop after this frame."),
         "record": ("old", "Write down what a session's devices say, for a replay without them."),
     },
     "Run": {

@@ -8,8 +8,10 @@ import pytest
 from drivers.errors import DeviceTimeoutError
 from rigctl import cli
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs import VERBS
+from rigctl.verbs import HEADINGS, VERBS
 from tests.rigctl.example_files import EXAMPLES
+
+GROUPS = [verb for verbs in HEADINGS.values() for verb, (target, _) in verbs.items() if target is None]
 
 
 def _outcome_of(monkeypatch, error):
@@ -53,12 +55,12 @@ def test_an_unknown_verb_ends_with_2(capsys):
 def test_help_names_every_verb(capsys):
     assert cli.main(["--help"]) == 0
     text = capsys.readouterr().out
-    assert all(f"│ {verb} " in text for verb in VERBS)
+    assert all(f"│ {verb} " in text for verb in VERBS if " " not in verb)
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb not in GROUPS])
 def test_help_of_every_verb_has_an_example(capsys, verb):
-    assert cli.main(["calibrate", "noise", "--help"] if verb == "calibrate" else [verb, "--help"]) == 0
+    assert cli.main(["calibrate", "noise", "--help"] if verb == "calibrate" else [*verb.split(), "--help"]) == 0
     text = capsys.readouterr().out
     assert "Example" in text
     assert f"rigctl {verb}" in text

@@ -12,12 +12,12 @@ from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import load_session
 from rigctl.jobs import preview
 from rigctl.jobs.acquire import placeholder_doubt
-from rigctl.jobs.new_folder import NewRequest, new_folder
+from rigctl.verbs.new import new
 
 
 def test_a_simulated_folder_holds_files_that_are_right(tmp_path):
     folder = tmp_path / "rig"
-    written = new_folder(NewRequest(folder=folder, latitude_deg=43.1, longitude_deg=-77.7))
+    written = new(folder, simulated=True, latitude_deg=43.1, longitude_deg=-77.7).files
     assert sorted(written) == sorted(path.name for path in folder.iterdir())
     rig = load_rig(folder / "rig.toml")
     assert rig.is_simulated
@@ -33,7 +33,7 @@ def test_a_simulated_folder_holds_files_that_are_right(tmp_path):
 
 
 def test_a_real_rig_has_its_addresses_and_no_simulation(tmp_path):
-    new_folder(NewRequest(folder=tmp_path, stage="zaber:/dev/ttyUSB1", camera="gige:192.168.0.5"))
+    new(tmp_path, stage="zaber:/dev/ttyUSB1", camera="gige:192.168.0.5")
     rig = load_rig(tmp_path / "rig.toml")
     assert (rig.stage.driver, rig.stage.port, rig.camera.address) == ("zaber", "/dev/ttyUSB1", "gige:192.168.0.5")
     assert rig.simulation is None
@@ -48,7 +48,7 @@ _FOUND = SimpleNamespace(
 
 
 def test_what_a_person_noted_behind_a_number_stays_with_it_and_the_change_is_told(tmp_path):
-    new_folder(NewRequest(folder=tmp_path))
+    new(tmp_path, simulated=True)
     path = tmp_path / "rig.toml"
     text = path.read_text().replace(
         "offset_deg = 0.0                # a placeholder", "offset_deg = 0.0 # by eye, Monday"
@@ -62,7 +62,7 @@ def test_what_a_person_noted_behind_a_number_stays_with_it_and_the_change_is_tol
 
 
 def test_placeholders_are_said_until_a_calibration_is_written(tmp_path):
-    new_folder(NewRequest(folder=tmp_path))
+    new(tmp_path, simulated=True)
     path = tmp_path / "rig.toml"
     assert "placeholders" in placeholder_doubt(load_rig(path))
     assert "placeholders" in preview.doubt_of(str(path))
@@ -80,20 +80,20 @@ def test_placeholders_are_said_until_a_calibration_is_written(tmp_path):
     ("changes", "words"),
     [
         ({"stage": "/dev/ttyUSB0"}, "--stage, --camera: give both"),
-        ({"latitude_deg": 1.0}, "give both, or neither"),
+        ({"simulated": True, "latitude_deg": 1.0}, "give both, or neither"),
         ({"stage": "/dev/ttyUSB0", "camera": "nonsense"}, "gige:192.168.0.5"),
     ],
 )
 def test_half_an_answer_is_refused(tmp_path, changes, words):
     with pytest.raises(ConfigError, match=words):
-        new_folder(NewRequest(folder=tmp_path, **changes))
+        new(tmp_path, **changes)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_holds_something_is_left_alone(tmp_path):
     (tmp_path / "mine").touch()
     with pytest.raises(ConfigError, match="is not empty"):
-        new_folder(NewRequest(folder=tmp_path))
+        new(tmp_path, simulated=True)
 
 
 def test_the_command_asks_nothing_where_it_may_not(tmp_path, capsys):

@@ -1,0 +1,123 @@
+"""`rigctl devices`: ports, stages and cameras, with the lines that a rig file needs."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import warn
+from rigctl.errors import ConfigError
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from drivers.discovery import Found
+    from drivers.interfaces import DeviceIdentity
+    from drivers.serial_ports import PortInfo
+
+_CAMERA_FINDERS = "rigctl.camera_finders"
+
+
+def devices(*, probe: bool = False, port: Sequence[str] = ()) -> "FoundDevices":
+    """List ports, stages and cameras, and print for each what a rig file needs.
+
+    Nothing moves and no setting is changed. Only ports with the USB id of a supported stage are asked, unless --probe.
+    Cameras are looked for by the finders of all installed drivers, plug-ins' too; not with --port.
+
+    Example: rigctl devices --probe --port /tmp/stage
+
+    Parameters
+    ----------
+    probe : bool
+        Ask on every port, also where it may disturb a foreign device.
+    port : sequence of str
+        Look at these ports only, and for no camera. A port may be a pseudo-terminal.
+
+    Returns
+    -------
+    FoundDevices
+        Ports with the stages behind them, and cameras.
+
+    Raises
+    ------
+    ConfigError
+        There is no such port.
+    """
+    from drivers.discovery import find_stages
+    from drivers.serial_ports import serial_ports
+
+    ports = [_named(path) for path in port] or serial_ports()
+    found = tuple(find_stages(ports, probe=probe))
+    return FoundDevices(ports=found, cameras=None if port else tuple(_cameras()))
+
+
+def _named(path: str) -> "PortInfo":
+    from drivers.serial_ports import PortInfo, serial_ports
+
+    known = {name: port for port in serial_ports() for name in (port.device, port.lasting_name)}
+    if path not in known and not Path(path).exists():
+        raise ConfigError(f"--port: {path}: there is no such port; `rigctl devices` lists those that there are")
+    return known.get(path) or PortInfo(device=path, lasting_name=path, usb_id=None, usb_serial_number=None)
+
+
+def _cameras() -> "Iterator[FoundCamera]":
+    """Yield each camera that an installed finder (an entry point) sees."""
+    from drivers.errors import DeviceError
+
+    for entry in entry_points(group=_CAMERA_FINDERS):
+        try:
+            for address, identity in entry.load()():
+                yield FoundCamera(address=address, identity=identity)
+        except DeviceError as error:
+            warn(f"cameras of {entry.name}: {error}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundCamera:
+    """A camera, and the address that a rig file names it by."""
+
+    address: str
+    identity: "DeviceIdentity"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundDevices(Result):
+    """Ports with their stages, and cameras."""
+
+    ports: "tuple[Found, ...]"
+    cameras: tuple[FoundCamera, ...] | None  #: None where only ports were asked for
+
+    def content(self) -> Iterable[Part]:
+        """Return each port and camera, with its lines for the rig file."""
+        yield from map(_port_text, self.ports) if self.ports else ("no serial ports",)
+        if self.cameras is not None:
+            yield from map(_camera_text, self.cameras) if self.cameras else ("no cameras",)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return ports and cameras."""
+        return {
+            "ports": [asdict(each) for each in self.ports],
+            "cameras": [asdict(each) for each in self.cameras or ()],
+        }
+
+
+def _port_text(found: "Found") -> str:
+    usb = "" if found.port.usb_id is None else f" (USB {found.port.usb_id[0]:04x}:{found.port.usb_id[1]:04x})"
+    head = f"{found.port.device}{usb}: "
+    if found.answer is None:
+        return head + found.remark
+    identity, address = found.answer.identity, found.answer.address
+    lines = ["[stage]", f'driver = "{found.driver}"', f'port = "{found.port.lasting_name}"']
+    lines += [] if address is None else [f'address = "{address}"']
+    lines += [f'serial_number = "{identity.serial_number}"']
+    return head + _identity_text(identity) + "".join(f"\n    {line}" for line in lines)
+
+
+def _camera_text(camera: FoundCamera) -> str:
+    lines = ["[camera]", f'address = "{camera.address}"', f'serial_number = "{camera.identity.serial_number}"']
+    return _identity_text(camera.identity) + "".join(f"\n    {line}" for line in lines)
+
+
+def _identity_text(identity: "DeviceIdentity") -> str:
+    return f"{identity.model}, serial number {identity.serial_number}, firmware {identity.firmware}"

@@ -1,0 +1,155 @@
+"""Simulated devices for other programs: a stage, a camera, and the focus of a simulated lens."""
+
+import signal
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter, validators
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import FilePath, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.simulated.lens_position import TurnedLens
+
+
+def stage(
+    address: str,
+    /,
+    *,
+    link: Annotated[FilePath | None, Writes(kind="absent"), Parameter(required=True)] = None,
+    truth: Annotated[FilePath | None, Writes()] = None,
+) -> None:
+    """Serve a simulated rotation stage on a pseudo-terminal until it is stopped (Ctrl-C, or SIGTERM).
+
+    Any program can open the link as a serial port. A wrong address prints all keys that an address can have.
+
+    Example: rigctl sim stage "sim:ellx?stall=3&pace=1" --link /tmp/stage --truth /tmp/stage.csv
+
+    Parameters
+    ----------
+    address : str
+        Address of the stage, such as sim:ellx, sim:zaber or sim:apt?stall=3.
+    link : path
+        Link to make to the pseudo-terminal.
+    truth : path
+        Log of the true angle: simulated time [s], angle [deg].
+
+    Raises
+    ------
+    ConfigError
+        The address is wrong, or a file cannot be written.
+    """
+    from rigctl.simulated.serving import serve_stage
+
+    if link is None:
+        raise ConfigError("--link: name the link to make, such as /tmp/stage")
+    try:
+        with (
+            _until_stopped(),
+            serve_stage(address, link=Path(link), truth=None if truth is None else Path(truth)) as server,
+        ):
+            note(f"{address} answers on {link}; Ctrl-C ends it")
+            server.run()
+    except FileExistsError as error:
+        raise ConfigError(f"--link: {link} is there already: remove it, or name another") from error
+    except OSError as error:
+        raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
+
+
+def camera(
+    address: str,
+    /,
+    *,
+    rig: FilePath | None = None,
+    lost: Annotated[float, Parameter(validator=validators.Number(gte=0.0, lte=1.0))] = 0.0,
+) -> None:
+    """Serve the camera of a simulated rig as a GigE Vision camera, with its stage, until it is stopped.
+
+    Any GigE Vision program finds it. Turn the polarizer by the stage's port, which is printed.
+
+    Example: rigctl sim camera 127.0.0.1 --lost 0.001
+
+    Parameters
+    ----------
+    address : str
+        Address of this machine, such as 127.0.0.1 or 127.0.0.1?hang=20.
+    rig : path
+        Rig file whose scene the camera sees; the rig of the demo unless given.
+    lost : float
+        Share of packets that are not sent.
+
+    Raises
+    ------
+    ConfigError
+        The address or the rig file is wrong.
+    """
+    from rigctl.simulated.serving import serve_rig_camera
+
+    rig_path = None if rig is None else Path(rig)
+    with _until_stopped(), serve_rig_camera(address, rig_path=rig_path, lost_share=lost) as stage_port:
+        note(f"GigE Vision camera on {address}, its stage on {stage_port}; Ctrl-C ends it")
+        signal.pause()
+
+
+def lens(rig: FilePath, /, *, defocus_mm: float) -> "LensResult":
+    """Turn the lens of a simulated camera, also while it runs, to try focusing.
+
+    It changes defocus_mm in the rig file and nothing else there; a simulated camera of that file has it in its next
+    picture.
+
+    Example: rigctl sim lens rig-sim.toml --defocus-mm 0.1
+
+    Parameters
+    ----------
+    rig : path
+        Rig file with a simulated camera.
+    defocus_mm : float
+        Distance of the detector from the focus, -5 to 5 mm; 0 is sharp.
+
+    Raises
+    ------
+    ConfigError
+        The rig has no simulated camera, or the distance is out of range.
+    """
+    from rigctl.simulated.lens_position import turn_lens
+
+    return LensResult(rig=Path(rig), lens=turn_lens(Path(rig), defocus_mm=defocus_mm))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensResult(Result):
+    """Focus of a simulated camera, before and now."""
+
+    rig: Path
+    lens: "TurnedLens"
+
+    def content(self) -> Iterable[Part]:
+        """Return the focus in words."""
+        lens = self.lens
+        yield (
+            f"{self.rig}: defocus {lens.defocus_mm:g} mm, was {lens.was_mm:g} mm; a point is a disk of "
+            f"{lens.blur_px:.1f} pixels"
+        )
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the focus in numbers."""
+        return asdict(self.lens)
+
+
+@contextmanager
+def _until_stopped() -> Iterator[None]:
+    """End without a fault by Ctrl-C or SIGTERM."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:
+        pass
+    finally:
+        signal.signal(signal.SIGTERM, before)
